@@ -40,9 +40,9 @@ def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Fun
 class Model:
     """A corrected model: rigid body, drives, effects and laws, with the uncertainty of all parameters.
 
-    Motions are (N, n), rows being samples, or (n,) for one; rad or m, N m or N, s. Effects that remember (play, films,
-    a swinging liquid) are evaluated where times are given that rise in steps of the model's rate, and left out
-    otherwise; :attr:`over_time` names them. Delays belong to sensors and are never in an effort.
+    Motions are (N, n), rows being samples, or (n,) for one; rad or m, N m or N, s. A model with effects that need the
+    motion before a moment (presliding, films, a swinging liquid; :attr:`over_time` names them) asks for times that rise
+    in even steps, at any rate. What sensors do to a reading is never in an effort.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class Model:
         return motion.pressures(self.content, q, qd, qdd, t, rod=rod, temperature=temperature)
 
     def gravity(self, q: npt.ArrayLike) -> FloatArray:
-        """Joint efforts (N, n) that hold the links still."""
+        """Joint efforts (N, n) that hold the arm still: the effort at rest."""
         return motion.gravity(self.content, q)
 
     def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
@@ -166,18 +166,22 @@ class Model:
         effort: npt.ArrayLike | None = None,
         head: npt.ArrayLike | None = None,
         rod: npt.ArrayLike | None = None,
+        possible: bool = False,
     ) -> FloatArray:
-        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa."""
-        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod)
+        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa.
+
+        ``possible`` takes the nearest model whose drives have no inertia below zero.
+        """
+        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod, possible=possible)
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
         own = recording.content if isinstance(recording, Recording) else load_recording(self.content, Path(recording))
         return predict(self.content, own)
 
-    def export(self, to: str, path: str | Path) -> tuple[str, ...]:
+    def export(self, to: str, path: str | Path, *, possible: bool = False) -> tuple[str, ...]:
         """Write the model for another program (``hilfit model export``); a line for each part that is not in it."""
-        return export_model(self.content, to, Path(path)).left_out
+        return export_model(self.content, to, Path(path), possible=possible).left_out
 
 
 @_with_sections_of(simulation.simulate)
@@ -191,10 +195,21 @@ def simulate(
     rate_hz: float | None = None,
     friction_speed: float | None = None,
     method: simulation.Method = "LSODA",
+    possible: bool = False,
+    within_s: float = 60.0,
 ) -> simulation.Simulated:
     """Motion from a state under efforts or a controller."""
     return simulation.simulate(
-        model.content, effort, q, qd, seconds=seconds, rate_hz=rate_hz, friction_speed=friction_speed, method=method
+        model.content,
+        effort,
+        q,
+        qd,
+        seconds=seconds,
+        rate_hz=rate_hz,
+        friction_speed=friction_speed,
+        method=method,
+        possible=possible,
+        within_s=within_s,
     )
 
 

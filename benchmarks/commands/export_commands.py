@@ -42,7 +42,9 @@ def model(
 def uses(
     show: Show,
     seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
-    minutes: Annotated[float, typer.Option(help="Minutes of motion that false alarms are counted in.", min=1)] = 60.0,
+    minutes: Annotated[
+        float, typer.Option(help="Minutes of motion and rest in turn that false alarms are counted in.", min=1)
+    ] = 60.0,
 ) -> Outcome:
     """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
     from benchmarks.exports.uses import run

@@ -4,23 +4,28 @@ One identification of the simulated folding arm hands over the model. Then, on m
 
 - *feedforward*: the arm under its position controller (forward dynamics, :mod:`sim_backends.plant.closed_loop`),
   without and with the pressures that ``hilfit feedforward`` writes;
+- *memory*: the same with the exported C of a model that remembers, on an arm that does;
 - *simulation*: the same controller on the model and on the plant;
 - *overload*: forces of known size on the tip, in that closed loop (larger ones throw the wrist beyond stops that the
-  plant does not have); and an hour of ordinary motion for false alarms;
+  plant does not have); and minutes of ordinary motion and of rest in turn for false alarms;
 - *payload*: a mass that the arm picks up in the course of a motion;
 - *energy*: the work that the model has beside what was measured.
 """
 
 from __future__ import annotations
 
+import ctypes
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pyarrow.csv as arrow_csv
+from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 import sim_backends
@@ -28,17 +33,20 @@ from benchmarks.targets import Check, Outcome, figure
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.excitation.motion import read_motion
+from fitting.effects import effect
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.export import export_model
+from fitting.model.export.functions import identifier
 from fitting.model.handover import hand_over
 from fitting.model.simulation import simulate
 from fitting.model.uses.energy import energy_of_recording
-from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
+from fitting.model.uses.feedforward import Trajectory, feedforward, read_path, write_feedforward
 from fitting.model.uses.overload import overloads, thresholds
 from fitting.model.uses.payload import payload_signal
+from fitting.residual.terms import Term
 from fitting.signals.corrections import Corrections
 from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.plant.motion import Motion, Rods, random_motion, write_motion
@@ -49,9 +57,11 @@ Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.
 HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
-#: False alarms an hour that thresholds are made for.
-STATED = (1.0, 20.0)
+#: False alarms an hour that hits are looked for at, and those that are counted: one a day is what a service promises.
+STATED = (1.0, 1.0 / 24.0, 20.0)
 PAYLOADS = (5.0, 20.0)
+#: Friction that builds up over a distance, N.
+HYSTERESIS = 300.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +78,19 @@ class _Bench:
     ) -> Recording:
         """An ordinary recording; every number another motion."""
         return _recorded(self.machine, self.truth, (self.seed, number), seconds, role, undeclared)
+
+    def resting(self, number: int, seconds: float) -> Recording:
+        """The arm held in a pose; every number another one."""
+        rng = np.random.default_rng((self.seed, number))
+        low, high = np.array([joint.limits.position for joint in self.machine.joints]).T
+        pose = 0.5 * (low + high) + 0.4 * (high - low) * rng.uniform(-1.0, 1.0, len(low))
+        names = tuple(joint.name for joint in self.machine.joints)
+        held = Motion(self.machine.name, "pinned", names, np.array([0.0, seconds]), np.stack([pose, pose]))
+        values = record(self.machine, self.truth, held, rng=rng)
+        time = values.pop("time")
+        return Recording(
+            self.machine.name, "operation", f"rest-{number}", f"{number}", self.machine.rate_hz, time, values
+        )
 
 
 def _recorded(
@@ -97,7 +120,12 @@ def run(seed: int = 1, minutes: float = 60.0, show: Show = lambda line: None) ->
     show("identification")
     bench = _identified(seed)
     checks: list[Check] = []
-    for name, part in (("feedforward", _feedforward), ("simulation", _simulation), ("hits", _hits)):
+    for name, part in (
+        ("feedforward", _feedforward),
+        ("memory", _memory),
+        ("simulation", _simulation),
+        ("hits", _hits),
+    ):
         show(name)
         checks += part(bench)
     show("false alarms")
@@ -138,7 +166,7 @@ def _error(run: Run) -> FloatArray:
 def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], FloatArray]:
     """Forces of the chambers by the file that ``hilfit feedforward`` writes of a motion file."""
     write_motion(folder / "motion.csv", program)
-    found = feedforward(bench.model, path_of(bench.model, read_motion(folder / "motion.csv", bench.machine)))
+    found = feedforward(bench.model, read_path(bench.model, folder / "motion.csv"))
     write_feedforward(folder / "feedforward.csv", found)
     table = arrow_csv.read_csv(folder / "feedforward.csv").to_pydict()
     time, columns = np.array(table["time"]), []
@@ -160,6 +188,81 @@ def _feedforward(bench: _Bench) -> list[Check]:
     shown += f"from {1e3 * np.max(_error(alone)):.1f} to {1e3 * np.max(_error(helped)):.2f} mrad at the worst joint)"
     name = "feedforward: tracking error without over with, the least of all joints"
     return [figure(name, float(np.min(factors)), least=2.0, shown=shown)]
+
+
+def _memory(bench: _Bench) -> list[Check]:
+    """An arm whose friction builds up over a distance after reversals, with the exported C beside its controller.
+
+    The plant's hysteresis is a force from outside, calculated from its positions. Tracking errors with the feedforward
+    of the C, step by step, of the model itself, and of the model without what it remembers.
+    """
+    if shutil.which("cc") is None:
+        return [Check("memory: closed loop with the exported C", None, "there is no C compiler (apt-get install gcc)")]
+    joint, size, distance = 1, HYSTERESIS, 1e-3
+    term = Term(effect("presliding_hysteresis"), joint, {"x_s": distance})
+    last, n = bench.model.passes[-1], len(bench.model.joints)
+    room = np.pad(bench.model.covariance, (0, 1))
+    model = replace(
+        bench.model,
+        terms=(term,),
+        passes=(replace(last, theta=np.append(last.theta, size)),),
+        covariance=room,
+        told=np.append(bench.model.told, True),
+        rests=(),
+    )
+    program, errors = _motion(bench, 104, 12.0), {}
+    with tempfile.TemporaryDirectory() as place:
+        write_motion(Path(place) / "motion.csv", program)
+        path = read_path(model, Path(place) / "motion.csv")
+        forces = {
+            "C": _c_forces(model, path, Path(place)),
+            "model": motion.on_motion(model, path.q, path.qd, path.qdd, path.t).drive_effort(0),
+            "forgetful": motion.on_motion(motion.at_rest(model), path.q, path.qd, path.qdd, path.t).drive_effort(0),
+        }
+    for name, rows in forces.items():
+        loop, state = _loop(bench, None, 105), {"x": np.nan, "z": 0.0, "sign": 0.0, "now": -1.0}
+
+        def outside(now: float, q: FloatArray) -> FloatArray:
+            x = float(loop.arm.piston(q[None], 0.0 * q[None], 0.0 * q[None])[0][0, joint])  # noqa: B023
+            own = state  # noqa: B023
+            if np.isnan(own["x"]):
+                own["x"] = x
+            if now > own["now"] and abs(x - own["x"]) > 1e-9:
+                own["sign"] = float(np.sign(x - own["x"]))
+                own["z"] = own["sign"] + (own["z"] - own["sign"]) * np.exp(-abs(x - own["x"]) / distance)
+                own["x"], own["now"] = x, now
+            force = np.zeros(n)
+            force[joint] = -size * (own["z"] - own["sign"])
+            return np.asarray(force * loop.lever(q))  # noqa: B023
+
+        known = CubicSpline(path.t, rows)
+        run = loop.follow(program, loop.gains(), lambda now: known(min(now, path.t[-1])), outside)  # noqa: B023
+        errors[name] = _error(run)[joint]
+    ratio = float(errors["C"] / errors["model"])
+    shown = (
+        f"{ratio:.3f} ({1e3 * errors['C']:.3f} mrad; without what it remembers {1e3 * errors['forgetful']:.3f} mrad)"
+    )
+    return [
+        Check(
+            "memory: tracking error with the exported C over that with the model", ratio, shown, "at most", 1.1, "1.1"
+        )
+    ]
+
+
+def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
+    """Drive efforts of a motion by the compiled C, moment by moment."""
+    export_model(model, "c", folder)
+    name, n = identifier(model.machine.name), len(model.joints)
+    subprocess.run(["cc", "-O2", "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], cwd=folder, check=True)
+    library, array = ctypes.CDLL(str(folder / "arm.so")), ctypes.c_double * n
+    memory, dt, rows = (ctypes.c_double * 8)(), ctypes.c_double(1.0 / model.machine.rate_hz), []
+    for k, row in enumerate(zip(path.q, path.qd, path.qdd, strict=True)):
+        out = [array() for _ in range(4)]  # efforts of joints and drives, pressures
+        given = [*(array(*own) for own in row), ctypes.c_double(path.t[k]), dt]
+        function = getattr(library, f"{name}_{'step' if k else 'init'}")
+        function(*given, memory, *out) if k else function(*given, *out, memory)
+        rows.append(list(out[1]))
+    return np.array(rows)
 
 
 def _simulation(bench: _Bench) -> list[Check]:
@@ -243,7 +346,7 @@ def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
     assert bench.model.tails is not None
     counts, seconds = np.zeros(len(STATED)), 0.0
     for number in range(max(1, round(minutes))):
-        seen = bench.recording(1000 + number, 60.0, "operation")
+        seen = bench.resting(1000 + number, 60.0) if number % 2 else bench.recording(1000 + number, 60.0, "operation")
         seconds += seen.duration
         for k, stated in enumerate(STATED):
             counts[k] += len(overloads(bench.model, seen, thresholds(bench.model.tails, stated)))
@@ -251,9 +354,10 @@ def _false_alarms(bench: _Bench, minutes: float) -> list[Check]:
     for count, stated in zip(counts.tolist(), STATED, strict=True):
         low = float(chi2.ppf(0.025, 2 * count)) / 2 / hours if count else 0.0
         high = float(chi2.ppf(0.975, 2 * count + 2)) / 2 / hours
-        shown = f"{count / hours:.1f} an hour in {hours:.2g} h (95 % interval {low:.1f} to {high:.1f})"
+        shown = f"{count:.0f} in {hours:.2g} h (95 % interval {low:.2f} to {high:.2f} an hour)"
         # What chance makes of the stated rate is no miss.
-        checks.append(figure(f"overload: false alarms at {stated:g} an hour stated", low, most=stated, shown=shown))
+        name = f"overload: false alarms at {stated:.3g} an hour stated"
+        checks.append(figure(name, low, "{:.3g}", most=stated, shown=shown))
     return checks
 
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, geometric
+from fitting.signals.filters import recursive
 
 
 class CarriedLiquid(Effect):
@@ -44,6 +44,6 @@ class CarriedLiquid(Effect):
         denominator = [rate**2 + 2 * zeta * w * rate + w**2, 2 * (w**2 - rate**2), rate**2 - 2 * zeta * w * rate + w**2]
         acceleration, lead = view.segment.qdd[:, view.joint], view.segment.lead
         before = acceleration[:0] if lead is None else lead[:, view.joint]  # a swing lasts longer than a filter
-        response = signal.lfilter(numerator, denominator, np.concatenate([before, acceleration]))[len(before) :]
+        response = recursive(numerator, denominator, np.concatenate([before, acceleration]))[len(before) :]
         pull = np.column_stack([response, acceleration]) / view.r[:, None]
         return pull if view.segment.loaded else np.zeros_like(pull)

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
-from scipy import signal
 
 from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.signals.filters import recursive
 
 
 class LubricantFilmLag(Effect):
@@ -39,5 +39,5 @@ class LubricantFilmLag(Effect):
         """Columns (N, k); see :class:`Effect`."""
         steady = np.abs(view.power(shape["n"]))
         blend = 1.0 - np.exp(-1.0 / (view.bank.rate_hz * shape["tau"]))
-        film, _ = signal.lfilter([blend], [1.0, blend - 1.0], steady, zi=[(1.0 - blend) * steady[0]])
+        film = recursive([blend, 0.0], [1.0, blend - 1.0], steady, [(1.0 - blend) * steady[0]])
         return np.asarray(view.s * (steady - film))[:, None]

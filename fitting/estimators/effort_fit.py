@@ -193,25 +193,57 @@ class EffortRows:
         first, second = (float(np.nansum(self.rows * e**2)) for e in (with_arm, without))
         if prior.point is None or not first > FREE**2 * second:
             return False
-        design = self._design
-        places = {i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded}
-        together = np.vstack(list(places.values()))
-        differences: list[float] = []
-        for joint, own in enumerate(together.T):
-            low, high = np.quantile(own, [OUTER, 1.0 - OUTER])
-            differences += self._left_out(prior, {i: q[:, joint] < low for i, q in places.items()})
-            differences += self._left_out(prior, {i: q[:, joint] > high for i, q in places.items()})
+        differences = [change for out in self._outer() for change in self._left_out(prior, out)]
         error = float(np.std(differences, ddof=1) * np.sqrt(len(differences))) if len(differences) > 1 else np.inf
         return float(np.sum(differences)) > REFUSED * error
+
+    def _outer(self) -> Iterator[dict[int, BoolArray]]:
+        """Rows of each segment in the lowest, and in the highest, quarter of each joint's positions."""
+        design = self._design
+        places = {i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded}
+        for joint, own in enumerate(np.vstack(list(places.values())).T if places else []):
+            low, high = np.quantile(own, [OUTER, 1.0 - OUTER])
+            yield {i: q[:, joint] < low for i, q in places.items()}
+            yield {i: q[:, joint] > high for i, q in places.items()}
+
+    def elsewhere(self, prior: Prior, theta: FloatArray) -> FloatArray:
+        """By how much (n,) errors on positions left out are larger than those of a fit to all, as mean squares.
+
+        In units of the drives' efforts; 0 where they are not. A model that is not whole errs more where it was not
+        fitted, which no covariance of its parameters knows.
+        """
+        joints, design = range(len(self.triangles)), self._design
+        sums, counts = np.zeros(len(joints)), np.zeros(len(joints))
+        for out in self._outer():
+            rest = self._rest(out)
+            settled = prior if prior.point is None else prior.settled(*self._unit_rows(prior, rest))
+            other = self._solved(rest, settled, self.spread)[0]
+            for i, where in out.items():
+                levers = np.abs(design.bank.reduce(design.segments[i].r))
+                for joint in joints:
+                    kept = where & design.blocks[joint][i].keep
+                    A, b = (
+                        own[kept] / levers[kept, joint].reshape(-1, *[1] * (own.ndim - 1))
+                        for own in self._part(joint, i)
+                    )
+                    sums[joint] += np.sum((b - A @ other) ** 2 - (b - A @ theta) ** 2)
+                    counts[joint] += len(b)
+        return np.asarray(np.maximum(sums / np.maximum(counts, 1), 0.0))
+
+    def _rest(self, out: Mapping[int, BoolArray]) -> FloatArray:
+        """The triangle of all rows but those that are left out."""
+        return triangle(
+            np.column_stack(self._part(joint, i))[
+                self._design.blocks[joint][i].keep & ~out.get(i, np.zeros(1, dtype=bool))
+            ]
+            for joint in range(len(self.triangles))
+            for i in self._indices
+        )
 
     def _left_out(self, prior: Prior, out: Mapping[int, BoolArray]) -> list[float]:
         """Squared error with the arm less that without on the rows ``out``, of each stretch of time."""
         joints, blocks = self._joints, self._design.blocks
-        rest = triangle(
-            np.column_stack(self._part(joint, i))[blocks[joint][i].keep & ~out.get(i, np.zeros(1, dtype=bool))]
-            for joint in joints
-            for i in self._indices
-        )
+        rest = self._rest(out)
         ends = prior.settled(*self._unit_rows(prior, rest)), prior.unsettled()
         fits = [self._solved(rest, own, self.spread)[0] for own in ends]
         changes = []

@@ -133,7 +133,8 @@ def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
         for joint in range(len(model.design.machine.joints)):
             parts = list(rows.parts(joint))
             white.append(WhiteRows(np.vstack([A for A, _ in parts]), np.concatenate([b for _, b in parts]), ()))
-        fit = replace(fit, covariance=fit.covariance + np.diag(law_variances(replace(model, fit=fit), white)))
+        hidden = law_variances(replace(model, fit=fit), white)
+        fit = replace(fit, covariance=fit.covariance + np.diag(hidden), hidden=hidden)
     return fit
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -30,8 +30,8 @@ FloatArray = npt.NDArray[np.float64]
 
 #: The number of a recording that the identification has not seen.
 FOREIGN = -2
-#: Signal of a law that remembers.
-_MEMORY = "time_since_reversal"
+#: Signals of a law that needs the motion before a moment.
+_MEMORY = frozenset({"time_since_reversal", "distance_since_reversal", "force_rate"})
 
 
 @dataclass(frozen=True)
@@ -88,6 +88,24 @@ class Pass:
 
 
 @dataclass(frozen=True)
+class Seen:
+    """Moments of the validation recordings, (M, n) each.
+
+    Attributes
+    ----------
+    q, qd, qdd : the motion
+    effort : measured joint efforts through the identification filter, N m or N
+    error : measured minus predicted ones
+    """
+
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    effort: FloatArray
+    error: FloatArray
+
+
+@dataclass(frozen=True)
 class ArmModel:
     """A corrected model of an arm.
 
@@ -101,13 +119,18 @@ class ArmModel:
     noise : per joint the noise of its position; the speed's makes friction smooth at zero speed
     terms : effects and laws that were added
     passes : the fits, the last one being the model
-    covariance : (p, p) of the last one's parameters
+    covariance : (p, p) of the last one's parameters, as efforts have it
     told : (p,) False for a parameter that the recordings could not tell (its value is 0)
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
         the full rate, N at a piston; without single seconds that are far out
         (:func:`fitting.model.handover.without_single`)
     provenance : where it comes from
     tails : per joint what the scores of an unchanged machine do (:mod:`fitting.model.uses.overload`); None: not known
+    hidden : (p,) variance of parameters that laws of unknown physics make up for in the efforts; None: nothing
+    errors : (n,) root mean square error on the validation recordings, N m or N; not a number where nothing moved
+    coverage : (n,) share of the moving samples of those in the 95 % band; not a number where nothing moved
+    rests : fits without terms that some formats cannot hold
+    seen : moments of the validation recordings
     filters : other filters than those of the identification; None: those
     """
 
@@ -123,6 +146,11 @@ class ArmModel:
     residual_std: FloatArray
     provenance: Provenance
     tails: tuple[Tail, ...] | None = None
+    hidden: FloatArray | None = field(default=None, repr=False)
+    errors: FloatArray | None = None
+    coverage: FloatArray | None = None
+    rests: tuple[ArmModel, ...] = field(default=(), repr=False)
+    seen: Seen | None = field(default=None, repr=False)
     filters: FilterBank | None = field(default=None, repr=False)
 
     @property
@@ -133,7 +161,7 @@ class ArmModel:
     @property
     def std(self) -> FloatArray:
         """Their standard deviations (p,)."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.diag(self.covariance) + (0.0 if self.hidden is None else self.hidden))
 
     @cached_property
     def covariance_root(self) -> FloatArray:
@@ -199,6 +227,15 @@ class ArmModel:
         """Joint name to s by which its effort is late, and whose samples were handed on late."""
         return delays(self, self.terms)
 
+    def place(self, term: Term) -> str:
+        """Where a term is: its joint, or the machine."""
+        return "the machine" if term.joint is None else self.joints[term.joint]
+
+    def rest(self, lost: Collection[int]) -> ArmModel | None:
+        """The fit without some of the terms; None where there is none."""
+        kept = [term.label for number, term in enumerate(self.terms) if number not in lost]
+        return next((own for own in self.rests if [term.label for term in own.terms] == kept), None)
+
     def recording_number(self, sha256: str) -> int:
         """Which recording of the identification has this hash; :data:`FOREIGN` for another."""
         return next((n for n, source in enumerate(self.provenance.data) if source.sha256 == sha256), FOREIGN)
@@ -207,8 +244,13 @@ class ArmModel:
 def over_time(term: Term) -> bool:
     """Whether a term at one moment depends on the motion before it (or on its sampling): a history, a derivative."""
     if isinstance(term.content, Law):
-        return any(signal == _MEMORY for signal, _ in term.content.signals)
+        return any(signal in _MEMORY for signal, _ in term.content.signals)
     return term.content.over_time
+
+
+def of_sensors(term: Term) -> bool:
+    """Whether a term is what sensors do to a reading, not a force of the machine."""
+    return isinstance(term.content, Effect) and term.content.level == "measurement"
 
 
 def phase_unknown(term: Term, number: int) -> bool:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, reported, show_table, working
-from daq.errors import InputError
 
 if TYPE_CHECKING:
     from fitting.model.prediction import Predicted
@@ -30,6 +29,7 @@ def register(app: typer.Typer) -> None:
     group = typer.Typer(help="Look at a handed-over model, and export it.", no_args_is_help=True)
     group.command("show")(reported(show))
     group.command("export")(reported(export))
+    group.command("schema")(reported(schema))
     app.add_typer(group, name="model")
 
 
@@ -60,6 +60,9 @@ def predict(
             for name, own in _summary(found)["joints"].items()
         ],
     )
+    for name, share in zip(found.joints, found.beyond.mean(axis=0).tolist(), strict=True):
+        if share:
+            print(f"note: {name} is beyond what was recorded in {share:.1%} of the rows; the band says nothing there")
     for line in found.left_out:
         print(f"note: {line}")
 
@@ -107,8 +110,9 @@ def compare(
 
 
 def show(model: ModelPath, json: Json = False) -> None:
-    """What a model holds: where it comes from, its parameters with standard deviations, its effects."""
+    """What a model holds: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
     from fitting.model.codec import load_model, model_to_json
+    from fitting.model.export.words import said_of
 
     loaded = load_model(model)
     content = model_to_json(loaded)
@@ -116,10 +120,8 @@ def show(model: ModelPath, json: Json = False) -> None:
         keys = ("schema", "provenance", "parameters", "terms", "corrections")
         print_json({"machine": loaded.machine.name} | {key: content[key] for key in keys})
         return
-    made = loaded.provenance
-    print(f"{loaded.machine.name}: {made.verdict}, identified {made.created} from {len(made.data)} recordings")
-    for source in made.data:
-        print(f"  {source.role:10s} {source.file}  sha256 {source.sha256[:12]}")
+    for line in said_of(loaded, ()):
+        print(line)
     print_table(
         ("parameter", "value", "std", "unit"),
         [
@@ -129,20 +131,28 @@ def show(model: ModelPath, json: Json = False) -> None:
     )
 
 
+def schema() -> None:
+    """Print the JSON schema of model.json."""
+    from fitting.model.codec import model_schema
+
+    print_json(model_schema())
+
+
 def export(
     model: ModelPath,
     to: Annotated[str, typer.Option("--to", help="Format: python, c, fmu, matlab, csv, urdf, mjcf.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
+    possible: Annotated[
+        bool, typer.Option("--possible", help="Links nearest to the model's where no bodies can have its parameters.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Write a model for another program; what the format does not carry is said."""
     from fitting.model.codec import load_model
-    from fitting.model.export import FORMATS, export_model
+    from fitting.model.export import export_model
 
-    if to not in FORMATS:
-        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
     with working(f"writing {to}", show=not json):
-        done = export_model(load_model(model), to, output)
+        done = export_model(load_model(model), to, output, possible=possible)
     if json:
         print_json({"format": to, "files": [str(path) for path in done.files], "left_out": list(done.left_out)})
         return

@@ -1,28 +1,31 @@
 """``model.json`` (schema ``hilfit/model/1``): a model on disk.
 
 Numbers are written with all their digits: a model that was read back predicts the same numbers. Keys are added in later
-versions, never renamed.
+versions, never renamed. ``sha256`` is of everything else that this schema knows, so a changed file says so.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from daq.errors import InputError
+from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine
 from daq.recordings.recording_files import replacing
 from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import term_from_json, term_to_json
-from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen
 from fitting.model.tails import Tail
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import PositionNoise
@@ -32,6 +35,11 @@ FloatArray = npt.NDArray[np.float64]
 SCHEMA = "hilfit/model/1"
 #: Its name beside a report.
 MODEL_FILE = "model.json"
+#: Share of a covariance's own size by which it may fall short of being one.
+_ROUNDED = 1e-6
+
+Size = Annotated[float, Field(ge=0)]
+Rows = list[list[float]]
 
 
 class _Part(BaseModel):
@@ -44,125 +52,127 @@ class _Filter(_Part):
     bandwidth_hz: float = Field(gt=0)
 
 
-class _Noise(_Part):
-    position: float
-    speed: float
-    acceleration: float
-
-
 class _Base(_Part):
-    independent: list[int]
-    regrouping: list[list[float]]
+    independent: list[Annotated[int, Field(ge=0)]]
+    regrouping: Rows
     names: list[str]
     expressions: list[str]
     units: list[str]
     standard_names: list[str]
-    standard_count: int
+    standard_count: int = Field(ge=0)
     vanished: list[str]
     gap: tuple[float, float]
 
 
-class _Ranges(_Part):
-    x: tuple[float, float]
-    v: float
-    force: float
-    time: tuple[float, float]
-
-
 class _Rod(_Part):
-    knots: list[list[float]]
+    knots: Rows
     coefficients: list[float]
-    speed_noise: float
+    speed_noise: Size
 
 
 class _Pass(_Part):
     theta: list[float]
-    ranges: list[_Ranges]
+    ranges: tuple[Ranges, ...]
     rods: list[_Rod | None]
 
 
-class _Source(_Part):
-    role: str
-    file: str
-    sha256: str
-    samples: int
+class _Seen(_Part):
+    q: Rows
+    qd: Rows
+    qdd: Rows
+    effort: Rows
+    error: Rows
 
 
-class _Provenance(_Part):
-    created: str
-    software: dict[str, str]
-    data: list[_Source]
-    verdict: str
-    calibration: str | None = None
+class _Fit(_Part):
+    """What one fit says."""
 
-
-class _Tail(_Part):
-    level: float = Field(ge=0)
-    rate: float = Field(gt=0)
-    scale: float = Field(ge=0)
-    shape: float = Field(ge=0)
-
-
-class _File(_Part):
-    schema_: Literal["hilfit/model/1"] = Field(alias="schema")
-    machine: dict[str, Any]
-    corrections: list[dict[str, Any]]
-    filter: _Filter
-    position_noise: list[_Noise]
-    base: _Base
     terms: list[dict[str, Any]]
     passes: list[_Pass] = Field(min_length=1)
     covariance: list[list[float | None]]
     told: list[bool]
-    residual_std: list[float]
-    provenance: _Provenance
-    tails: list[_Tail] | None = None
+    residual_std: list[Size]
+    hidden: list[Size] | None = None
+    errors: list[Size | None] | None = None
+    coverage: list[Size | None] | None = None
+
+
+class _File(_Fit):
+    schema_: Literal["hilfit/model/1"] = Field(alias="schema")
+    machine: dict[str, Any]
+    corrections: list[dict[str, Any]]
+    filter: _Filter
+    position_noise: tuple[PositionNoise, ...]
+    base: _Base
+    provenance: Provenance
+    tails: tuple[Tail, ...] | None = None
+    rests: list[_Fit] = []
+    seen: _Seen | None = None
+    sha256: str | None = None
+
+
+def model_schema() -> dict[str, Any]:
+    """The JSON schema of the file."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_File.model_json_schema(by_alias=True)}
 
 
 def model_to_json(model: ArmModel) -> dict[str, Any]:
     """A model as plain JSON; :func:`model_from_json` reads it back."""
-    base = asdict(model.base)
     std = np.where(np.isfinite(model.std), model.std, np.nan)
-    return {
+    rows = zip(model.parameter_names, model.theta, std, model.parameter_units, strict=True)
+    content = {
         "schema": SCHEMA,
         "provenance": asdict(model.provenance),
         "parameters": [
             {"name": name, "value": float(value), "std": None if np.isnan(own) else float(own), "unit": unit}
-            for name, value, own, unit in zip(
-                model.parameter_names, model.theta, std, model.parameter_units, strict=True
-            )
+            for name, value, own, unit in rows
         ],
         "machine": model.machine.model_dump(mode="json", by_alias=True, exclude_none=True),
         "corrections": [dict(step) for step in model.steps],
         "filter": {"bandwidth_hz": model.bandwidth_hz},
         "position_noise": [asdict(own) for own in model.noise],
-        "base": {key: _plain(value) for key, value in base.items()},
-        "terms": [term_to_json(term) for term in model.terms],
-        "passes": [
-            {
-                "theta": own.theta.tolist(),
-                "ranges": [asdict(r) for r in own.ranges],
-                "rods": [None if rod is None else _rod(rod) for rod in own.rods],
-            }
-            for own in model.passes
-        ],
-        "covariance": [[v if np.isfinite(v) else None for v in row] for row in model.covariance.tolist()],
-        "told": model.told.tolist(),
-        "residual_std": model.residual_std.tolist(),
+        "base": asdict(model.base),
+        **_fit_to_json(model),
         "tails": None if model.tails is None else [asdict(own) for own in model.tails],
+        "rests": [_fit_to_json(own) for own in model.rests],
+        "seen": None if model.seen is None else asdict(model.seen),
     }
+    plain: dict[str, Any] = _plain(content)
+    return plain | {"sha256": checksum(plain)}
+
+
+def _fit_to_json(model: ArmModel) -> dict[str, Any]:
+    return {
+        "terms": [term_to_json(term) for term in model.terms],
+        "passes": [asdict(own) for own in model.passes],
+        "covariance": [[v if np.isfinite(v) else None for v in row] for row in model.covariance.tolist()],
+        "told": model.told,
+        "residual_std": model.residual_std,
+        "hidden": model.hidden,
+        **{key: _known(getattr(model, key)) for key in ("errors", "coverage")},
+    }
+
+
+def _known(values: FloatArray | None) -> list[float | None] | None:
+    return None if values is None else [None if np.isnan(own) else own for own in values.tolist()]
 
 
 def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    """Arrays and tuples as lists, everywhere."""
+    if isinstance(value, dict):
+        return {key: _plain(own) for key, own in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value if isinstance(value, str) or not hasattr(value, "__iter__") else [_plain(own) for own in value]
 
 
-def _rod(law: RodLaw) -> dict[str, Any]:
-    return {
-        "knots": [knots.tolist() for knots in law.knots],
-        "coefficients": law.coefficients.tolist(),
-        "speed_noise": law.speed_noise,
-    }
+def checksum(content: Mapping[str, Any]) -> str:
+    """SHA-256 of what the schema knows, but for itself and the calibration that a service adds."""
+    known = {field.alias or name for name, field in _File.model_fields.items()} - {"sha256"}
+    kept = {key: value for key, value in content.items() if key in known}
+    if isinstance(kept.get("provenance"), dict):
+        kept["provenance"] = {key: own for key, own in kept["provenance"].items() if key != "calibration"}
+    return hashlib.sha256(json.dumps(kept, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def model_from_json(content: Any, name: str = "model") -> ArmModel:
@@ -182,83 +192,162 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
         machine = Machine.model_validate(file.machine)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"])) or "machine"
-        raise InputError(f"{name}: {place}: {in_words(first)}; identify again, the file was changed") from None
-    try:
-        terms = tuple(term_from_json(term) for term in file.terms)
-    except KeyError as error:
-        raise InputError(
-            f"{name}: terms: {error} is not known here; install the package that has this effect"
-        ) from None
+        raise _damaged(name, ".".join(map(str, first["loc"])) or "machine", in_words(first)) from None
+    except ArithmeticError as error:
+        raise _damaged(name, "machine", f"cannot be calculated with ({error.args[-1]})") from None
+    base = file.base
     model = ArmModel(
         machine=machine,
         steps=tuple(file.corrections),
         base=BaseParameters(
-            independent=np.array(file.base.independent, dtype=np.intp),
-            regrouping=np.array(file.base.regrouping),
-            names=tuple(file.base.names),
-            expressions=tuple(file.base.expressions),
-            units=tuple(file.base.units),
-            standard_names=tuple(file.base.standard_names),
-            standard_count=file.base.standard_count,
-            vanished=tuple(file.base.vanished),
-            gap=file.base.gap,
+            independent=np.array(base.independent, dtype=np.intp),
+            regrouping=_rows(base.regrouping, name, "base.regrouping"),
+            standard_count=base.standard_count,
+            gap=base.gap,
+            **{
+                key: tuple(getattr(base, key))
+                for key in ("names", "expressions", "units", "standard_names", "vanished")
+            },
         ),
         bandwidth_hz=file.filter.bandwidth_hz,
-        noise=tuple(PositionNoise(own.position, own.speed, own.acceleration) for own in file.position_noise),
-        terms=terms,
-        passes=tuple(
+        noise=file.position_noise,
+        provenance=file.provenance,
+        tails=file.tails,
+        seen=None
+        if file.seen is None
+        else Seen(**{key: _rows(rows, name, f"seen.{key}") for key, rows in file.seen.model_dump().items()}),
+        **_fit_from_json(file, name, ""),
+    )
+    rests = tuple(replace(model, **_fit_from_json(own, name, f"rests.{k}.")) for k, own in enumerate(file.rests))
+    for place, own in [("", model), *((f"rests.{k}.", own) for k, own in enumerate(rests))]:
+        _require_sound(own, name, place)
+    if file.sha256 is not None and file.sha256 != checksum(content):
+        raise InputError(
+            f"{name}: sha256: the file was changed after it was written; identify again, or delete this key to use the "
+            "file as it is"
+        )
+    return replace(model, rests=rests)
+
+
+def _damaged(name: str, place: str, what: str) -> InputError:
+    return InputError(f"{name}: {place}: {what}; identify again, the file was changed")
+
+
+def _rows(values: list[list[Any]], name: str, place: str) -> FloatArray:
+    """Rows of one length as an array; ``None`` is infinite."""
+    if len({len(row) for row in values}) > 1:
+        raise _damaged(name, place, "has rows of different lengths")
+    return np.array([[np.inf if v is None else v for v in row] for row in values], dtype=float)
+
+
+def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
+    terms = []
+    for number, term in enumerate(file.terms):
+        try:
+            json.dumps(term, allow_nan=False)
+            terms.append(term_from_json(term))
+        except KeyError as error:
+            what = f"{error} is not known here; install the package that has this effect"
+            raise InputError(f"{name}: {place}terms.{number}: {what}") from None
+        except (TypeError, ValueError, AttributeError, IndexError):
+            raise _damaged(name, f"{place}terms.{number}", "is no effect and no law") from None
+    return {
+        "terms": tuple(terms),
+        "passes": tuple(
             Pass(
                 np.array(own.theta),
-                tuple(Ranges(r.x, r.v, r.force, r.time) for r in own.ranges),
-                tuple(None if rod is None else _rod_law(rod) for rod in own.rods),
+                own.ranges,
+                tuple(
+                    None
+                    if rod is None
+                    else RodLaw(tuple(map(np.array, rod.knots)), np.array(rod.coefficients), rod.speed_noise)
+                    for rod in own.rods
+                ),
             )
             for own in file.passes
         ),
-        covariance=np.array([[np.inf if v is None else v for v in row] for row in file.covariance]),
-        told=np.array(file.told, dtype=bool),
-        residual_std=np.array(file.residual_std),
-        provenance=Provenance(
-            created=file.provenance.created,
-            software=file.provenance.software,
-            data=tuple(Source(d.role, d.file, d.sha256, d.samples) for d in file.provenance.data),
-            verdict=file.provenance.verdict,
-            calibration=file.provenance.calibration,
-        ),
-        tails=None
-        if file.tails is None
-        else tuple(Tail(own.level, own.rate, own.scale, own.shape) for own in file.tails),
-    )
-    _require_shapes(model, name)
-    return model
+        "covariance": _rows(file.covariance, name, f"{place}covariance"),
+        "told": np.array(file.told, dtype=bool),
+        "residual_std": np.array(file.residual_std),
+        "hidden": None if file.hidden is None else np.array(file.hidden),
+        "errors": None if file.errors is None else np.array(file.errors, dtype=float),
+        "coverage": None if file.coverage is None else np.array(file.coverage, dtype=float),
+    }
 
 
-def _rod_law(rod: _Rod) -> RodLaw:
-    return RodLaw(tuple(np.array(knots) for knots in rod.knots), np.array(rod.coefficients), rod.speed_noise)
+def _require_sound(model: ArmModel, name: str, place: str) -> None:
+    """Refuse a file whose parts do not belong together, or that cannot be calculated with."""
+    try:
+        _require_shapes(model, name, place)
+        sizes = {
+            "position_noise": [own for noise in model.noise for own in asdict(noise).values()],
+            "tails": [own for tail in model.tails or () for own in asdict(tail).values()],
+            f"{place}passes": [r for own in model.passes for ranges in own.ranges for r in (ranges.v, ranges.force)],
+        }
+        below = next((key for key, own in sizes.items() if min(own, default=0.0) < 0), None)
+        if below is not None:
+            raise _damaged(name, below, "is below zero")
+        known = np.isfinite(np.diag(model.covariance))
+        own = model.covariance[np.ix_(known, known)]
+        wrong = _damaged(name, f"{place}covariance", "is none: it has a negative variance or is not symmetric")
+        if not np.isfinite(own).all() or np.any(np.diag(own) < 0):
+            raise wrong
+        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        scaled = own / size[:, None] / size
+        alike = np.allclose(scaled, scaled.T, atol=_ROUNDED)
+        if not alike or (len(own) and np.linalg.eigvalsh(scaled).min() < -_ROUNDED * len(own)):
+            raise wrong
+        middle = [np.mean(joint.limits.position) for joint in model.machine.joints]
+        if not np.isfinite(motion.gravity(model, [middle])).all():
+            raise _damaged(name, f"{place}passes", "makes efforts that are not finite")
+    except (
+        HilfitError,
+        ArithmeticError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        np.linalg.LinAlgError,
+    ) as e:
+        if isinstance(e, InputError) and str(e).startswith(f"{name}: "):
+            raise
+        what = str(e).splitlines()[0] if str(e) else type(e).__name__
+        raise _damaged(name, place.rstrip(".") or "model", f"cannot be calculated with ({what})") from None
 
 
-def _require_shapes(model: ArmModel, name: str) -> None:
-    """Refuse a file whose parts do not belong together."""
-    joints, count, base = len(model.joints), len(model.parameter_names), model.base
-    wanted = {
-        "base.regrouping": (base.regrouping.shape, (len(base.independent), len(base.standard_names))),
-        "base.names": ((len(base.names),), (len(base.independent),)),
-        "covariance": (model.covariance.shape, (count, count)),
-        "told": (model.told.shape, (count,)),
+def _require_shapes(model: ArmModel, name: str, place: str) -> None:
+    for number, term in enumerate(model.terms):
+        if term.joint is not None and not 0 <= term.joint < len(model.joints):
+            raise _damaged(
+                name, f"{place}terms.{number}.joint", f"is {term.joint}, the machine has {len(model.joints)} joints"
+            )
+    joints, count, base, n = len(model.joints), len(model.parameter_names), model.base, len(model.base.independent)
+    standard = len(base.standard_names)
+    wanted: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
+        "base.regrouping": (base.regrouping.shape, (n, standard)),
+        **{f"base.{key}": ((len(getattr(base, key)),), (n,)) for key in ("names", "expressions", "units")},
+        f"{place}covariance": (model.covariance.shape, (count, count)),
+        f"{place}told": (model.told.shape, (count,)),
         "position_noise": ((len(model.noise),), (joints,)),
-        "residual_std": (model.residual_std.shape, (joints,)),
+        f"{place}residual_std": (model.residual_std.shape, (joints,)),
+        f"{place}hidden": ((count if model.hidden is None else len(model.hidden),), (count,)),
+        f"{place}errors": ((joints if model.errors is None else len(model.errors),), (joints,)),
+        f"{place}coverage": ((joints if model.coverage is None else len(model.coverage),), (joints,)),
         "tails": ((joints if model.tails is None else len(model.tails),), (joints,)),
     }
     for number, own in enumerate(model.passes):
         first = len(model.passes) > 1 and number == 0
-        wanted[f"passes.{number}.theta"] = (own.theta.shape, (len(model.parameters) if first else count,))
-        wanted[f"passes.{number}.ranges"] = ((len(own.ranges),), (joints,))
-        wanted[f"passes.{number}.rods"] = ((len(own.rods),), (joints,))
-    for place, (found, right) in wanted.items():
+        wanted[f"{place}passes.{number}.theta"] = (own.theta.shape, (len(model.parameters) if first else count,))
+        wanted[f"{place}passes.{number}.ranges"] = ((len(own.ranges),), (joints,))
+        wanted[f"{place}passes.{number}.rods"] = ((len(own.rods),), (joints,))
+    seen: dict[str, FloatArray] = {} if model.seen is None else vars(model.seen)
+    for key, rows in seen.items():
+        wanted[f"seen.{key}"] = (rows.shape, (len(seen["q"]), joints))
+    for key, (found, right) in wanted.items():
         if found != right:
-            raise InputError(
-                f"{name}: {place}: has shape {found}, it must be {right}; identify again, the file was changed"
-            )
+            raise _damaged(name, key, f"has shape {found}, it must be {right}")
+    if n and max(base.independent) >= standard:
+        raise _damaged(name, "base.independent", f"names column {max(base.independent)} of {standard}")
 
 
 def save_model(path: str | Path, model: ArmModel) -> Path:

@@ -22,6 +22,11 @@ from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
 
+#: Share of the recorded positions and speeds by which a motion may be outside them.
+_MARGIN = 0.02
+#: Shares in a 95 % band between which it holds what it says.
+_HOLDS = 0.92, 0.98
+
 
 @dataclass(frozen=True)
 class Evaluated:
@@ -106,6 +111,25 @@ def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[
     return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
 
 
+def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
+    """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known."""
+    low, high, fast = np.array([(*own.x, own.v) for own in model.passes[-1].ranges]).T
+    margin = _MARGIN * (high - low)
+    outside = np.maximum(segment.x < low - margin, segment.x > high + margin)
+    return np.asarray(np.maximum(outside, np.abs(segment.v) > (1.0 + _MARGIN) * fast))
+
+
+def narrow(model: ArmModel) -> list[str]:
+    """A line for each joint whose 95 % band did not hold what it says on the validation recordings."""
+    shares = [] if model.coverage is None else zip(model.joints, model.coverage.tolist(), strict=True)
+    return [
+        f"of {name}, {share:.0%} of the samples of another motion were in the 95 % band: there the model leaves "
+        f"{'more' if share < _HOLDS[0] else 'less'} than on the motion of the fit"
+        for name, share in shares
+        if share < _HOLDS[0] or share > _HOLDS[1]
+    ]
+
+
 def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
     """The model without some of its terms; the parameters of the others are not fitted again."""
     if not numbers:
@@ -123,6 +147,7 @@ def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
         passes=tuple(replace(own, theta=_of(own.theta, kept)) for own in model.passes),
         covariance=model.covariance[np.ix_(kept, kept)],
         told=model.told[kept],
+        hidden=None if model.hidden is None else model.hidden[kept],
     )
 
 

@@ -10,19 +10,28 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import HilfitError
+from fitting.estimators.effort_fit import EffortRows
 from fitting.loop.session import Session
-from fitting.model.arm_model import ArmModel, Pass, Provenance, Source
+from fitting.loop.weighting import weighed
+from fitting.model import motion
+from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen, Source
+from fitting.model.evaluation import Evaluated
+from fitting.model.export.tracing.tracing import untraced
+from fitting.model.prediction import BAND
 from fitting.model.tails import Tail
 from fitting.model.uses.overload import learn
-from fitting.regression.design import Design, Extra, full_residual
+from fitting.regression.design import Design, Extra, effort_errors, effort_residual, full_residual
+from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, learning_step
-from fitting.residual.terms import Model, extra_columns
+from fitting.residual.terms import Model, extra_columns, fit_model
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
 
 FloatArray = npt.NDArray[np.float64]
 
 #: Seconds of each recording that what is usual is learnt from.
 _LEARN_S = 600.0
+#: Moments of the validation recordings that are kept at most.
+_SEEN = 240
 #: Seconds whose errors are so many interquartile ranges beyond the usual are left out of the spread, up to this share.
 _FAR_OUT, _MOST_OUT = 3.0, 0.1
 
@@ -39,27 +48,80 @@ def hand_over(
     final : the final fit
     report : content of ``report.json``: when, by which software, on what data, with which verdict
     """
-    design, bank = final.design, session.bank
-    loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
     model = ArmModel(
         machine=session.described,
         steps=tuple(dict(step) for step in steps),
         base=session.base,
-        bandwidth_hz=bank.bandwidth_hz,
+        bandwidth_hz=final.design.bank.bandwidth_hz,
         noise=session.position_noise,
-        terms=final.terms,
-        passes=_passes(final),
-        covariance=final.fit.covariance,
-        told=final.fit.told,
-        residual_std=np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))]),
         provenance=Provenance(
             created=report["created"],
             software=dict(report["software"]),
             data=tuple(Source(d["role"], d["file"], d["sha256"], d["samples"]) for d in report["data"]),
             verdict=report["loop"]["verdict"],
         ),
+        **_fit(final),
     )
-    return replace(model, tails=_tails(model, session))
+    rests = []
+    for lost in {untraced(model), motion.histories(model)} - {frozenset()}:
+        terms = [term for number, term in enumerate(final.terms) if number not in lost]
+        own = weighed(fit_model(final.design, final.noise, final.fitted, terms, session.prior), session.prior).model
+        rests.append(replace(model, **_fit(own)))
+    seen, coverage = _seen(final), _coverage(model, final)
+    return replace(model, rests=tuple(rests), seen=seen, coverage=coverage, tails=_tails(model, session))
+
+
+def _fit(final: Model) -> dict[str, Any]:
+    """What a fit says."""
+    design = final.design
+    loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
+    hidden = np.zeros(len(final.fit.theta)) if final.fit.hidden is None else final.fit.hidden
+    spread = np.array([_spread(final, joint, loaded) for joint in range(len(design.blocks))])
+    # A law says nothing of positions that it was not fitted to.
+    known = not any(isinstance(term.content, Law) for term in final.terms)
+    if known and not final.fit.whitened and not design.stored and final.prior is not None:
+        more = EffortRows(design, final.fitted, final.extra).elsewhere(final.prior, final.fit.theta)
+        spread = np.sqrt(spread**2 + more)
+    errors = effort_errors(design, final.fit.theta, design.indices("validate"), final.extra)
+    return {
+        "terms": final.terms,
+        "passes": _passes(final),
+        "covariance": final.fit.covariance - np.diag(hidden),
+        "hidden": hidden if hidden.any() else None,
+        "told": final.fit.told,
+        "residual_std": spread,
+        "errors": np.array([np.sqrt(np.mean(own**2)) if len(own) else np.nan for own in errors]),
+    }
+
+
+def _coverage(model: ArmModel, final: Model) -> FloatArray:
+    """Share (n,) of the moving samples of the validation recordings that are in the 95 % band."""
+    found, inside, count = Evaluated(model, final.design, final.extra, {}), np.zeros(len(model.joints)), 0
+    for index in final.design.indices("validate"):
+        segment = final.design.segments[index]
+        band = BAND * np.hypot(found.parameter_std(index), model.residual_std)
+        held = np.abs(segment.effort - found.drive_effort(index)) <= band
+        inside = inside + np.sum(held & ~segment.rest, axis=0)
+        count = count + np.sum(~segment.rest, axis=0)
+    return np.asarray(inside / np.where(count, count, np.nan))
+
+
+def _seen(final: Model) -> Seen | None:
+    """Moments of the validation recordings, evenly."""
+    design, bank, parts = final.design, final.design.bank, list[list[FloatArray]]()
+    joints = range(len(design.blocks))
+    for index in (i for i in design.indices("validate") if design.segments[i].loaded):
+        segment, place = (
+            design.segments[index],
+            slice(bank.half, len(design.segments[index]) - bank.half, bank.decimation),
+        )
+        error = [effort_residual(design, final.fit.theta, joint, index, final.extra) for joint in joints]
+        moved = [own[place] for own in (segment.q, segment.qd, segment.qdd)]
+        parts.append([*moved, bank.reduce(segment.r * segment.effort), np.column_stack(error)])
+    rows = [np.vstack(own) for own in zip(*parts, strict=True)]
+    if not rows or not len(rows[0]):
+        return None
+    return Seen(*(own[:: -(-len(own) // _SEEN)] for own in rows))
 
 
 def _tails(model: ArmModel, session: Session) -> tuple[Tail, ...] | None:

@@ -1,25 +1,26 @@
 """A model evaluated on any motion: efforts, pressures, friction, gravity, inertia, accelerations.
 
-Motions are (N, n), one row per sample; rows are independent of each other, except for terms over time (a history, a
-derivative: :func:`fitting.model.arm_model.over_time`), which are evaluated only where times are given that rise in
-steps of the model's rate. A delay of the efforts belongs to the sensors, not to the arm, and is never in.
+Motions are (N, n), one row per sample. Terms over time (a history, a derivative:
+:func:`fitting.model.arm_model.over_time`) need times that rise in even steps, at whatever rate, and without them the
+motion is refused; what is asked of one moment (gravity, friction, inertia, accelerations) has their memory settled.
+What sensors do to a reading (an offset, a gain, a drift, a delay) is no force of the arm, and never in.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.stats import qmc
 
 from daq.errors import InputError
-from fitting.arm.base_parameters import base_regressor
 from fitting.arm.linkage import lever_arm, piston_motion
-from fitting.model.arm_model import FOREIGN, ArmModel, over_time, phase_unknown
+from fitting.model.arm_model import FOREIGN, ArmModel, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
+from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import Segment
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,6 +30,8 @@ _STEPS, _CLOSE = 60, 1e-12
 #: Poses over the limits at which a mass matrix is looked at (a power of two), and the least eigenvalue of one with
 #: units on its diagonal that is taken for positive.
 _POSES, _DEFINITE = 8, 1e-9
+#: By what share steps of time may differ and be even.
+_EVEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,8 @@ def on_motion(
     Parameters
     ----------
     q, qd, qdd : (N, n) or (n,) joint positions, speeds, accelerations; rad or m, per second, per second squared
-    t : (N,) s since the motion began, for terms of time and terms over time; None: all rows are at its beginning
+    t : (N,) s since the motion began, for terms of time and terms over time; None: all rows are at its beginning,
+        which a model with terms over time refuses
     temperature : (N,) or one, K, of the oil, for terms of it
     external : (N, n) N, measured forces from outside at the pistons, positive against extension; None: none
 
@@ -88,41 +92,80 @@ def on_motion(
     InputError
         If shapes do not fit, or a term needs what is not given.
     """
+    kept = without(model, left_out(model))
+    return _evaluated(kept if t is None else in_steps(kept, t), q, qd, qdd, t, temperature, external)
+
+
+def at_rest(model: ArmModel) -> ArmModel:
+    """The model of one moment: forces of the machine, with the memory of its terms settled."""
+    return without(model, left_out(model) | histories(model))
+
+
+def histories(model: ArmModel) -> frozenset[int]:
+    """Numbers of the machine's terms that need the motion before a moment."""
+    return frozenset(n for n, term in enumerate(model.terms) if over_time(term) and not of_sensors(term))
+
+
+def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
+    """The model with the filters of times that rise in even steps, where it has terms over time.
+
+    Raises
+    ------
+    InputError
+        If they do not, or are too far apart for the model's bandwidth.
+    """
+    times, rate = np.atleast_1d(np.asarray(t, dtype=float)), model.machine.rate_hz
+    past = [term.id for term in model.terms if over_time(term)]
+    if not past:
+        return model
+    steps = np.diff(times)
+    if not len(steps) or steps[0] <= 0 or np.any(np.abs(steps - steps[0]) > _EVEN * steps[0]):
+        raise InputError(f"{past[0]} needs the motion before each moment; give t= of two rows or more, in even steps")
+    if abs(steps.mean() * rate - 1.0) < _EVEN:
+        return model
+    if model.bandwidth_hz > 0.2 / steps.mean():
+        raise InputError(
+            f"{past[0]} needs {5 * model.bandwidth_hz:g} rows a second or more; t= has {1 / steps.mean():.3g}"
+        )
+    return replace(model, filters=filter_bank(1.0 / float(steps.mean()), model.bandwidth_hz))
+
+
+def _evaluated(
+    model: ArmModel,
+    q: npt.ArrayLike,
+    qd: npt.ArrayLike,
+    qdd: npt.ArrayLike,
+    t: npt.ArrayLike | None = None,
+    temperature: npt.ArrayLike | None = None,
+    external: npt.ArrayLike | None = None,
+) -> Evaluated:
+    """A model on rows, with all terms that it has."""
     n = len(model.joints)
     motion = [_rows(values, n, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
     count = len(motion[0])
     if any(len(values) != count for values in motion):
         raise InputError(f"q, qd and qdd have {', '.join(str(len(m)) for m in motion)} rows; they must be as many")
     time = np.zeros(count) if t is None else np.broadcast_to(np.asarray(t, dtype=float), (count,))
-    regular = t is not None and _regular(time, model.machine.rate_hz)
+    past = next((term.id for term in model.terms if t is None and over_time(term)), None)
+    if past is not None:
+        raise InputError(f"{past} needs the motion before each moment; give t=, s since it began")
     heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
-    kept = without(model, left_out(model, regular))
-    if heat is None and any(_warm(term) for term in kept.terms):
+    if heat is None and any(_warm(term) for term in model.terms):
         raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
     outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
-    return evaluate(kept, [_segment(model, motion, time, heat, outside)], {FOREIGN: 0.0})
+    return evaluate(model, [_segment(model, motion, time, heat, outside)], {FOREIGN: 0.0})
 
 
-def left_out(model: ArmModel, regular: bool) -> frozenset[int]:
-    """Numbers of the terms that a motion of which no recording is known does not have.
-
-    Parameters
-    ----------
-    regular : whether it is sampled at the model's rate, so that terms over time can be evaluated
-    """
-    return frozenset(
-        number
-        for number, term in enumerate(model.terms)
-        if term.delays_effort or phase_unknown(term, FOREIGN) or (over_time(term) and not regular)
-    )
+def left_out(model: ArmModel) -> frozenset[int]:
+    """Numbers of the terms that are no force of the machine, or whose phase belongs to single recordings."""
+    return frozenset(n for n, term in enumerate(model.terms) if of_sensors(term) or phase_unknown(term, FOREIGN))
 
 
 def gravity(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
-    """Joint efforts (N, n) that hold the links still, N m or N."""
+    """Joint efforts (N, n) that hold the arm still, N m or N: the effort at rest, springs and offsets included."""
     position = _rows(q, len(model.joints), "q")
     still = np.zeros_like(position)
-    regressor = base_regressor(model.arm, model.base, position, still, still)
-    return np.asarray(regressor @ model.theta[model.parameters.base_slice])
+    return _evaluated(at_rest(model), position, still, still).joint_effort(0)
 
 
 def friction(model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
@@ -132,9 +175,8 @@ def friction(model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray
     """
     n = len(model.joints)
     position, speed = _rows(q, n, "q"), _rows(qd, n, "qd")
-    both = on_motion(
-        model, np.vstack([position, position]), np.vstack([speed, -speed]), np.zeros((2 * len(position), n))
-    ).joint_effort(0)
+    rows = np.vstack([position, position]), np.vstack([speed, -speed]), np.zeros((2 * len(position), n))
+    both = _evaluated(at_rest(model), *rows).joint_effort(0)
     return np.asarray((both[: len(position)] - both[len(position) :]) / 2)
 
 
@@ -145,7 +187,7 @@ def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
     count = len(position)
     units = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), count, axis=0)
     rows = np.tile(position, (n + 1, 1))
-    efforts = on_motion(model, rows, np.zeros_like(rows), units).joint_effort(0).reshape(n + 1, count, n)
+    efforts = _evaluated(at_rest(model), rows, np.zeros_like(rows), units).joint_effort(0).reshape(n + 1, count, n)
     return np.asarray((efforts[1:] - efforts[0]).transpose(1, 2, 0))
 
 
@@ -187,8 +229,11 @@ def forward(
     effort: npt.ArrayLike | None = None,
     head: npt.ArrayLike | None = None,
     rod: npt.ArrayLike | None = None,
+    possible: bool = False,
 ) -> FloatArray:
     """Joint accelerations (N, n) from joint efforts, or from chamber pressures in Pa.
+
+    ``possible`` takes the nearest model whose drives have no inertia below zero.
 
     Raises
     ------
@@ -207,14 +252,18 @@ def forward(
         force = np.asarray(head, dtype=float) * areas[:, 0] - np.asarray(rod, dtype=float) * areas[:, 1]
         effort = levers(model, position) * force
     wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
+    model = at_rest(nearest_possible(model) if possible else model)
     inertia, found = inertia_matrix(model, position), np.zeros_like(position)
     wrong = worst_pose(model, position, inertia)
     if wrong is not None:
-        raise InputError(f"forward: {wrong.text}; no acceleration follows from an effort there")
+        raise InputError(
+            f"forward: {wrong.text}; no acceleration follows from an effort there, possible=True takes the "
+            "nearest model that has none below zero"
+        )
     # What the whole effort would accelerate: an arm that is held has no acceleration but the rounding of its efforts.
     scale = float(np.max(np.abs(np.linalg.solve(inertia, wanted[:, :, None]))))
     for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
-        missing = wanted - on_motion(model, position, speed, found).joint_effort(0)
+        missing = wanted - _evaluated(model, position, speed, found).joint_effort(0)
         step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
         found = found + step
         if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
@@ -273,6 +322,39 @@ def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinit
     return Indefinite(q[worst], joint, tuple(name for name in model.joints if values_of.get(f"{name}.J", 0.0) < 0))
 
 
+def nearest_possible(model: ArmModel) -> ArmModel:
+    """The model with no inertia of a drive below zero: the most probable one by the parameters' covariance.
+
+    Efforts are better predicted by the model as it is; motions need a mass matrix.
+    """
+    names = model.parameter_names[: model.parameters.drive_count]
+    inertias = [k for k, name in enumerate(names) if name.rpartition(".")[2] in ("J", "m") and model.told[k]]
+    theta, held = model.theta, list[int]()
+    while any(theta[k] < 0 for k in inertias):
+        held += [k for k in inertias if theta[k] < 0]
+        own = model.covariance[:, held]
+        theta = model.theta - own @ np.linalg.lstsq(own[held], model.theta[held], rcond=None)[0]
+        theta[held] = 0.0
+    if not held:
+        return model
+    return replace(model, passes=(*model.passes[:-1], replace(model.passes[-1], theta=theta)))
+
+
+def price(model: ArmModel, other: ArmModel) -> float | None:
+    """By what share the error of all joints on the validation recordings is larger with other parameters.
+
+    Each joint's mean square in that of the model; None where no such recording was seen.
+    """
+    seen = model.seen
+    if seen is None:
+        return None
+    moved = at_rest(model), at_rest(other)
+    before, after = (_evaluated(own, seen.q, seen.qd, seen.qdd).joint_effort(0) for own in moved)
+    squares = [np.mean(own**2, axis=0) for own in (seen.error, seen.error + before - after)]
+    there = squares[0] > 0
+    return float(np.sqrt(np.mean(squares[1][there] / squares[0][there])) - 1.0)
+
+
 def levers(model: ArmModel, q: FloatArray) -> FloatArray:
     """Lever arms (N, n) of all joints, 1 of a joint without a cylinder."""
     columns = [
@@ -285,11 +367,6 @@ def levers(model: ArmModel, q: FloatArray) -> FloatArray:
 def _warm(term: Term) -> bool:
     """Whether a term is a law of the oil's temperature."""
     return isinstance(term.content, Law) and any(signal == "oil_temperature" for signal, _ in term.content.signals)
-
-
-def _regular(t: FloatArray, rate_hz: float) -> bool:
-    """Whether times rise in steps of the rate (to a thousandth of one)."""
-    return len(t) > 1 and bool(np.all(np.abs(np.diff(t) * rate_hz - 1.0) < 1e-3))
 
 
 def _rows(values: npt.ArrayLike, joints: int, name: str) -> FloatArray:

@@ -16,7 +16,7 @@ from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import write_table
 from fitting.arm.joint_side import at_joints
 from fitting.model.arm_model import ArmModel, phase_unknown
-from fitting.model.evaluation import Evaluated, evaluate, without
+from fitting.model.evaluation import Evaluated, beyond, evaluate, narrow, without
 from fitting.regression.design import effort_errors
 from fitting.regression.error_sizes import measured_efforts, sizes
 from fitting.signals.preparation import segments_of
@@ -41,9 +41,10 @@ class Predicted:
     predicted : by the model
     std : standard deviation of the difference: parameters, and what the fit left of its own recordings
     moving : False where a joint's drive rests: what holds it there is static friction, which no model predicts
+    beyond : where a joint is beyond the positions and speeds that were recorded, so that the band says nothing
     errors : per joint (M_j,) the residual of its moving rows through the identification filter
     filtered : ``std``, ``rms``, ``mean`` and ``relative`` of these errors, a value per joint, as a report has them
-    left_out : a line for each term of the model that this recording cannot have
+    left_out : a line for each term of the model that this recording cannot have, and for each joint whose band is wrong
     """
 
     joints: tuple[str, ...]
@@ -53,6 +54,7 @@ class Predicted:
     predicted: FloatArray
     std: FloatArray
     moving: BoolArray
+    beyond: BoolArray
     errors: tuple[FloatArray, ...]
     filtered: dict[str, list[float | None]]
     left_out: tuple[str, ...]
@@ -153,9 +155,10 @@ def predict(model: ArmModel, recording: Recording) -> Predicted:
         predicted=joined([found.joint_effort(i) for i in indices]),
         std=joined([levers[i] * np.hypot(found.parameter_std(i), model.residual_std) for i in indices]),
         moving=np.concatenate([~segment.rest for segment in design.segments]),
+        beyond=np.concatenate([beyond(model, segment) for segment in design.segments]),
         errors=errors,
         filtered={key.removeprefix("std_"): values for key, values in of.items()},
-        left_out=lines,
+        left_out=(*lines, *narrow(model)),
     )
 
 
@@ -163,7 +166,7 @@ def write_predicted(path: Path, found: Predicted) -> None:
     """Write a prediction as a table, ``.csv`` or ``.parquet``, whole or not at all.
 
     Columns: ``time`` (s), and of each joint ``measured``, ``predicted``, ``residual``, ``std``, ``low`` and ``high``
-    (both ends of the 95 % band, N m or N), and ``moving`` (0 or 1).
+    (both ends of the 95 % band, N m or N), ``moving`` and ``beyond`` (0 or 1).
 
     Raises
     ------
@@ -181,6 +184,7 @@ def write_predicted(path: Path, found: Predicted) -> None:
             ("low", low),
             ("high", high),
             ("moving", found.moving.astype(float)),
+            ("beyond", found.beyond.astype(float)),
         ):
             columns[f"{name}.{key}"] = values[:, number]
     write_table(path, pa.table(columns))

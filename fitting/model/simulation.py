@@ -7,6 +7,7 @@ creeps, slower than that width; :attr:`Simulated.friction_speed` says how slow.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -66,6 +67,9 @@ def simulate(
     rate_hz: float | None = None,
     friction_speed: float | None = None,
     method: Method = "LSODA",
+    possible: bool = False,
+    within_s: float = 60.0,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Simulated:
     """Integrate the model from a state.
 
@@ -78,13 +82,15 @@ def simulate(
     friction_speed : least width, m/s of a piston, over which signs of speed are smooth; the noise of the measured speed
         if None, and never less than 1e-4 of the largest speed that was recorded
     method : one of :func:`scipy.integrate.solve_ivp`'s
+    possible : take the nearest model whose drives have no inertia below zero
+    within_s : s of ``clock`` after which it gives up
 
     Raises
     ------
     InputError
-        If the state does not fit the arm.
+        If the state does not fit the arm, or the mass matrix has no inverse somewhere within the limits.
     HilfitError
-        If the integrator gives up.
+        If the integrator gives up, or takes too long.
     """
     n = len(model.joints)
     start = [np.asarray(values, dtype=float).ravel() for values in (q, np.zeros(n) if qd is None else qd)]
@@ -92,12 +98,21 @@ def simulate(
         raise InputError(f"simulate: q and qd must be {n} finite numbers each, one per joint")
     if not seconds > 0:
         raise InputError(f"simulate: {seconds:g} s is no time; give seconds above 0")
+    model = motion.nearest_possible(model) if possible else model
+    wrong = motion.indefinite(model)
+    if wrong is not None:
+        raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
+    ends = clock() + within_s
     least = [max(friction_speed or 0.0, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
     noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
     tracer = Tracer(replace(model, noise=noise))
-    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in model.terms))
+    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in motion.at_rest(tracer.carried).terms))
 
     def slope(t: float, state: FloatArray) -> FloatArray:
+        if clock() > ends:
+            raise HilfitError(
+                f"simulate: at {t:.3g} s after {within_s:g} s of calculating; give within_s=, or smaller efforts"
+            )
         position, speed = state[:n], state[n:]
         return np.concatenate([speed, plant.acceleration(t, position, speed, np.asarray(effort(t, position, speed)))])
 
@@ -133,7 +148,7 @@ class _Plant:
         position, speed = q.tolist(), qd.tolist()
         inertia = np.array(self.functions.inertia(position)).reshape(self.joints, self.joints).T
         wrong = motion.worst_pose(self.model, q[None], inertia[None])
-        if wrong is not None:
+        if wrong is not None:  # beyond the limits of the joints
             raise InputError(f"simulate: {wrong.text}; no motion follows from efforts there")
         found = np.zeros(self.joints)
         for _ in range(_STEPS if self.holds_force else 1):
@@ -160,8 +175,9 @@ def tracking(model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_h
             f"tracking: t must rise and q have a row for each time and a column for each of {len(model.joints)} joints"
         )
     spline = CubicSpline(times, path, bc_type="clamped")
-    first = motion.on_motion(model, path, spline(times, 1), spline(times, 2)).joint_effort(0)
-    forward, inertia = CubicSpline(times, first), CubicSpline(times, motion.inertia_matrix(model, path))
+    grid = np.linspace(times[0], times[-1], max(round((times[-1] - times[0]) * model.machine.rate_hz), 1) + 1)
+    first = motion.on_motion(model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0]).joint_effort(0)
+    forward, inertia = CubicSpline(grid, first), CubicSpline(times, motion.inertia_matrix(model, path))
     w = 2 * np.pi * bandwidth_hz
 
     def effort(now: float, position: FloatArray, speed: FloatArray) -> FloatArray:

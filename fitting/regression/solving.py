@@ -43,6 +43,7 @@ class Fit:
     residual : per joint (R_j,) whitened residual
     condition_number : of the column-scaled whitened matrix
     share : (p,) of each parameter's information that came from the rows and not from a prior; None: all of it
+    hidden : (p,) part of the variances that laws make up for: parameters may be off by it, efforts not; None: nothing
     """
 
     theta: FloatArray
@@ -53,11 +54,17 @@ class Fit:
     condition_number: float
     extra_names: tuple[str, ...] = field(default=())
     share: FloatArray | None = field(default=None, repr=False)
+    hidden: FloatArray | None = field(default=None, repr=False)
 
     @property
     def std(self) -> FloatArray:
         """Standard deviations of the parameters."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def whitened(self) -> bool:
+        """Whether its rows were weighed by a noise that they are explained down to."""
+        return any(own.shape[1] for own in self.orthonormal)
 
     @property
     def chi_square(self) -> float:

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -177,6 +178,24 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
         second=np.convolve(value, _SECOND) * rate_hz**2,
         identification=signal.firwin(2 * half + 1, bandwidth_hz, window=("kaiser", _KAISER_BETA), fs=rate_hz),
     )
+
+
+def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -> Any:
+    """A rational filter ``b(z) / a(z)`` of a signal (N,): scipy's of numbers, and the same of anything that adds up.
+
+    Parameters
+    ----------
+    b, a : coefficients of falling powers of ``z``, as many of one as of the other for what is no number
+    start : state (direct form II transposed) before the first sample; zeros if None
+    """
+    if np.asarray(values).dtype != object:
+        return signal.lfilter(b, a, values) if start is None else signal.lfilter(b, a, values, zi=start)[0]
+    state, out = list(start or [0.0] * (len(a) - 1)), []
+    for value in values:
+        out.append(b[0] / a[0] * value + state[0])
+        sums = zip([*state[1:], 0.0], b[1:], a[1:], strict=True)
+        state = [kept + own / a[0] * value - back / a[0] * out[-1] for kept, own, back in sums]
+    return np.array(out, dtype=object)
 
 
 def white_noise_of(stretches: Sequence[npt.ArrayLike]) -> float:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +17,8 @@ from fitting.effects import effects
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import FORMATS, export_model
-from fitting.model.export.c import identifier
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.functions import identifier
+from fitting.model.export.tracing.tracing import tracer_of
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 
@@ -32,12 +30,12 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C comp
 
 @pytest.fixture(scope="module")
 def model() -> ArmModel:
-    """Two joints with effects of every kind that an export carries, and two that it does not."""
+    """Two joints with effects of every kind that an export carries, and one that it does not."""
     session = session_of(2)
     names = ("stribeck", "pressure_dependent_friction", "counterbalance_valve", "base_tilt", "velocity_root_friction")
     terms = [term_of(session, name, number % 2) for number, name in enumerate(names)]
     laws = [law_of(session, "piston_position", 1, signed=True), law_of(session, "cylinder_force", 0, signed=True)]
-    return model_with([*terms, *laws, term_of(session, "presliding_hysteresis", 1)], session)
+    return model_with([*terms, *laws, term_of(session, "pressure_gain", 1)], session)
 
 
 def held_out(model: ArmModel) -> tuple[np.ndarray, ...]:
@@ -50,20 +48,6 @@ def assert_same(found: np.ndarray, expected: np.ndarray, share: float = 1e-9) ->
     assert np.max(np.abs(found - expected)) <= share * np.max(np.abs(expected))
 
 
-def assert_answers(answers: dict[str, Callable[..., Any]], model: ArmModel, share: float = 1e-9) -> None:
-    """Whether everything that an export can be asked is what the carried part of the model says."""
-    q, qd, qdd, t = held_out(model)
-    carried = Tracer(model).carried
-    with_time = motion.on_motion(carried, q, qd, qdd, t)
-    assert_same(answers["inverse_dynamics"](q, qd, qdd, t), with_time.joint_effort(0), share)
-    assert_same(answers["drive_efforts"](q, qd, qdd, t), with_time.drive_effort(0), share)
-    assert_same(answers["gravity"](q), motion.gravity(carried, q), share)
-    assert_same(answers["friction"](q, qd, np.zeros(len(t))), motion.friction(carried, q, qd), share)
-    head, rod = motion.pressures(carried, q, qd, qdd, t)
-    assert_same(answers["head_pressures"](q, qd, qdd, t), head, share)
-    assert_same(answers["rod_pressures"](q, qd, qdd, t), rod, share)
-
-
 def python_answers(path: Path) -> dict[str, Any]:
     names: dict[str, Any] = {}
     exec(path.read_text(encoding="utf-8"), names)
@@ -71,17 +55,7 @@ def python_answers(path: Path) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_python_says_what_the_model_says(model: ArmModel, tmp_path: Path) -> None:
-    done = export_model(model, "python", tmp_path / "arm.py")
-    assert_answers(python_answers(tmp_path / "arm.py"), model)
-    assert len(done.left_out) == 1 and "reversal" in done.left_out[0]
-    text = (tmp_path / "arm.py").read_text(encoding="utf-8")
-    assert done.left_out[0] in text and "validate-3" in text
-    assert {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))} == {"numpy"}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [e.id for e in effects() if not e.over_time])
+@pytest.mark.parametrize("name", [e.id for e in effects() if not e.over_time and e.level != "measurement"])
 def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> None:
     session = session_of(2)
     joint = applies(next(e for e in effects() if e.id == name), session.machine)
@@ -92,12 +66,12 @@ def test_every_effect_of_one_moment_is_carried(name: str, tmp_path: Path) -> Non
         term.shape["recording"] = -1.0  # type: ignore[index]
     model = model_with([term], session)
     done = export_model(model, "python", tmp_path / "arm.py")
-    expected = {name} & (UNTRACED | {"supply_ripple"})
+    expected = {name} & UNTRACED
     assert bool(done.left_out) == bool(expected)
     q, qd, qdd, t = held_out(model)
     found = python_answers(tmp_path / "arm.py")["inverse_dynamics"](q, qd, qdd, t)
-    assert_same(found, motion.on_motion(Tracer(model).carried, q, qd, qdd, t).joint_effort(0))
-    without = motion.on_motion(Tracer(model_with((), session)).carried, q, qd, qdd, t).joint_effort(0)
+    assert_same(found, motion.on_motion(tracer_of(model).carried, q, qd, qdd, t).joint_effort(0))
+    without = motion.on_motion(tracer_of(model_with((), session)).carried, q, qd, qdd, t).joint_effort(0)
     # What was carried is in the numbers, a thousand times the tolerance or more.
     assert expected or np.max(np.abs(found - without)) > 1e-6 * np.max(np.abs(found))
 
@@ -146,53 +120,13 @@ def test_a_modified_table_is_traced_as_a_distal_one(tmp_path: Path) -> None:
     assert_same(found, motion.on_motion(model, q, qd, qdd, t).joint_effort(0))
 
 
-def compile_c(folder: Path, *more: str) -> None:
-    assert COMPILER is not None
-    strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O1"]
-    done = subprocess.run([COMPILER, *strict, *more, "-lm"], capture_output=True, text=True, cwd=folder, timeout=120)
-    assert done.returncode == 0, done.stderr
-
-
-def c_answers(library: Path, name: str, joints: int) -> dict[str, Any]:
-    loaded = ctypes.CDLL(str(library))
-    array = ctypes.c_double * joints
-
-    def asked(function: str, arrays: int, timed: bool, outputs: int = 1, pick: int = 0) -> Callable[..., np.ndarray]:
-        def answer(*given: np.ndarray) -> np.ndarray:
-            rows = []
-            for row in zip(*given, strict=True):
-                results = [array() for _ in range(outputs)]
-                inputs = [array(*values) for values in row[:arrays]]
-                clock = [ctypes.c_double(row[arrays])] if timed else []
-                getattr(loaded, f"{name}_{function}")(*inputs, *clock, *results)
-                rows.append(list(results[pick]))
-            return np.array(rows)
-
-        return answer
-
-    return {
-        "inverse_dynamics": asked("inverse_dynamics", 3, True),
-        "drive_efforts": asked("drive_efforts", 3, True),
-        "gravity": asked("gravity", 1, False),
-        "friction": asked("friction", 2, True),
-        "head_pressures": asked("pressures", 3, True, 2, 0),
-        "rod_pressures": asked("pressures", 3, True, 2, 1),
-    }
-
-
 @pytest.mark.slow
-@needs_compiler
-def test_c_compiles_without_a_warning_passes_its_self_test_and_says_what_the_model_says(
-    model: ArmModel, tmp_path: Path
-) -> None:
-    done = export_model(model, "c", tmp_path)
-    name = identifier(model.machine.name)
-    assert [path.name for path in done.files] == [f"{name}.h", f"{name}.c", f"{name}_selftest.c"]
-    compile_c(tmp_path, "-o", "selftest", f"{name}.c", f"{name}_selftest.c")
-    checked = subprocess.run([tmp_path / "selftest"], capture_output=True, text=True, timeout=30)
-    assert checked.returncode == 0, checked.stdout
-    compile_c(tmp_path, "-shared", "-fPIC", "-o", "arm.so", f"{name}.c")
-    assert_answers(c_answers(tmp_path / "arm.so", name, 2), model)
+def test_what_is_left_out_and_where_it_comes_from_stand_in_the_file(model: ArmModel, tmp_path: Path) -> None:
+    done = export_model(model, "python", tmp_path / "arm.py")
+    assert len(done.left_out) == 1 and "belongs to the sensors" in done.left_out[0]
+    text = (tmp_path / "arm.py").read_text(encoding="utf-8")
+    assert done.left_out[0] in text and "validate-3" in text
+    assert {line.split()[1] for line in text.splitlines() if line.startswith(("import", "from"))} == {"numpy"}
 
 
 @pytest.mark.slow

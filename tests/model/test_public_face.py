@@ -122,6 +122,11 @@ def test_compare_finds_the_changed_parameter(
     names = [own["name"] for own in content["parameters"]]
     content["passes"][-1]["theta"][names.index("joint2.f_c")] += 40.0
     (tmp_path / "other.json").write_text(json.dumps(content), encoding="utf-8")
+    assert run(["model", "show", str(tmp_path / "other.json")]) == 2
+    said = capsys.readouterr().err
+    assert "sha256: the file was changed after it was written" in said and said.count("\n") == 1
+    del content["sha256"]  # who changes a file on purpose says so
+    (tmp_path / "other.json").write_text(json.dumps(content), encoding="utf-8")
     arguments = ["compare", str(arm / "report"), str(tmp_path / "other.json"), str(arm / "validate.parquet"), "--json"]
     assert run(arguments) == 0
     found = json.loads(capsys.readouterr().out)

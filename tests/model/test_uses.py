@@ -138,7 +138,7 @@ def test_a_hit_is_found_within_a_tenth_of_a_second_and_nothing_else(model: ArmMo
 def test_tails_are_saved_with_the_model_and_files_without_them_are_read(model: ArmModel) -> None:
     content = json.loads(json.dumps(model_to_json(model)))
     assert model_from_json(content).tails == model.tails
-    del content["tails"]
+    del content["tails"], content["sha256"]
     assert model_from_json(content).tails is None
     content["tails"] = [{"level": 1.0, "rate": 1.0, "scale": 1.0, "shape": 0.0}]
     with pytest.raises(InputError, match="tails"):
@@ -220,3 +220,48 @@ def test_commands_write_feedforward_energy_overload_and_payload(
     save_model(tmp_path / "old.json", replace(model, tails=None))
     assert "--usual" in run("overload", "old.json", "v.parquet", code=2)
     assert "cannot be read" in run("energy", "model.json", "none.csv", code=2)
+
+
+def at_rest(seed: int, push: float = 0.0) -> Recording:
+    """The arm held for half a minute: friction somewhere within its Coulomb friction, encoders that tremble.
+
+    Joint and piston tremble together, by some ten times what the noise of a sensor makes of the speed.
+    """
+    machine, arm, rng = SESSION.machine, truth(2), np.random.default_rng(seed)
+    still = make_motion(machine, "validate", seed, 30.0, moving=())
+    friction = arm.drive[:, 2] * rng.uniform(-0.95, 0.95, 2)
+    late = (still.t >= 15.0)[:, None] * np.array([0.0, push])
+    seen = sample(machine, still, force(machine, arm, still) + friction + late, "operation", seed)
+    tremble = 4e-5 * np.convolve(rng.normal(size=len(still.t) + 4), np.ones(5) / 5, mode="valid")
+    values = dict(seen.values)
+    for number, joint in enumerate(machine.joints):
+        for quantity, lever in (("joint_position", 1.0), ("piston_position", still.r[0, number])):
+            channel = machine.channel(quantity, joint.name)  # type: ignore[arg-type]
+            assert channel is not None
+            values[channel.name] = values[channel.name] + lever * tremble
+    return replace(seen, sha256=f"rest-{seed}", values=values)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_an_arm_that_is_held_raises_no_alarm(seed: int, model: ArmModel) -> None:
+    """Half a minute at a rate of an alarm in ten: a sign of a trembling speed would be off by twice the friction."""
+    assert model.tails is not None
+    assert overloads(model, at_rest(seed), thresholds(model.tails, 12.0)) == []
+
+
+@pytest.mark.slow
+def test_a_push_beyond_its_friction_is_found_at_rest(model: ArmModel) -> None:
+    assert model.tails is not None
+    push = 2.0 * truth(2).drive[1, 2] + 10.0 * float(model.residual_std[1])
+    (found,) = overloads(model, at_rest(7, push), thresholds(model.tails, 1.0))
+    assert found.joint == 1 and 0.0 < found.found - 15.0 <= 0.25
+
+
+def test_no_alarm_before_the_filter_has_settled(model: ArmModel) -> None:
+    """A force that is there from the first sample on is said after half a second of the stretch."""
+    assert model.tails is not None
+    (seen,) = [own for own in SESSION.recordings if own.role == "validate"][:1]
+    hit = struck(seen, "joint2", 1e4, 0.0, 2.0)
+    found = overloads(model, hit, thresholds(model.tails, 1.0))
+    assert found and found[0].found - seen.time[0] >= 0.5

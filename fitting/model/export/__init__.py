@@ -6,6 +6,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.words import Written
 
@@ -21,16 +22,24 @@ FORMATS = {
     "urdf": "fitting.model.export.simulators:write_urdf",
     "mjcf": "fitting.model.export.simulators:write_mjcf",
 }
+#: Those of links with masses and inertias.
+BODIES = ("urdf", "mjcf")
 
 
-def export_model(model: ArmModel, to: str, path: Path) -> Written:
+def export_model(model: ArmModel, to: str, path: Path, *, possible: bool = False) -> Written:
     """Write a model in one of :data:`FORMATS`.
+
+    Parameters
+    ----------
+    possible : where a format has bodies and none have the model's base parameters, take the nearest that can exist
 
     Raises
     ------
     InputError
-        If the format cannot hold this model, or the place cannot be written.
+        If there is no such format, it cannot hold this model, or the place cannot be written.
     """
+    if to not in FORMATS:
+        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
     module, name = FORMATS[to].split(":")
-    write: Callable[[ArmModel, Path], Written] = getattr(import_module(module), name)
-    return write(model, path)
+    write: Callable[..., Written] = getattr(import_module(module), name)
+    return write(model, path, possible=possible) if to in BODIES else write(model, path)

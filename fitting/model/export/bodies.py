@@ -1,28 +1,38 @@
 """Links for simulators: standard parameters of bodies that can exist, with the model's base parameters.
 
 Recordings tell base parameters only; of the many standard ones that have them, those nearest to plausible links are
-taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, the nearest that
-some body has are taken, and by how many standard deviations they moved is said.
+taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, those whose efforts
+are nearest over the limits of the machine are taken if that is asked for, and what it costs is said.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
-from fitting.arm.base_parameters import BaseParameters
+from daq.errors import InputError
+from daq.machine.linkages import Direct, Rack, ThreePin, reduced
+from daq.machine.machine_file import Cylinder
+from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import Geometry, geometry_of
-from fitting.effects.base import Effect
+from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import ArmModel
+from fitting.model.export.functions import states
+from fitting.model.export.words import per_joint
 from fitting.regression.body_prior import pseudo_inertia
 from fitting.regression.plausible_arm import ALONE, plausible_arm
+from fitting.regression.streamed import triangle
 
 FloatArray = npt.NDArray[np.float64]
 
 #: How much the model's own base parameters count against the choice of links: so much that only those are left.
 _EXACT = 1e4
+#: States that efforts are compared in where links are changed.
+_STATES = 400
 
 
 @dataclass(frozen=True)
@@ -44,6 +54,21 @@ class Body:
     centre: FloatArray
     inertia: FloatArray
 
+    @property
+    def origin(self) -> FloatArray:
+        """Where its joint is (3,), m."""
+        return self.place[:3, 3]
+
+    @property
+    def angles(self) -> FloatArray:
+        """Roll, pitch and yaw (3,) of its joint's frame, rad."""
+        return np.asarray(Rotation.from_matrix(self.place[:3, :3]).as_euler("xyz"))
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """The same as a quaternion (4,), scalar first."""
+        return np.asarray(Rotation.from_matrix(self.place[:3, :3]).as_quat(scalar_first=True))
+
 
 @dataclass(frozen=True)
 class Bodies:
@@ -53,30 +78,71 @@ class Bodies:
     ----------
     links : base to tip
     standard : (n, 10) their inertial parameters in the frames of the table
-    moved : largest change of a base parameter in its standard deviations; 0 where bodies have the model's own
+    gravity : (3,) m/s^2 in the base's frame, tilted as the base was found to be
+    apart : (n,) root mean square of the efforts that their change makes on another motion, N m or N (over the limits of
+        the machine where no such motion is known); None where bodies have the model's own base parameters
     """
 
     links: tuple[Body, ...]
     standard: FloatArray
-    moved: float
+    gravity: FloatArray
+    apart: FloatArray | None
 
 
-def bodies_of(model: ArmModel) -> Bodies:
-    """Links with the model's base parameters, or the nearest that bodies can have."""
+def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
+    """Links with the model's base parameters.
+
+    Parameters
+    ----------
+    possible : take the nearest that bodies can have where none have those
+
+    Raises
+    ------
+    InputError
+        If no bodies have them, and the nearest are not asked for.
+    """
     geometry, part = geometry_of(model.arm), model.parameters.base_slice
     base, theta, n = model.base, model.theta[part], geometry.joints
     rows = np.diag(1.0 / np.maximum(np.abs(theta), 1e-6 * np.max(np.abs(theta))))
     found = _nearest(geometry, base, _EXACT * rows, theta)
     found[base.independent] += theta - base.regrouping @ found  # the last digits
+    apart = None
     if not _possible(found, n):
-        values, vectors = np.linalg.eigh(model.covariance[part, part])
-        least = 1e-12 * max(float(values.max()), 1e-300)  # what was not told has no weight worth a name
-        found = _nearest(geometry, base, (vectors / np.sqrt(np.maximum(values, least))).T, theta)
-    std = model.std[part]
-    change = np.abs(base.regrouping @ found - theta)
-    moved = float(np.max(change / np.where(std > 0, std, np.inf)))
+        if not possible:
+            raise InputError(
+                "export: no bodies have the model's base parameters; --possible writes the nearest that can exist, "
+                "or identify on a motion that tells more"
+            )
+        q, qd, qdd, _ = states(model, _STATES)
+        efforts = base_regressor(model.arm, base, q, qd, qdd)
+        scale = np.linalg.norm(efforts @ theta, axis=0)
+        rows = triangle([efforts[:, k] / max(scale[k], 1e-9 * float(scale.max())) for k in range(n)])
+        found = _nearest(geometry, base, _EXACT * rows, theta)
+        seen = (q, qd, qdd) if model.seen is None else (model.seen.q, model.seen.qd, model.seen.qdd)
+        change = base_regressor(model.arm, base, *seen) @ (base.regrouping @ found - theta)
+        apart = np.asarray(np.sqrt(np.mean(change**2, axis=0)))
     standard = found[: 10 * n].reshape(n, 10)
-    return Bodies(tuple(_links(geometry, standard)), standard, moved if moved > 1e-6 else 0.0)
+    return Bodies(tuple(_links(geometry, standard)), standard, gravity_of(model), apart)
+
+
+def gravity_of(model: ArmModel) -> FloatArray:
+    """Gravity (3,) in the base's frame, with the tilt that effects say it has, m/s^2."""
+    field = np.asarray(model.arm.gravity, dtype=float)
+    for columns, values in _tilts(model).values():
+        field = field + sum(value * column.gravity for column, value in zip(columns, values, strict=True))
+    return field
+
+
+def _tilts(model: ArmModel) -> dict[int, tuple[Sequence[BodyColumn], list[float]]]:
+    """By number the terms that are fields of gravity for all links, with their values."""
+    result, place = {}, len(model.parameters)
+    for number, term in enumerate(model.terms):
+        values = model.theta[place : place + len(term.names(model.joints))].tolist()
+        place += len(values)
+        columns = term.content.body_columns(model.arm, term.shape) if isinstance(term.content, Effect) else None
+        if columns and all(own.links is None and own.since is None for own in columns):
+            result[number] = columns, values
+    return result
 
 
 def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: FloatArray) -> FloatArray:
@@ -130,29 +196,37 @@ def _along(x: float, z: float) -> FloatArray:
     return out
 
 
-def not_in_bodies(model: ArmModel, bodies: Bodies, *, drives: bool) -> tuple[str, ...]:
+def tendon_of(cylinder: Cylinder) -> bool:
+    """Whether a simulator's tendon moves as the cylinder does."""
+    return isinstance(reduced(cylinder.linkage), ThreePin | Rack | Direct)
+
+
+def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
     """A line for each part of a model that links and drives of a simulator's format do not carry.
 
     Parameters
     ----------
-    drives : whether the format has friction and inertia of drives that act on their joint directly
+    cylinders : whether the format has cylinders, as tendons
     """
     lines = []
     for number, joint in enumerate(model.arm.joints):
-        if joint.cylinder is not None:
-            names = ", ".join((*model.parameters.drive[number], *(["damping"] if joint.cylinder.damping else [])))
-            lines.append(f"cylinder of {joint.name} ({names}, at the piston): its lever arm changes with the joint")
-        else:
-            left = [name for name in model.parameters.drive[number] if not drives or name == "f_0"]
-            lines += [f"drive of {joint.name} ({', '.join(left)})"] if left else []
+        names = model.parameters.drive[number]
+        if joint.cylinder is None:
+            lines += [f"drive of {joint.name} (f_0)"] if "f_0" in names else []
+        elif not cylinders or not tendon_of(joint.cylinder):
+            own = ", ".join((*names, *(["damping"] if joint.cylinder.damping else [])))
+            lines.append(f"cylinder of {joint.name} ({own}, at the piston): its lever arm changes with the joint")
+        elif "f_s" in names:
+            lines.append(f"friction of the root of speed at {joint.name} (f_s)")
     if geometry_of(model.arm).coupled:
         lines.append("friction and inertia of motors that turn with several joints")
-    for term in model.terms:
-        place = "the machine" if term.joint is None else model.joints[term.joint]
-        lines.append(f"{term.content.title if isinstance(term.content, Effect) else 'a law'} at {place}")
-    if bodies.moved:
+    for term in (own for number, own in enumerate(model.terms) if number not in _tilts(model)):
+        name = term.content.title if isinstance(term.content, Effect) else "a law"
+        lines.append(f"{name} at {model.place(term)}")
+    if bodies.apart is not None:
+        units = [joint.effort_unit for joint in model.machine.joints]
         lines.append(
-            f"the model's very base parameters: no bodies have them, the nearest are {bodies.moved:.2g} standard "
-            "deviations away at most"
+            "the model's very base parameters: no bodies have them. The links are representative of the base "
+            f"parameters; on another motion their efforts are apart by {per_joint(model, bodies.apart, units)}"
         )
     return tuple(lines)

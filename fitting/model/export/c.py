@@ -1,25 +1,33 @@
-"""The model in C99: no allocation, no state, no library but libm; doubles and floats.
+"""The model in C99: no allocation, no state of its own, no library but libm; doubles and floats.
 
-A folder with ``<name>.h``, ``<name>.c`` and ``<name>_selftest.c``, which holds a table of states and of what the model
-says of them, and exits with 1 where the compiled code says otherwise.
+A folder with ``<name>.h``, ``<name>.c`` and ``<name>_selftest.c``, which holds tables of states and of a motion and of
+what the model says of them, and exits with 1 where the compiled code says otherwise. What a model with a history
+remembers is an array of the caller's.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.recordings.recording_files import replacing
-from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.printing import Dialect, curves_of, statements
+from fitting.model.export.functions import (
+    ARRAYS,
+    Function,
+    expected,
+    functions_of,
+    identifier,
+    rendered,
+    states,
+    swing,
+)
+from fitting.model.export.printing import Dialect, curves_of
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading, require_folder
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,107 +35,7 @@ FloatArray = npt.NDArray[np.float64]
 #: States of the self-test, and the largest difference that passes, as a share of the largest effort.
 _STATES = 24
 TOLERANCE = {"double": 1e-9, "float": 2e-4}
-_KEYWORDS = {"int", "float", "double", "long", "short", "char", "void", "for", "do", "if", "else", "while", "main"}
-
-_HELPERS = {
-    "sign": """static {T} {n}_sign{s}({T} x)
-{{
-    return ({T})((x > 0) - (x < 0));
-}}""",
-    "above": """static {T} {n}_above{s}({T} a, {T} b)
-{{
-    return ({T})(a > b);
-}}""",
-    "at_least": """static {T} {n}_at_least{s}({T} a, {T} b)
-{{
-    return ({T})(a >= b);
-}}""",
-    "curve": """/* Piecewise cubic, constant beyond its ends. */
-static {T} {n}_curve{s}({T} x, const {T} *breaks, const {T} (*pieces)[4], int count)
-{{
-    int k = 0;
-    {T} d;
-    if (x < breaks[0]) {{
-        x = breaks[0];
-    }}
-    if (x > breaks[count]) {{
-        x = breaks[count];
-    }}
-    while (k < count - 1 && x >= breaks[k + 1]) {{
-        ++k;
-    }}
-    d = x - breaks[k];
-    return ((pieces[k][0] * d + pieces[k][1]) * d + pieces[k][2]) * d + pieces[k][3];
-}}""",
-    "smooth": """/* Expectation of far = |v|^p sgn v of a speed that was measured with normal noise: near zero by
- * Kummer's function, a sum of positive terms; beyond six noise widths by its asymptotic series. */
-static {T} {n}_smooth{s}({T} v, {T} noise, {T} p, {T} factor, {T} far)
-{{
-    {T} u, z, term = 1, total = 1, k = 0;
-    if (!(noise > 0)) {{
-        return far;
-    }}
-    u = v / noise;
-    if (fabs{s}(u) >= 6) {{
-        z = 1 / (u * u);
-        return far * (1 + p * (p - 1) / 2 * z * (1 + (p - 2) * (p - 3) / 4 * z));
-    }}
-    z = u * u / 2;
-    while (k < 200 && term > ({T})1e-17 * total) {{
-        term *= (1 + p / 2 + k) / (({T})1.5 + k) / (k + 1) * z;
-        total += term;
-        k += 1;
-    }}
-    return factor * u * exp{s}(-z) * total;
-}}""",
-    "power": """static {T} {n}_power{s}({T} v, {T} noise, {T} p, {T} factor)
-{{
-    const {T} far = pow{s}(fabs{s}(v), p);
-    return {n}_smooth{s}(v, noise, p, factor, v < 0 ? -far : far);
-}}""",
-    "root": """static {T} {n}_root{s}({T} v, {T} noise, {T} p, {T} factor)
-{{
-    return {n}_smooth{s}(v, noise, p, factor, cbrt{s}(v));
-}}""",
-}
-
-
-@dataclass(frozen=True)
-class Function:
-    """A function of the file: its name's end, letters of its inputs, whether it takes the time, outputs by name."""
-
-    name: str
-    letters: str
-    timed: bool
-    outputs: dict[str, tuple[Node, ...]]
-
-    @property
-    def nodes(self) -> list[Node]:
-        """All outputs in a row."""
-        return [node for own in self.outputs.values() for node in own]
-
-
-def identifier(name: str) -> str:
-    """A name that C takes, of a machine's."""
-    word = re.sub(r"[^0-9a-z]+", "_", name.lower()).strip("_") or "arm"
-    return f"arm_{word}" if word[0].isdigit() or word in _KEYWORDS else word
-
-
-def functions_of(tracer: Tracer) -> list[Function]:
-    """What an exported model can be asked."""
-    state = tracer.variables()
-    found = tracer.efforts(state)
-    result = [
-        Function("inverse_dynamics", "qva", True, {"tau": found.joint}),
-        Function("drive_efforts", "qva", True, {"force": found.drive}),
-        Function("gravity", "q", False, {"tau": tracer.gravity(state.q)}),
-        Function("friction", "qv", True, {"tau": tracer.friction(state)}),
-    ]
-    head = tuple(node for node in found.head if node is not None)
-    rod = tuple(node for node in found.rod if node is not None)
-    if len(head) == len(rod) == len(found.joint):
-        result.append(Function("pressures", "qva", True, {"head": head, "rod": rod}))
-    return result
+_KINDS = (("double", ""), ("float", "f"))
 
 
 def write_c(model: ArmModel, path: Path) -> Written:
@@ -139,72 +47,63 @@ def write_c(model: ArmModel, path: Path) -> Written:
         If the folder is a file.
     """
     require_folder(path)
-    tracer = Tracer(model)
-    files = c_files(tracer)
+    tracer = tracer_of(model)
+    name = identifier(model.machine.name)
+    functions = functions_of(tracer)
+    files = c_files(tracer, functions) | {f"{name}_selftest.c": _selftest(tracer, functions)}
     for name, text in files.items():
         with replacing(path / name) as temporary:
             temporary.write_text(text, encoding="utf-8")
     return Written(tuple(path / name for name in files), tuple(tracer.left_out))
 
 
-def c_files(tracer: Tracer) -> dict[str, str]:
-    """Texts of the files by name."""
-    name, functions = identifier(tracer.model.machine.name), functions_of(tracer)
-    return {
-        f"{name}.h": _header(tracer, name, functions),
-        f"{name}.c": _source(tracer, name, functions),
-        f"{name}_selftest.c": _selftest(tracer, name),
+def c_files(tracer: Tracer, functions: Sequence[Function]) -> dict[str, str]:
+    """Header and source by name."""
+    name = identifier(tracer.model.machine.name)
+    nodes = needed([node for own in functions for node in own.nodes])
+    words = {
+        "name": name,
+        "upper": name.upper(),
+        "joints": len(tracer.model.joints),
+        "memory": len(tracer.memory),
+        "said": [line.replace("*/", "* /") for line in _said(tracer, name)],
+        "signatures": [_signature(name, tracer, own, *kind) for own in functions for kind in _KINDS],
+        "used": _used(nodes),
+        "curves": [
+            {"number": k, "breaks": tracer.graph.curves[k].breaks, "pieces": tracer.graph.curves[k].pieces}
+            for k in curves_of(nodes)
+        ],
+        "functions": {s: [_function(name, tracer, own, kind, s) for own in functions] for kind, s in _KINDS},
     }
+    return {f"{name}.{end}": rendered(f"arm.{end}.j2", **words) for end in "hc"}
 
 
-def _comment(lines: Sequence[str]) -> str:
-    return "\n".join(["/*", *(f" * {line}".replace("*/", "* /") for line in lines), " */"])
-
-
-def _signature(name: str, own: Function, joints: int, kind: str, suffix: str) -> str:
-    words = {"q": "q", "v": "qd", "a": "qdd"}
-    inputs = [f"const {kind} {words[letter]}[{joints}]" for letter in own.letters] + [f"{kind} t"] * own.timed
-    outputs = [f"{kind} {output}[{joints}]" for output in own.outputs]
-    return f"void {name}_{own.name}{suffix}({', '.join([*inputs, *outputs])})"
-
-
-def _header(tracer: Tracer, name: str, functions: Sequence[Function]) -> str:
-    joints, guard = len(tracer.model.joints), f"{name.upper()}_H"
-    said = [
+def _said(tracer: Tracer, name: str) -> list[str]:
+    remembers = (
+        f"init sets memory[{len(tracer.memory)}] at a motion's first moment, step at each later one, dt seconds after "
+        "the one before; in the other functions what has a history is settled."
+    )
+    return [
         *heading(tracer),
         "",
         "Functions without suffix take doubles, those with suffix f floats. Arrays have a value per joint.",
-        "inverse_dynamics: joint efforts; drive_efforts: N at a piston; friction: what turns with the speed's sign;",
-        "pressures: those of the head, and those of the rod that the recordings show at such a motion.",
+        "inverse_dynamics: joint efforts; drive_efforts: N at a piston; gravity: joint efforts at rest; friction: what",
+        "turns with the speed's sign; pressures: those of the head, and of the rod as the recordings show it;",
+        "beyond: 1 of a joint beyond the positions and speeds that were recorded, where no error is known.",
+        *([remembers] if tracer.memory else []),
         f"Self-test: cc -std=c99 -O2 {name}.c {name}_selftest.c -lm && ./a.out",
     ]
-    lines = [
-        f"{_signature(name, own, joints, kind, suffix)};"
-        for own in functions
-        for kind, suffix in (("double", ""), ("float", "f"))
+
+
+def _signature(name: str, tracer: Tracer, own: Function, kind: str, suffix: str) -> str:
+    sizes = dict.fromkeys(("q", "qd", "qdd"), len(tracer.model.joints)) | {"memory": len(tracer.memory)}
+    joints = len(tracer.model.joints)
+    words = [
+        f"{'' if word in own.outputs else 'const '}{kind} {word}[{sizes[word]}]" if word in ARRAYS else f"{kind} {word}"
+        for word in own.arguments
     ]
-    return "\n".join(
-        [
-            _comment(said),
-            f"#ifndef {guard}",
-            f"#define {guard}",
-            "",
-            f"#define {name.upper()}_JOINTS {joints}",
-            "",
-            "#ifdef __cplusplus",
-            'extern "C" {',
-            "#endif",
-            "",
-            *lines,
-            "",
-            "#ifdef __cplusplus",
-            "}",
-            "#endif",
-            "",
-            "#endif",
-            "",
-        ]
-    )
+    words += [f"{kind} {word}[{sizes.get(word, joints)}]" for word in own.outputs if word not in own.arguments]
+    return f"void {name}_{own.name}{suffix}({', '.join(words)})"
 
 
 def _dialect(name: str, kind: str, suffix: str) -> Dialect:
@@ -229,108 +128,40 @@ def _dialect(name: str, kind: str, suffix: str) -> Dialect:
     )
 
 
-def _source(tracer: Tracer, name: str, functions: Sequence[Function]) -> str:
-    nodes = needed([node for own in functions for node in own.nodes])
-    curves = curves_of(nodes)
-    parts = [f'#include "{name}.h"\n\n#include <math.h>']
-    sizes = [f"#define {name.upper()}_PIECES_{k} {len(tracer.graph.curves[k].pieces)}" for k in curves]
-    parts += ["\n".join(sizes)] if sizes else []
-    for kind, suffix in (("double", ""), ("float", "f")):
-        dialect = _dialect(name, kind, suffix)
-        parts += [_table(tracer, name, k, kind, suffix, dialect) for k in curves]
-        parts += [_HELPERS[word].format(T=kind, n=name, s=suffix) for word in _used(nodes)]
-        parts += [_function(tracer, name, own, kind, suffix, dialect) for own in functions]
-    return "\n\n".join(parts) + "\n"
+def _used(nodes: Sequence[Node]) -> set[str]:
+    """Helpers that some nodes ask for."""
+    roots = {float(node.arguments[2]) == 1 / 3 for node in nodes if node.operation == "signed_power"}
+    return {node.operation for node in nodes} | {"root" if root else "any_power" for root in roots}
 
 
-def _used(nodes: Sequence[Node]) -> list[str]:
-    """Helpers that some nodes ask for, in the order in which they are defined."""
-    powers = [node for node in nodes if node.operation == "signed_power"]
-    roots = [float(node.arguments[2]) == 1 / 3 for node in powers]
-    wanted = {node.operation for node in nodes} & {"sign", "above", "at_least", "curve"}
-    wanted |= {"smooth"} if powers else set()
-    wanted |= ({"root"} if any(roots) else set()) | ({"power"} if not all(roots) else set())
-    return [word for word in _HELPERS if word in wanted]
+def _function(name: str, tracer: Tracer, own: Function, kind: str, suffix: str) -> dict[str, object]:
+    """Signature and body of a function."""
+
+    # What is kept is written where it was read: it is read first.
+    def word(array: str, k: int) -> str:
+        return f"kept_{k}" if array == "memory" else f"{array}[{k}]"
+
+    lines, results = own.body(_dialect(name, kind, suffix), word)
+    named = own.variables(word)
+    body = [f"const {kind} {named[letter]} = memory[{letter[1:]}];" for letter in named if letter[0] == "m"]
+    asked = {variable if variable in ("t", "dt") else variable[0] for variable in named} | {"m"}
+    body += [*lines, *(f"(void){given};" for given in own.arguments if ARRAYS.get(given, given) not in asked)]
+    body += [f"{output}[{k}] = {found};" for output, words in results.items() for k, found in enumerate(words)]
+    return {"signature": _signature(name, tracer, own, kind, suffix), "body": body}
 
 
-def _table(tracer: Tracer, name: str, number: int, kind: str, suffix: str, dialect: Dialect) -> str:
-    curve = tracer.graph.curves[number]
-    breaks = ", ".join(dialect.number(value) for value in curve.breaks.tolist())
-    rows = ",\n".join(
-        "    {" + ", ".join(dialect.number(value) for value in row) + "}" for row in curve.pieces.tolist()
+def _selftest(tracer: Tracer, functions: Sequence[Function]) -> str:
+    table, moved = states(tracer.model, _STATES), swing(tracer.model, _STATES)
+    still, walked = expected(tracer, table, settled=True), expected(tracer, moved)
+    return rendered(
+        "selftest.c.j2",
+        name=identifier(tracer.model.machine.name),
+        joints=len(tracer.model.joints),
+        memory=len(tracer.memory),
+        more=[k * len(tracer.model.joints) for k in range(len(functions[-1].outputs) - 2)],  # beside tau and memory
+        table=np.column_stack([*table, still]),
+        moved=np.column_stack([*moved, walked]),
+        dt=repr(1.0 / tracer.model.machine.rate_hz),
+        largest=repr(float(np.max(np.abs(np.vstack([still, walked])))) or 1.0),
+        tolerance=TOLERANCE,
     )
-    return (
-        f"static const {kind} {name}_breaks_{number}{suffix}[] = {{{breaks}}};\n"
-        f"static const {kind} {name}_pieces_{number}{suffix}[][4] = {{\n{rows}\n}};"
-    )
-
-
-def _function(tracer: Tracer, name: str, own: Function, kind: str, suffix: str, dialect: Dialect) -> str:
-    joints, words = len(tracer.model.joints), {"q": "q", "v": "qd", "a": "qdd"}
-    named = {f"{letter}{j}": f"{words[letter]}[{j}]" for letter in own.letters for j in range(joints)} | {"t": "t"}
-    targets = {f"{output}[{j}]": node for output, nodes in own.outputs.items() for j, node in enumerate(nodes)}
-    lines, results = statements(targets, dialect, named)
-    asked = {str(node.value) for node in needed(own.nodes) if node.operation == "variable"}
-    unused = [f"    (void){words[letter]};" for letter in own.letters if not any(a[0] == letter for a in asked)]
-    unused += ["    (void)t;"] if own.timed and "t" not in asked else []
-    body = [*lines, *unused, *(f"    {target} = {word};" for target, word in results.items())]
-    return "\n".join([_signature(name, own, joints, kind, suffix), "{", *body, "}"])
-
-
-def states(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """States within the limits of the machine, the same at each call: ``q, qd, qdd`` (count, n) and ``t`` (count,)."""
-    rng = np.random.default_rng(0)
-    limits = [joint.limits for joint in model.machine.joints]
-    low, high = np.array([own.position for own in limits]).T
-    shape = (count, len(limits))
-    q = rng.uniform(low, high, shape)
-    qd = rng.uniform(-1, 1, shape) * np.array([own.velocity for own in limits])
-    qdd = rng.uniform(-1, 1, shape) * np.array([own.acceleration for own in limits])
-    qd[: count // 8] = 0.0
-    return q, qd, qdd, rng.uniform(0.0, model.passes[-1].ranges[0].time[1], count)
-
-
-def _selftest(tracer: Tracer, name: str) -> str:
-    q, qd, qdd, t = states(tracer.model, _STATES)
-    efforts = motion.on_motion(tracer.carried, q, qd, qdd, t).joint_effort(0)
-    dialect, joints = Dialect(), q.shape[1]
-    rows = [
-        "    {" + ", ".join(dialect.number(float(value)) for value in row) + "}"
-        for row in np.hstack([q, qd, qdd, t[:, None], efforts])
-    ]
-    largest = dialect.number(float(np.max(np.abs(efforts))) or 1.0)
-    return f"""/* Compares the compiled model with a table of what hilfit says: exits with 1 if they differ. */
-#include "{name}.h"
-
-#include <math.h>
-#include <stdio.h>
-
-/* q, qd, qdd, t, joint efforts */
-static const double table[{len(rows)}][{4 * joints + 1}] = {{
-{(f",{chr(10)}").join(rows)}
-}};
-
-int main(void)
-{{
-    double worst = 0, worst_float = 0;
-    int row, k;
-    for (row = 0; row < {len(rows)}; ++row) {{
-        const double *state = table[row];
-        const double *expected = state + {3 * joints + 1};
-        double tau[{joints}];
-        float single[{3 * joints}], tau_float[{joints}];
-        for (k = 0; k < {3 * joints}; ++k) {{
-            single[k] = (float)state[k];
-        }}
-        {name}_inverse_dynamics(state, state + {joints}, state + {2 * joints}, state[{3 * joints}], tau);
-        {name}_inverse_dynamicsf(single, single + {joints}, single + {2 * joints}, (float)state[{3 * joints}],
-                                 tau_float);
-        for (k = 0; k < {joints}; ++k) {{
-            worst = fmax(worst, fabs(tau[k] - expected[k]) / {largest});
-            worst_float = fmax(worst_float, fabs((double)tau_float[k] - expected[k]) / {largest});
-        }}
-    }}
-    printf("largest difference over the largest effort: doubles %.2g, floats %.2g\\n", worst, worst_float);
-    return worst <= {TOLERANCE["double"]!r} && worst_float <= {TOLERANCE["float"]!r} ? 0 : 1;
-}}
-"""

@@ -1,8 +1,9 @@
 """The model as functional mock-up units, FMI 3.0 and FMI 2.0: blocks of the exported C for simulators.
 
-Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. Both
-units serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries
-of its platform.
+Positions, speeds and accelerations go in; efforts, gravity, friction and pressures come out, of the same moment. What
+a model remembers is kept from one communication point, or accepted step of the integrator, to the next. Both units
+serve Model Exchange and Co-Simulation and hold their sources; the C compiler of this computer makes the binaries of its
+platform.
 """
 
 from __future__ import annotations
@@ -12,21 +13,19 @@ import shutil
 import subprocess
 import sys
 import tempfile
-import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
+from typing import Any
 from uuid import NAMESPACE_URL, uuid5
-
-import jinja2
 
 from daq.errors import InputError
 from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.c import Function, c_files, functions_of, identifier
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.c import c_files
+from fitting.model.export.functions import Function, functions_of, identifier, rendered
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, require_folder, said_of
 
 #: Units by what SI makes of them: exponents of kg, m, s, rad.
@@ -39,6 +38,7 @@ _UNITS = {
     "m/s2": {"m": 1, "s": -2},
     "N.m": {"kg": 1, "m": 2, "s": -2},
     "N": {"kg": 1, "m": 1, "s": -2},
+    "1": {},
     "Pa": {"kg": 1, "m": -1, "s": -2},
 }
 #: Output of a function of the C, its name in the unit, what it is.
@@ -47,6 +47,7 @@ _OUTPUTS = {
     ("gravity", "tau"): ("gravity", "effort that holds the links still"),
     ("friction", "tau"): ("friction", "effort that changes its sign with the speed's"),
     ("drive_efforts", "force"): ("drive", "effort of the drive"),
+    ("beyond", "flag"): ("beyond", "1 where the motion is beyond what was recorded"),
     ("pressures", "head"): ("head", "head pressure"),
     ("pressures", "rod"): ("rod", "rod pressure"),
 }
@@ -75,7 +76,7 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
         If the folder is a file, or the compiler refuses.
     """
     require_folder(path)
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     name, functions = identifier(model.machine.name), functions_of(tracer)
     left_out = list(tracer.left_out)
     compiler = shutil.which("cc")
@@ -85,9 +86,18 @@ def write_fmu(model: ArmModel, path: Path) -> Written:
     for version in (3, 2):
         sources = _sources(tracer, name, functions, version)
         content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
-        content["modelDescription.xml"] = _xml(_description(model, name, functions, version, left_out))
+        words: dict[str, Any] = {
+            "name": name,
+            "title": model.machine.name,
+            "token": _token(model),
+            "step": _step(model),
+            "units": _UNITS,
+        }
+        words |= {"said": said_of(model, left_out), "variables": variables_of(model, functions)}
+        description = rendered("modelDescription.xml.j2", version=version, new=version == 3, **words)
+        content["modelDescription.xml"] = description.encode()
         if version == 3:
-            content["sources/buildDescription.xml"] = _xml(_build_description(name))
+            content["sources/buildDescription.xml"] = rendered("buildDescription.xml.j2", name=name).encode()
         if compiler is not None:
             folder, suffix = binary_place(version)
             content[f"binaries/{folder}/{name}{suffix}"] = _compiled(compiler, sources)
@@ -121,39 +131,45 @@ def variables_of(model: ArmModel, functions: Sequence[Function]) -> list[Variabl
             unit = ("rad" if turns else "m") + per
             result.append(Variable(f"{word}[{joint + 1}]", unit, f"{what} of {name}", False))
     for own in functions:
-        for output in own.outputs:
+        for output in own.outputs if own.name not in ("init", "step") else ():
             word, says = _OUTPUTS[own.name, output]
             for joint, (name, turns) in enumerate(zip(model.joints, turning, strict=True)):
                 cylinder = model.arm.joints[joint].cylinder is not None
                 unit = "N.m" if turns and not (word == "drive" and cylinder) else "N"
-                unit = "Pa" if own.name == "pressures" else unit
+                unit = {"pressures": "Pa", "beyond": "1"}.get(own.name, unit)
                 result.append(Variable(f"{word}[{joint + 1}]", unit, f"{says}, {name}", True))
     return result
 
 
 def _sources(tracer: Tracer, name: str, functions: Sequence[Function], version: int) -> dict[str, str]:
     """Texts of the C by name."""
-    n, starts, calls, place = len(tracer.model.joints), {"q": 0, "v": 1, "a": 2}, list[str](), 0
+    n = len(tracer.model.joints)
+    given = {word: f"in + {k * n}" for k, word in enumerate(("q", "qd", "qdd"))}
+    given |= {"t": "arm->values[0]", "dt": "dt", "memory": "arm->memory"}
+    outputs = [(own.name, output) for own in functions for output in own.outputs if (own.name, output) in _OUTPUTS]
+    places = {own: f"out + {k * n}" for k, own in enumerate(outputs)}
+    same = {"tau": "inverse_dynamics", "force": "drive_efforts", "head": "pressures", "rod": "pressures"}
+    calls = {}
     for own in functions:
-        given = [f"in + {starts[letter] * n}" for letter in own.letters] + ["arm->values[0]"] * own.timed
-        taken = [f"out + {place + k * n}" for k in range(len(own.outputs))]
-        place += n * len(own.outputs)
-        calls.append(f"{name}_{own.name}({', '.join([*given, *taken])});")
-    model_c = c_files(tracer)
-    room = files("fitting.model.export")
-    template = jinja2.Template(
-        room.joinpath("fmi_instance.h.j2").read_text(encoding="utf-8"),
-        trim_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": place, "calls": calls}
+        taken = [
+            places.get((own.name, output)) or places.get((same.get(output, ""), output), given.get(output, ""))
+            for output in own.outputs
+            if output not in own.arguments
+        ]
+        calls[own.name] = f"{name}_{own.name}({', '.join([*(given[word] for word in own.arguments), *taken])});"
+    words = {"name": name, "token": _token(tracer.model), "inputs": 3 * n, "outputs": n * len(outputs)}
     return {
-        f"{name}.h": model_c[f"{name}.h"],
-        f"{name}.c": model_c[f"{name}.c"],
-        "fmi_instance.h": template.render(words),
-        "fmi.c": room.joinpath(f"fmi{version}.c").read_text(encoding="utf-8"),
+        **c_files(tracer, functions),
+        "fmi_instance.h": rendered(
+            "fmi_instance.h.j2", calls=calls, memory=len(tracer.memory), step=_step(tracer.model), **words
+        ),
+        "fmi.c": rendered(f"fmi{version}.c"),
     }
+
+
+def _step(model: ArmModel) -> str:
+    """Seconds between the samples of the recordings."""
+    return repr(1.0 / model.machine.rate_hz)
 
 
 def _token(model: ArmModel) -> str:
@@ -178,80 +194,3 @@ def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
             line = next(iter(done.stderr.strip().splitlines()), "no reason given")
             raise InputError(f"export: the C compiler {compiler} refuses the unit: {line}")
         return (folder / "arm").read_bytes()
-
-
-def _xml(root: ET.Element) -> bytes:
-    ET.indent(root)
-    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode").encode()
-
-
-def _description(
-    model: ArmModel, name: str, functions: Sequence[Function], version: int, left_out: Sequence[str]
-) -> ET.Element:
-    """``modelDescription.xml``."""
-    new = version == 3
-    root = ET.Element(
-        "fmiModelDescription",
-        {
-            "fmiVersion": "3.0" if new else "2.0",
-            "modelName": model.machine.name,
-            "instantiationToken" if new else "guid": _token(model),
-            "description": " ".join(said_of(model, left_out)),
-            "generationTool": "hilfit",
-            "variableNamingConvention": "structured",
-            **({} if new else {"numberOfEventIndicators": "0"}),
-        },
-    )
-    for kind in ("ModelExchange", "CoSimulation"):
-        more = {"canHandleVariableCommunicationStepSize": "true"} if kind == "CoSimulation" else {}
-        element = ET.SubElement(root, kind, {"modelIdentifier": name, **more})
-        if not new:
-            sources = ET.SubElement(element, "SourceFiles")
-            for file in (f"{name}.c", "fmi.c"):
-                ET.SubElement(sources, "File", name=file)
-    variables = variables_of(model, functions)
-    units = ET.SubElement(root, "UnitDefinitions")
-    for unit in dict.fromkeys(own.unit for own in variables):
-        element = ET.SubElement(units, "Unit", name=unit)
-        ET.SubElement(element, "BaseUnit", {base: str(power) for base, power in _UNITS[unit].items()})
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stepSize=repr(1.0 / model.machine.rate_hz))
-    (_variables_3 if new else _variables_2)(root, variables)
-    return root
-
-
-def _variables_3(root: ET.Element, variables: Sequence[Variable]) -> None:
-    place = ET.SubElement(root, "ModelVariables")
-    ET.SubElement(place, "Float64", name="time", valueReference="0", causality="independent", variability="continuous")
-    structure = ET.SubElement(root, "ModelStructure")
-    for number, own in enumerate(variables, 1):
-        element = ET.SubElement(place, "Float64", {"name": own.name, "valueReference": str(number)})
-        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says, "unit": own.unit}
-        element.attrib |= {} if own.output else {"start": "0"}
-        if own.output:
-            ET.SubElement(structure, "Output", valueReference=str(number))
-    for number, own in enumerate(variables, 1):
-        if own.output:
-            ET.SubElement(structure, "InitialUnknown", valueReference=str(number))
-
-
-def _variables_2(root: ET.Element, variables: Sequence[Variable]) -> None:
-    place = ET.SubElement(root, "ModelVariables")
-    structure = ET.SubElement(root, "ModelStructure")
-    outputs, unknowns = ET.SubElement(structure, "Outputs"), ET.SubElement(structure, "InitialUnknowns")
-    for number, own in enumerate(variables, 1):
-        element = ET.SubElement(place, "ScalarVariable", {"name": own.name, "valueReference": str(number)})
-        element.attrib |= {"causality": "output" if own.output else "input", "description": own.says}
-        ET.SubElement(element, "Real", {"unit": own.unit} | ({} if own.output else {"start": "0"}))
-        if own.output:
-            ET.SubElement(outputs, "Unknown", index=str(number))
-            ET.SubElement(unknowns, "Unknown", index=str(number))
-
-
-def _build_description(name: str) -> ET.Element:
-    root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
-    configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=name)
-    sources = ET.SubElement(configuration, "SourceFileSet", language="C99")
-    for file in (f"{name}.c", "fmi.c"):
-        ET.SubElement(sources, "SourceFile", name=file)
-    ET.SubElement(configuration, "Library", name="m")
-    return root

@@ -70,12 +70,14 @@ class Table:
     error: float
 
 
-def tabled(quantity: Quantity, rng: np.random.Generator) -> Table | str:
-    """A quantity as a table over the variables that it depends on; a line that says why not."""
+def tabled(quantity: Quantity, rng: np.random.Generator) -> Table | str | None:
+    """A quantity as a table over the variables that it depends on; a line that says why not, None of nothing."""
     low, high = quantity.low, quantity.high
     points = rng.uniform(low, high, (_TRIALS, len(low)))
     first = quantity.value(points)
-    scale = float(np.max(np.abs(first))) or 1.0
+    scale = float(np.max(np.abs(first)))
+    if scale == 0.0:
+        return None
     chosen = []
     for k in range(len(low)):
         moved = points.copy()

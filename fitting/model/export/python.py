@@ -14,10 +14,11 @@ import numpy.typing as npt
 from daq.recordings.recording_files import replacing
 from fitting.arm.expected import expected_power
 from fitting.model.arm_model import ArmModel
+from fitting.model.export.functions import ARRAYS, Function, functions_of, rendered
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import Curve, Node
 from fitting.model.export.tracing.moment import State
-from fitting.model.export.tracing.tracing import Tracer
+from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading
 
 FloatArray = npt.NDArray[np.float64]
@@ -39,79 +40,10 @@ DIALECT = Dialect(
     }
 )
 
-_HELPERS = '''
-def above(a, b):
-    return np.greater(a, b) * 1.0
-
-
-def at_least(a, b):
-    return np.greater_equal(a, b) * 1.0
-
-
-def _kummer(a, z):
-    """Kummer's M(a, 3/2, z) for z >= 0: a sum of positive terms."""
-    term = np.ones_like(z)
-    total = np.ones_like(z)
-    for k in range(200):
-        term = term * ((a + k) / (1.5 + k) / (k + 1.0)) * z
-        total = total + term
-        if np.all(term <= 1e-17 * total):
-            break
-    return total
-
-
-def erf(x):
-    """Error function: 2 x / sqrt(pi) exp(-x^2) M(1, 3/2, x^2)."""
-    x = np.asarray(x, dtype=float)
-    inside = np.clip(x, -6.0, 6.0)
-    square = inside * inside
-    return np.where(np.abs(x) < 6.0, 1.1283791670955126 * inside * np.exp(-square) * _kummer(1.0, square), np.sign(x))
-
-
-def signed_power(v, noise, p, factor):
-    """Expectation of |v|^p sgn v of a speed v that was measured with normal noise."""
-    v = np.asarray(v, dtype=float)
-    far = np.abs(v) ** p * np.sign(v)
-    if noise <= 0.0:
-        return far
-    u = v / noise
-    near = np.abs(u) < 6.0
-    inverse = 1.0 / np.where(near, 1.0, u) ** 2
-    far = far * (1.0 + p * (p - 1.0) / 2.0 * inverse * (1.0 + (p - 2.0) * (p - 3.0) / 4.0 * inverse))
-    if not np.any(near):
-        return far
-    inside = np.where(near, u, 0.0)
-    z = 0.5 * inside * inside
-    return np.where(near, factor * inside * np.exp(-z) * _kummer(1.0 + p / 2.0, z), far)
-
-
-def curve(x, breaks, pieces):
-    """Piecewise cubic, constant beyond its ends."""
-    inside = np.clip(x, breaks[0], breaks[-1])
-    k = np.clip(np.searchsorted(breaks, inside, side="right") - 1, 0, len(pieces) - 1)
-    d = inside - breaks[k]
-    c = pieces[k]
-    return ((c[..., 0] * d + c[..., 1]) * d + c[..., 2]) * d + c[..., 3]
-'''
-
-
-def _rows(name: str, arguments: str, joints: int, letters: str, lines: list[str], words: list[str]) -> str:
-    """A function on arrays (N, n)."""
-    given = {"q": "q", "v": "qd", "a": "qdd"}
-    first = [f"    {given[letter]} = np.asarray({given[letter]}, dtype=float)" for letter in letters]
-    unpacked = [
-        f"    {', '.join(f'{letter}{j}' for j in range(joints))}{',' if joints == 1 else ''} = "
-        f"({', '.join(f'{given[letter]}[..., {j}]' for j in range(joints))}{',' if joints == 1 else ''})"
-        for letter in letters
-    ]
-    still = "np.zeros(np.shape(q)[:-1])"
-    result = [f"    return np.stack([{', '.join(f'{word} + {still}' for word in words)}], axis=-1)"]
-    return "\n".join([f"def {name}({arguments}):", *first, *unpacked, *lines, *result])
-
 
 def write_python(model: ArmModel, path: Path) -> Written:
     """Write the model as a Python module."""
-    tracer = Tracer(model)
+    tracer = tracer_of(model)
     text = python_source(tracer)
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -120,34 +52,41 @@ def write_python(model: ArmModel, path: Path) -> Written:
 
 def python_source(tracer: Tracer) -> str:
     """Text of the module."""
-    state, n = tracer.variables(), len(tracer.model.joints)
-    found = tracer.efforts(state)
-    named = {f"{letter}{j}": f"{letter}{j}" for j in range(n) for letter in "qva"} | {"t": "t"}
-    groups: list[tuple[str, str, str, list[Node]]] = [
-        ("inverse_dynamics", "q, qd, qdd, t=0.0", "qva", list(found.joint)),
-        ("drive_efforts", "q, qd, qdd, t=0.0", "qva", list(found.drive)),
-        ("gravity", "q", "q", list(tracer.gravity(state.q))),
-        ("friction", "q, qd, t=0.0", "qv", list(tracer.friction(state))),
-    ]
-    if all(node is not None for node in (*found.head, *found.rod)):
-        groups.append(("head_pressures", "q, qd, qdd, t=0.0", "qva", [node for node in found.head if node is not None]))
-        groups.append(("rod_pressures", "q, qd, qdd, t=0.0", "qva", [node for node in found.rod if node is not None]))
-    functions = []
-    for name, arguments, letters, nodes in groups:
-        lines, words = statements({str(k): node for k, node in enumerate(nodes)}, DIALECT, named)
-        functions.append(_rows(name, arguments, n, letters, lines, [words[str(k)] for k in range(len(nodes))]))
-    tables = [
-        f"    {number}: (np.array({curve.breaks.tolist()!r}), np.array({curve.pieces.tolist()!r})),"
-        for number, curve in enumerate(tracer.graph.curves)
-        if number in set(curves_of([node for group in groups for node in group[3]]))
-    ]
-    head = '"""' + "\n".join(heading(tracer)) + '\n"""\n'
-    imports = (
-        "\nimport numpy as np\nfrom numpy import cos, exp, expm1, hypot, maximum, minimum, sign, sin, sqrt, tanh\n"
+    functions = list[Function]()
+    for own in functions_of(tracer):  # a function has one value, but for what is kept beside it
+        apart = own.name == "pressures"
+        functions += (
+            [Function(f"{k}_pressures", own.arguments, {k: v}) for k, v in own.outputs.items()] if apart else [own]
+        )
+    used = curves_of([node for own in functions for node in own.nodes])
+    return rendered(
+        "arm.py.j2",
+        said=heading(tracer),
+        joints=list(tracer.model.joints),
+        curves=[
+            {
+                "number": k,
+                "breaks": tracer.graph.curves[k].breaks.tolist(),
+                "pieces": tracer.graph.curves[k].pieces.tolist(),
+            }
+            for k in used
+        ],
+        functions=[_function(own) for own in functions],
     )
-    constants = f"\nJOINTS = {list(tracer.model.joints)!r}\nCURVES = {{\n" + "\n".join([*tables, "}"]) + "\n"
-    body = "\n\n\n".join(functions)
-    return f"{head}{imports}{constants}\n{_HELPERS}\n\n{body}\n"
+
+
+def _function(own: Function) -> dict[str, Any]:
+    """A function on arrays (N, n)."""
+    given = [word for word in own.arguments if word in ARRAYS]
+    lines, words = own.body(DIALECT, lambda array, k: f"{ARRAYS[array]}{k}")
+    asked = own.variables(lambda array, k: f"{ARRAYS[array]}{k}")
+    first = [f"{word} = np.asarray({word}, dtype=float)" for word in given]
+    first += [f"{name} = {word}[..., {name[1:]}]" for word in given for name in asked if name[0] == ARRAYS[word]]
+    late = own.arguments[-1] == "t"  # what is one of several moments has a time
+    arguments = ", ".join("t=0.0" if word == "t" and late else word for word in own.arguments)
+    results = [f"np.stack([{', '.join(f'{word} + still' for word in own)}], axis=-1)" for own in words.values()]
+    body = [*first, "still = np.zeros(q.shape[:-1])", *lines]
+    return {"name": own.name, "arguments": arguments, "body": body, "results": results}
 
 
 @dataclass(frozen=True)

@@ -2,118 +2,89 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
+from daq.errors import InputError
+from daq.machine.linkages import Rack, ThreePin, reduced
 from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.bodies import Body, bodies_of, not_in_bodies
+from fitting.model.export.bodies import Bodies, bodies_of, not_in_bodies, tendon_of
+from fitting.model.export.functions import rendered
 from fitting.model.export.words import Written, said_of
 
 FloatArray = npt.NDArray[np.float64]
 
 
-def write_urdf(model: ArmModel, path: Path) -> Written:
+def write_urdf(model: ArmModel, path: Path, *, possible: bool = False) -> Written:
     """Write links, joints and their limits as URDF; friction and damping of drives that act on a joint directly."""
-    bodies = bodies_of(model)
-    left = not_in_bodies(model, bodies, drives=True)
-    inertia = [f"inertia of the drive of {joint}: {value:.6g}" for joint, value in _armatures(model).items() if value]
-    robot = ET.Element("robot", name=model.machine.name)
-    ET.SubElement(robot, "link", name="base")
-    before = "base"
-    for number, body in enumerate(bodies.links):
-        link = ET.SubElement(robot, "link", name=f"{body.name}_link")
-        inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "origin", xyz=_numbers(body.centre), rpy="0 0 0")
-        ET.SubElement(inertial, "mass", value=_number(body.mass))
-        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        values = body.inertia[np.triu_indices(3)]
-        ET.SubElement(inertial, "inertia", {name: _number(v) for name, v in zip(names, values, strict=True)})
-        joint = ET.SubElement(robot, "joint", name=body.name, type="revolute" if body.revolute else "prismatic")
-        angles = Rotation.from_matrix(body.place[:3, :3]).as_euler("xyz")
-        ET.SubElement(joint, "origin", xyz=_numbers(body.place[:3, 3]), rpy=_numbers(angles))
-        ET.SubElement(joint, "parent", link=before)
-        ET.SubElement(joint, "child", link=f"{body.name}_link")
-        ET.SubElement(joint, "axis", xyz="0 0 1")
-        limits = model.arm.joints[number].limits
-        ET.SubElement(
-            joint,
-            "limit",
-            lower=_number(limits.position[0]),
-            upper=_number(limits.position[1]),
-            velocity=_number(limits.velocity),
-            effort=_number(_largest(model, number)),
-        )
-        dry, viscous = _friction(model, number)
-        if dry or viscous:
-            ET.SubElement(joint, "dynamics", damping=_number(viscous), friction=_number(dry))
-        before = f"{body.name}_link"
-    gravity = ", ".join(f"{g:g}" for g in model.arm.gravity)
-    lines = (*left, *inertia, f"gravity, which the format has no place for: ({gravity}) m/s^2 in the base's frame")
-    return _written(model, path, robot, lines)
+    model, said = _moving(model, possible)
+    bodies = bodies_of(model, possible=possible)
+    drives = [_drive(model, number) for number in range(len(model.joints))]
+    left = [
+        f"inertia of the drive of {name}: {own['inertia']:.6g}"
+        for name, own in zip(model.joints, drives, strict=True)
+        if own["inertia"]
+    ]
+    gravity = ", ".join(f"{g:.6g}" for g in bodies.gravity)
+    left.append(f"gravity, which the format has no place for: ({gravity}) m/s^2 in the base's frame")
+    return _written(model, path, "arm.urdf.j2", bodies, (*said, *not_in_bodies(model, bodies), *left))
 
 
-def write_mjcf(model: ArmModel, path: Path) -> Written:
-    """Write links, joints and gravity as MJCF; friction, damping and inertia of drives that act on a joint directly."""
-    bodies = bodies_of(model)
-    root = ET.Element("mujoco", model=model.machine.name)
-    ET.SubElement(root, "compiler", angle="radian", inertiafromgeom="false", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=_numbers(np.asarray(model.arm.gravity, dtype=float)))
-    parent, armatures = ET.SubElement(root, "worldbody"), _armatures(model)
-    for number, body in enumerate(bodies.links):
-        parent = _mjcf_body(parent, body)
-        dry, viscous = _friction(model, number)
-        limits = model.arm.joints[number].limits.position
-        ET.SubElement(
-            parent,
-            "joint",
-            name=body.name,
-            type="hinge" if body.revolute else "slide",
-            axis="0 0 1",
-            range=_numbers(np.array(limits)),
-            limited="false",
-            damping=_number(viscous),
-            frictionloss=_number(dry),
-            armature=_number(armatures[body.name]),
-        )
-    return _written(model, path, root, not_in_bodies(model, bodies, drives=True))
+def write_mjcf(model: ArmModel, path: Path, *, possible: bool = False) -> Written:
+    """Write links, joints, gravity and drives as MJCF: cylinders are tendons that two pressures pull on."""
+    model, said = _moving(model, possible)
+    bodies = bodies_of(model, possible=possible)
+    return _written(model, path, "arm.mjcf.j2", bodies, (*said, *not_in_bodies(model, bodies, cylinders=True)))
 
 
-def _mjcf_body(parent: ET.Element, body: Body) -> ET.Element:
-    quaternion = Rotation.from_matrix(body.place[:3, :3]).as_quat(scalar_first=True)
-    own = ET.SubElement(
-        parent, "body", name=f"{body.name}_link", pos=_numbers(body.place[:3, 3]), quat=_numbers(quaternion)
+def _moving(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, ...]]:
+    """The model, or if asked for the nearest that can move, and what that costs; refused where it cannot."""
+    wrong = motion.indefinite(model)
+    if wrong is None:
+        return model, ()
+    if not possible:
+        raise InputError(f"export: {wrong.text}; --possible writes the nearest model that can move")
+    own = motion.nearest_possible(model)
+    price = motion.price(model, own)
+    cost = "" if price is None else f"; the error on another motion is {100 * price:+.1f} % of the model's own"
+    return own, (f"the drives' inertias as they were found: none is below zero here{cost}",)
+
+
+def _drive(model: ArmModel, number: int) -> dict[str, float]:
+    """A joint's limits, and friction and inertia of a drive that acts on it directly, never below zero."""
+    joint, direct = model.arm.joints[number], model.arm.joints[number].cylinder is None
+    values = _values(model, number) if direct else {}
+    dry, viscous, inertia = (max(values.get(name, 0.0), 0.0) for name in ("f_c", "f_v", "J"))
+    low, high = joint.limits.position
+    limits = {"low": low, "high": high, "velocity": joint.limits.velocity, "effort": _largest(model, number)}
+    return {"dry": dry, "viscous": viscous, "inertia": inertia, **limits}
+
+
+def _values(model: ArmModel, number: int) -> dict[str, float]:
+    return dict(
+        zip(model.parameters.drive[number], model.theta[model.parameters.drive_slice(number)].tolist(), strict=True)
     )
-    values = body.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    ET.SubElement(own, "inertial", pos=_numbers(body.centre), mass=_number(body.mass), fullinertia=_numbers(values))
-    return own
 
 
-def _friction(model: ArmModel, number: int) -> tuple[float, float]:
-    """Coulomb and viscous friction of a drive that acts on its joint directly, never below zero; else zeros."""
-    if model.arm.joints[number].cylinder is not None:
-        return 0.0, 0.0
-    values = dict(zip(model.parameters.drive[number], _drive(model, number), strict=True))
-    return max(values.get("f_c", 0.0), 0.0), max(values.get("f_v", 0.0), 0.0)
-
-
-def _armatures(model: ArmModel) -> dict[str, float]:
-    """Inertia of each joint's direct drive, where it is told apart from the links'."""
-    return {
-        name: max(dict(zip(model.parameters.drive[number], _drive(model, number), strict=True)).get("J", 0.0), 0.0)
-        for number, name in enumerate(model.joints)
-    }
-
-
-def _drive(model: ArmModel, number: int) -> list[float]:
-    values: list[float] = model.theta[model.parameters.drive_slice(number)].tolist()
-    return values
+def _cylinder(model: ArmModel, number: int, place: FloatArray) -> dict[str, Any] | None:
+    """A cylinder as a tendon: where it is pinned, areas, friction, mass and stiffness, never below zero."""
+    cylinder, found = model.arm.joints[number].cylinder, _values(model, number)
+    if cylinder is None or not tendon_of(cylinder):
+        return None
+    values = {name: max(found.get(name, 0.0), 0.0) for name in ("m", "K", "f_c", "f_v")}
+    result = values | {"head": cylinder.head_area, "rod": cylinder.rod_area}
+    result |= {"m": values["m"] + (cylinder.moving_mass or 0.0), "f_v": values["f_v"] + cylinder.damping}
+    linkage = reduced(cylinder.linkage)
+    if isinstance(linkage, ThreePin):  # the joint, a pin on the link before, a pin on the link that moves: a triangle
+        pin = linkage.b * np.array([np.cos(linkage.offset), np.sin(linkage.offset), 0.0])
+        return result | {"fixed": (place @ [linkage.a, 0.0, 0.0, 1.0])[:3], "pin": pin, "rest": linkage.retracted}
+    radius, zero = (linkage.radius, linkage.zero) if isinstance(linkage, Rack) else (1.0, 0.0)
+    return result | {"fixed": None, "radius": radius, "rest": radius * zero}
 
 
 def _largest(model: ArmModel, number: int) -> float:
@@ -125,19 +96,16 @@ def _largest(model: ArmModel, number: int) -> float:
     return float(lever * model.passes[-1].ranges[number].force)
 
 
-def _number(value: float) -> str:
-    return repr(float(value))
-
-
-def _numbers(values: Sequence[float] | FloatArray) -> str:
-    return " ".join(_number(value) for value in values)
-
-
-def _written(model: ArmModel, path: Path, root: ET.Element, left_out: tuple[str, ...]) -> Written:
-    ET.indent(root)
-    said = "\n".join(["", *said_of(model, left_out), ""]).replace("--", "- -")
+def _written(model: ArmModel, path: Path, template: str, bodies: Bodies, left_out: tuple[str, ...]) -> Written:
+    text = rendered(
+        template,
+        said=said_of(model, left_out),
+        name=model.machine.name,
+        links=bodies.links,
+        gravity=bodies.gravity,
+        drives=[_drive(model, number) for number in range(len(model.joints))],
+        cylinders=[_cylinder(model, number, body.place) for number, body in enumerate(bodies.links)],
+    )
     with replacing(path) as temporary:
-        temporary.write_text(
-            f'<?xml version="1.0"?>\n<!--{said}-->\n{ET.tostring(root, encoding="unicode")}\n', encoding="utf-8"
-        )
+        temporary.write_text(text, encoding="utf-8")
     return Written((path,), left_out)

@@ -1,20 +1,24 @@
-"""What a controller would have tables of: the gravity of links and joints, the friction of drives.
+"""What a controller would have tables of: the gravity of links, what springs hold, the friction of drives.
 
 Gravity along parallel axes needs no table of several positions: the part of each link is a function of its own angle to
 the first of these axes (the sum of the joint positions), and a joint bears the parts of its own link and of all behind
-it along these axes.
+it along these axes. What else acts at rest (stiffness, offsets) is a table beside it: both together are the effort at
+rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.effects.base import Effect
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import without
 from fitting.model.export.grids import ROUNDING, Quantity
 
 FloatArray = npt.NDArray[np.float64]
@@ -22,6 +26,37 @@ _TRIALS = 40
 
 
 def gravity_quantities(model: ArmModel) -> list[Quantity]:
+    """The effort at rest: gravity of the links, and what else holds a joint, where there is such."""
+    links = _links(model)
+    return [*_link_quantities(links), *(_held(model, links, joint) for joint in range(len(model.joints)))]
+
+
+def _links(model: ArmModel) -> ArmModel:
+    """The links alone, with what effects change about them."""
+    changes = {
+        number
+        for number, term in enumerate(model.terms)
+        if not isinstance(term.content, Effect) or term.content.body_columns(model.arm, term.shape) is None
+    }
+    own = without(model, changes)
+    drives = np.arange(len(own.theta)) < own.parameters.drive_count
+    return replace(
+        own, passes=tuple(replace(p, theta=np.where(drives[: len(p.theta)], 0.0, p.theta)) for p in own.passes)
+    )
+
+
+def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
+    """What acts at rest beside the links."""
+    return Quantity(
+        f"held_{model.joints[joint]}",
+        f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs",
+        model.machine.joints[joint].effort_unit,
+        tuple(_position(model, k) for k in range(len(model.joints))),
+        lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint],
+    )
+
+
+def _link_quantities(model: ArmModel) -> list[Quantity]:
     """Gravity of links along parallel axes over the link's angle, of other joints over joint positions."""
     limits = np.array([joint.limits.position for joint in model.machine.joints])
     result: list[Quantity] = []

@@ -17,10 +17,9 @@ import numpy as np
 from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.evaluation import without
 from fitting.model.export.grids import Table, grid_points, tabled
 from fitting.model.export.table_quantities import friction_quantities, gravity_quantities
-from fitting.model.export.words import Written, require_folder
+from fitting.model.export.words import Written, refitted, require_folder, said_of
 
 
 def write_csv(model: ArmModel, path: Path) -> Written:
@@ -32,18 +31,24 @@ def write_csv(model: ArmModel, path: Path) -> Written:
         If the folder is a file.
     """
     require_folder(path)
-    numbers = motion.left_out(model, regular=False)
-    left_out = [f"{model.terms[k].id} in friction: it belongs to more than one moment" for k in sorted(numbers)]
-    model = without(model, numbers)
+    past = motion.histories(model)
+    left_out = [f"{model.terms[k].id}: it belongs to the sensors" for k in sorted(motion.left_out(model))]
+    left_out += [f"{model.terms[k].id}: it needs the motion before a moment" for k in sorted(past)]
+    rest = model.rest(past) if past else None
+    left_out += [] if rest is None else refitted(model, rest)
+    whole, model = model, motion.at_rest(rest or model)
     rng = np.random.default_rng(0)
     tables = []
     for quantity in (*gravity_quantities(model), *friction_quantities(model)):
         found = tabled(quantity, rng)
+        if found is None:
+            continue
         if isinstance(found, Table):
             tables.append(found)
         else:
             left_out.append(found)
     files = {f"{own.quantity.name}.csv": _text(own) for own in tables} | {"tables.csv": _index(tables)}
+    files["card.txt"] = "\n".join([*said_of(whole, left_out), ""])
     for name, text in files.items():
         with replacing(path / name) as temporary:
             temporary.write_text(text, encoding="utf-8")

@@ -7,11 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
 from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
+from fitting.model.evaluation import narrow
 
 if TYPE_CHECKING:
     from fitting.model.export.tracing.tracing import Tracer
+
+
+FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -29,15 +36,38 @@ def require_folder(path: Path) -> None:
 
 
 def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
-    """Where a file comes from, and what is not in it, in lines."""
-    made = model.provenance
+    """The model's card in lines: machine, data, range, error, effects, calibration; and what is not in the file."""
+    made, units = model.provenance, [joint.effort_unit for joint in model.machine.joints]
     lines = [
         f"Model of {model.machine.name}, identified {made.created} ({made.verdict}), exported by hilfit.",
         f"Joints: {', '.join(model.joints)}. SI units: rad or m, s, N m or N, Pa.",
     ]
-    lines += [f"Data: {source.role} {source.sha256}" for source in made.data]
+    lines += [f"Data: {source.role} {source.file} {source.sha256}" for source in made.data]
+    lines += [
+        f"Range of {name}: drive {own.x[0]:.4g} to {own.x[1]:.4g}, speed to {own.v:.3g}, effort to {own.force:.3g}."
+        for name, own in zip(model.joints, model.passes[-1].ranges, strict=True)
+    ]
+    errors = model.errors
+    lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors, units)}."]
+    lines += [f"{line[0].upper()}{line[1:]}." for line in narrow(model)]
+    effects = ", ".join(f"{term.id} at {model.place(term)}" for term in model.terms)
+    lines += [f"Effects: {effects or 'none'}."]
     lines += [f"Calibration: {made.calibration}"] if made.calibration else []
     return [*lines, *(f"Not in this file: {line}." for line in left_out)]
+
+
+def per_joint(model: ArmModel, values: FloatArray, units: Sequence[str]) -> str:
+    """A number of each joint with its unit."""
+    return ", ".join(f"{n} {v:.3g} {u}" for n, v, u in zip(model.joints, values.tolist(), units, strict=True))
+
+
+def refitted(model: ArmModel, rest: ArmModel) -> list[str]:
+    """A line that says what a fit without some terms costs."""
+    if model.errors is None or rest.errors is None:
+        return []
+    units = [joint.effort_unit for joint in model.machine.joints]
+    whole, without = per_joint(model, model.errors, units), per_joint(model, rest.errors, units)
+    return [f"the rest was fitted again without it; error on another motion: {without}; of the whole model: {whole}"]
 
 
 def heading(tracer: Tracer) -> list[str]:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from daq.recordings.recording import Recording
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.evaluation import Evaluated
+from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.model.prediction import on_recording
 from fitting.model.uses.feedforward import Trajectory
 
@@ -65,6 +65,8 @@ def energy_of_recording(model: ArmModel, recording: Recording) -> Energy:
 
 def _energy(model: ArmModel, found: Evaluated, *, measured: bool) -> Energy:
     n, dt = len(model.joints), 1.0 / model.machine.rate_hz
+    alone = without(found.model, motion.left_out(found.model))  # what sensors add does no work
+    found = evaluate(alone, found.design.segments, found.starts)
     given, returned, lost, seen, variance = (np.zeros(n) for _ in range(5))
     for index, segment in enumerate(found.design.segments):
         power = found.drive_effort(index) * segment.v

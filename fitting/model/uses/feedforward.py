@@ -102,7 +102,7 @@ def feedforward(model: ArmModel, path: Trajectory, rod: float | None = None) -> 
     found = motion.moving(model, *given)
     head, second = motion.pressures(model, *given, rod=rod)
     lever = motion.levers(model, path.q)
-    gone = motion.left_out(model, regular=True)
+    gone = motion.left_out(model)
     return Feedforward(
         joints=model.joints,
         units=tuple(joint.effort_unit for joint in model.machine.joints),

@@ -3,7 +3,10 @@
 The filters of an identification look seconds to both sides. Here motion comes from parabolas through the last
 :data:`SPAN_S` seconds, which is late by half of that; the effort is as it was measured. The score of a joint is the
 residual over its band: parameters and what the fit left of its recordings; and where a drive hardly moves, as much
-more as its Coulomb friction leaves open there. What counts is what lasts: the smallest score of :data:`LASTS_S`.
+more as its Coulomb friction leaves open there. Where it rests, friction is whatever holds it, up to the Coulomb
+friction either way, and only what is beyond counts: a joint that is held trembles by more than its encoder's noise, so
+a sign of speed says nothing there. What counts is what lasts: the smallest score of :data:`LASTS_S`, and none of a
+stretch's first :data:`QUIET_S`.
 
 What an unchanged machine's scores do was learnt (:mod:`fitting.model.tails`), so a threshold has a rate of false
 alarms. That of the machine is shared by its joints; peaks of several joints at once are one alarm, so the machine's
@@ -51,7 +54,7 @@ class Scores:
     t : (N,) s, of the samples that are judged
     scores : (N, n) residual over its band
     lasting : (N, n) the smallest size of a score over the last :data:`LASTS_S`; 0 where the stretch is younger
-    residual : (N, n) measured minus predicted joint effort, N m or N
+    residual : (N, n) measured minus predicted joint effort, N m or N; of a drive at rest what friction cannot hold
     """
 
     t: FloatArray
@@ -123,17 +126,22 @@ def scores_in(found: Evaluated, index: int) -> Scores:
     error = segment.effort - found.drive_effort(index)
     band = np.hypot(found.parameter_std(index), model.residual_std)
     for joint in range(error.shape[1]):
-        known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
-        open_friction = _coulomb(model, joint) * np.sqrt(np.maximum(1.0 - known**2, 0.0))
-        band[:, joint] = np.hypot(band[:, joint], open_friction)
-    scores = error / band
-    return Scores(segment.t, scores, _lasting(scores, round(LASTS_S * model.bank.rate_hz)), segment.r * error)
+        known, most = expected_sign(segment.v[:, joint], model.noise[joint].speed), _coulomb(model, joint)
+        rest = segment.rest[:, joint]
+        held = error[:, joint] + most * known  # with the friction that the sign of speed stands for
+        error[:, joint] = np.where(rest, np.sign(held) * np.maximum(np.abs(held) - most, 0.0), error[:, joint])
+        open_friction = most * np.sqrt(np.maximum(1.0 - known**2, 0.0))
+        band[:, joint] = np.where(rest, band[:, joint], np.hypot(band[:, joint], open_friction))
+    scores, rate = error / band, model.bank.rate_hz
+    lasting = _lasting(scores, round(LASTS_S * rate), round(QUIET_S * rate))
+    return Scores(segment.t, scores, lasting, segment.r * error)
 
 
-def _lasting(scores: FloatArray, before: int) -> FloatArray:
+def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
     sizes = np.zeros_like(scores)
     if len(scores) > before:
         sizes[before:] = np.lib.stride_tricks.sliding_window_view(np.abs(scores), before + 1, axis=0).min(axis=-1)
+    sizes[:first] = 0.0
     return sizes
 
 

@@ -59,11 +59,11 @@ def with_doubts(model: Model) -> Model:
         return model
     rows = model.rows()
     covariance = _with_shapes(model, rows)
-    covariance = covariance + np.diag(law_variances(model, rows))
+    hidden = law_variances(model, rows)
     freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design.bank.reduced_rate_hz)
     factors = coverage_factors(freedom) * sandwich_factors(model, rows)
-    covariance = covariance * factors[:, None] * factors[None, :]
-    return replace(model, fit=replace(model.fit, covariance=covariance))
+    covariance = (covariance + np.diag(hidden)) * factors[:, None] * factors[None, :]
+    return replace(model, fit=replace(model.fit, covariance=covariance, hidden=hidden * factors**2))
 
 
 def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:

@@ -46,6 +46,18 @@ BINARY: dict[str, Callable[[float, float], float]] = {
 }
 
 
+def _unary(operation: str) -> Callable[[Any], Any]:
+    """A method that makes a node of one."""
+    return lambda self: self.graph.unary(operation, self)
+
+
+def _binary(operation: str, *, turned: bool = False) -> Callable[[Any, Any], Any]:
+    """A method that makes a node of two, of the other and this one if they are turned."""
+    if turned:
+        return lambda self, other: self.graph.binary(operation, other, self)
+    return lambda self, other: self.graph.binary(operation, self, other)
+
+
 class Node:
     """A number, a variable, or an operation; made by a :class:`Graph` only."""
 
@@ -61,51 +73,6 @@ class Node:
         """Whether this is the number ``value``."""
         return self.operation == "number" and self.value == value
 
-    def __add__(self, other: Any) -> Any:
-        return self.graph.binary("add", self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return self.graph.binary("add", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return self.graph.binary("sub", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return self.graph.binary("sub", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return self.graph.binary("mul", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return self.graph.binary("mul", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return self.graph.binary("div", self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self.graph.binary("div", other, self)
-
-    def __pow__(self, other: Any) -> Any:
-        return self.graph.binary("power", self, other)
-
-    def __neg__(self) -> Any:
-        return self.graph.unary("neg", self)
-
-    def __abs__(self) -> Any:
-        return self.graph.unary("abs", self)
-
-    def __gt__(self, other: Any) -> Any:
-        return self.graph.binary("above", self, other)
-
-    def __ge__(self, other: Any) -> Any:
-        return self.graph.binary("at_least", self, other)
-
-    def __lt__(self, other: Any) -> Any:
-        return self.graph.binary("above", other, self)
-
-    def __le__(self, other: Any) -> Any:
-        return self.graph.binary("at_least", other, self)
-
     def __bool__(self) -> bool:
         raise TypeError("what this depends on is known only at run time")
 
@@ -115,34 +82,16 @@ class Node:
             return self.value
         raise TypeError("this is known only at run time")
 
-    # The names by which numpy asks objects for its functions.
-    def sin(self) -> Any:
-        """Sine."""
-        return self.graph.unary("sin", self)
-
-    def cos(self) -> Any:
-        """Cosine."""
-        return self.graph.unary("cos", self)
-
-    def exp(self) -> Any:
-        """Exponential."""
-        return self.graph.unary("exp", self)
-
-    def expm1(self) -> Any:
-        """Exponential less one."""
-        return self.graph.unary("expm1", self)
-
-    def tanh(self) -> Any:
-        """Hyperbolic tangent."""
-        return self.graph.unary("tanh", self)
-
-    def sqrt(self) -> Any:
-        """Square root."""
-        return self.graph.unary("sqrt", self)
-
-    def hypot(self, other: Any) -> Any:
-        """Root of the sum of both squares."""
-        return self.graph.binary("hypot", self, other)
+    # Python's signs, and the names by which numpy asks objects for its functions: one line for each operation.
+    __add__, __radd__ = _binary("add"), _binary("add", turned=True)
+    __sub__, __rsub__ = _binary("sub"), _binary("sub", turned=True)
+    __mul__, __rmul__ = _binary("mul"), _binary("mul", turned=True)
+    __truediv__, __rtruediv__ = _binary("div"), _binary("div", turned=True)
+    __gt__, __lt__ = _binary("above"), _binary("above", turned=True)
+    __ge__, __le__ = _binary("at_least"), _binary("at_least", turned=True)
+    __pow__, hypot = _binary("power"), _binary("hypot")
+    __neg__, __abs__, sqrt = _unary("neg"), _unary("abs"), _unary("sqrt")
+    sin, cos, tanh, exp, expm1 = (_unary(name) for name in ("sin", "cos", "tanh", "exp", "expm1"))
 
 
 @dataclass(frozen=True)

@@ -67,11 +67,11 @@ class TracedView(DriveView):
     @cached_property
     def s(self) -> Any:
         """Expected sign of the speed."""
-        return traced([sign(self._graph, self.v[0], self.noise[self.joint].speed)])
+        return traced([sign(self._graph, speed, self.noise[self.joint].speed) for speed in self.v])
 
     def power(self, exponent: float) -> Any:
         """Expected signed power of the speed."""
-        return traced([power(self._graph, self.v[0], self.noise[self.joint].speed, exponent)])
+        return traced([power(self._graph, speed, self.noise[self.joint].speed, exponent) for speed in self.v])
 
 
 def sign(graph: Graph, speed: Value, noise: float) -> Node:

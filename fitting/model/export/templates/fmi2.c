@@ -24,6 +24,7 @@ EXPORT int fmi2SetupExperiment(void *c, int has_tolerance, double tolerance, dou
     return arm_set_time(c, start);
 }
 
+EXPORT int fmi2ExitInitializationMode(void *c) { return arm_accepted(c); }
 EXPORT int fmi2Reset(void *c) { return arm_reset(c); }
 EXPORT int fmi2SetTime(void *c, double time) { return arm_set_time(c, time); }
 
@@ -37,7 +38,7 @@ EXPORT int fmi2SetReal(void *c, const unsigned int *vr, size_t n, const double *
 EXPORT int fmi2DoStep(void *c, double now, double step, int no_set_state)
 {
     (void)no_set_state;
-    return arm_set_time(c, now + step);
+    return arm_step(c, now, step);
 }
 
 EXPORT int fmi2NewDiscreteStates(void *c, EventInfo *info)
@@ -49,9 +50,9 @@ EXPORT int fmi2NewDiscreteStates(void *c, EventInfo *info)
 
 EXPORT int fmi2CompletedIntegratorStep(void *c, int no_set_state, int *enter_event_mode, int *terminate)
 {
-    (void)c, (void)no_set_state;
+    (void)no_set_state;
     *enter_event_mode = *terminate = 0;
-    return OK;
+    return arm_accepted(c);
 }
 
 EXPORT int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *categories)
@@ -62,7 +63,6 @@ EXPORT int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *cat
 
 #define MODE(name) EXPORT int fmi2##name(void *c) { (void)c; return OK; }
 MODE(EnterInitializationMode)
-MODE(ExitInitializationMode)
 MODE(EnterEventMode)
 MODE(EnterContinuousTimeMode)
 MODE(Terminate)

@@ -37,6 +37,7 @@ EXPORT int fmi3EnterInitializationMode(void *c, bool has_tolerance, double toler
     return arm_set_time(c, start);
 }
 
+EXPORT int fmi3ExitInitializationMode(void *c) { return arm_accepted(c); }
 EXPORT int fmi3Reset(void *c) { return arm_reset(c); }
 EXPORT int fmi3SetTime(void *c, double time) { return arm_set_time(c, time); }
 
@@ -56,7 +57,7 @@ EXPORT int fmi3DoStep(void *c, double now, double step, bool no_set_state, bool 
     (void)no_set_state;
     *events = *terminate = *early = false;
     *last = now + step;
-    return arm_set_time(c, now + step);
+    return arm_step(c, now, step);
 }
 
 EXPORT int fmi3UpdateDiscreteStates(void *c, bool *again, bool *terminate, bool *nominals, bool *states, bool *defined,
@@ -70,9 +71,9 @@ EXPORT int fmi3UpdateDiscreteStates(void *c, bool *again, bool *terminate, bool 
 
 EXPORT int fmi3CompletedIntegratorStep(void *c, bool no_set_state, bool *enter_event_mode, bool *terminate)
 {
-    (void)c, (void)no_set_state;
+    (void)no_set_state;
     *enter_event_mode = *terminate = false;
-    return OK;
+    return arm_accepted(c);
 }
 
 EXPORT int fmi3SetDebugLogging(void *c, bool on, size_t n, const char *const *categories)
@@ -82,7 +83,6 @@ EXPORT int fmi3SetDebugLogging(void *c, bool on, size_t n, const char *const *ca
 }
 
 #define MODE(name) EXPORT int fmi3##name(void *c) { (void)c; return OK; }
-MODE(ExitInitializationMode)
 MODE(EnterEventMode)
 MODE(EnterContinuousTimeMode)
 MODE(EnterStepMode)
