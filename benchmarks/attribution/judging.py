@@ -62,7 +62,7 @@ def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> 
 
 def said_of(examined: Examined) -> Said:
     """What the loop found, in plain names."""
-    findings, found = examined.kinematics, examined.attribution
+    findings, found = examined.kinematics.findings, examined.attribution
     names = tuple(joint.name for joint in examined.session.machine.joints)
 
     def place(joint: int | None) -> str | None:

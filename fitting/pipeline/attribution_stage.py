@@ -38,6 +38,7 @@ from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.selection.evidence import least_gain
+from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
@@ -52,7 +53,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     corrections, search = found_corrections(session, results), session.search
     found = attributed(session, corrections, progress)
     warnings = [*found.warnings, *([] if search.whole else [said(search)])]
-    silent = found.verdict == "nothing_missing" and not results[Residual].kinematics
+    silent = found.verdict == "nothing_missing" and not (results[Residual].kinematics or results[Residual].laws)
     others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")
     names = tuple(joint.name for joint in session.machine.joints)
@@ -61,7 +62,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         accepted=tuple(_accepted(a) for a in found.accepted),
         candidates=tuple(Tried(c.id, c.joint, c.score, c.status, c.reason) for c in found.candidates if c.id != "law"),
         limits=_limits(found),
-        hypotheses=found.hypotheses,
+        hypotheses=together(results[Residual].hypotheses, found.hypotheses),
         unconfirmed=tuple(_unconfirmed(item, names) for item in found.unconfirmed),
         lines=tuple(
             SpectralLine(

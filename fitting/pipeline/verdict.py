@@ -49,6 +49,8 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     kinematics, said = results[Residual].kinematics, found.verdict
     if said in ("unexplained", "ambiguous"):
         return said, []
+    if results[Residual].laws:
+        return "unexplained", []
     if kinematics:
         return ("ambiguous" if any(f.rivals for f in kinematics) else "effect_added"), []
     if said != "nothing_missing":

@@ -76,6 +76,18 @@ class Slot:
         return result
 
 
+def together(positions: Sequence[Hypothesis], efforts: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Explanations of positions and of efforts as explanations of both, the most probable first.
+
+    What efforts say is said with the positions as they were rebuilt, whichever explanation of those it is.
+    """
+    found = [
+        Hypothesis(tuple({t.label: t for t in (*p.terms, *e.terms)}.values()), p.probability * e.probability)
+        for p, e in product(positions or (Hypothesis((), 1.0),), efforts)
+    ]
+    return tuple(sorted((h for h in found if h.probability > LEAST), key=lambda h: -h.probability)[:MOST_LISTED])
+
+
 def hypotheses(slots: Sequence[Slot], open_: Sequence[Rated]) -> tuple[Hypothesis, ...]:
     """Whole explanations, the most probable first; places are taken for independent.
 

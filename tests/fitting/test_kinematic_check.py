@@ -21,7 +21,7 @@ from synthetic_arm import (
 )
 
 from daq.machine.machine_file import Machine
-from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
+from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematics, step_to_json
 from fitting.loop.session import Options, Session
 from fitting.residual.kinematics import checkable, gap_error
 from fitting.signals.corrections import Corrections
@@ -48,7 +48,8 @@ def gap_left(session: Session, corrections: Corrections, joint: int) -> tuple[fl
 
 
 def test_two_sound_encoders_show_no_eccentricity() -> None:
-    findings, corrections = kinematic_findings(clean_session(2))
+    found = kinematics(clean_session(2))
+    findings, corrections = found.findings, found.corrections
     assert findings == ()
     assert corrections == Corrections(clean_session(2).machine)
 
@@ -57,7 +58,8 @@ def test_two_sound_encoders_show_no_eccentricity() -> None:
 @pytest.mark.parametrize("offset", [0.002, -0.03])
 def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
     session = with_reading(lambda q: q + offset)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "encoder_offset", 1)
     assert "encoder_eccentricity" not in finding.rivals, "an eccentricity without harmonics is an offset"
     if finding.effect.id == "encoder_offset":
@@ -76,7 +78,8 @@ def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int, zeroed: bool) -
     """Encoders are zeroed on the machine, so that the error is zero there and not on average."""
     zero = -0.002 if zeroed else 0.0
     session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q) + zero)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "encoder_eccentricity", 1)
     if finding.effect.id == "encoder_eccentricity" and finding.steps[0].shape["n"] == n:
         assert finding.values == pytest.approx((0.004, 0.002, zero), abs=2e-4)
@@ -94,7 +97,8 @@ def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: f
         motion = make_motion(true, role, seed)
         recordings.append(sample(true, motion, force(true, ARM, motion), role, 1, number=number))
     session = Session(machine, recordings)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "linkage_geometry", 1)
     before, after = gap_left(session, corrections, 1)
     assert before > 10 * after and after < 3e-5
@@ -131,7 +135,8 @@ def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(pla
                 effort = force(machine, ARM, motion)
         recordings.append(sample(machine, motion, effort, role, 1, number=number))
     session = Session(machine, recordings)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "backlash", 1)
     # The model's load crosses zero a little before or after the true one.
     assert finding.values[0] == pytest.approx(0.002, rel=0.1)
@@ -145,14 +150,16 @@ def test_one_position_sensor_cannot_be_checked() -> None:
     for sensors in ("joint", "piston"):
         machine = planar_machine(2, sensors=sensors)
         assert checkable(machine) == ()
-        findings, _ = kinematic_findings(make_session(machine, ARM))
+        found = kinematics(make_session(machine, ARM))
+        findings, corrections = found.findings, found.corrections
         assert findings == ()
 
 
 @pytest.mark.slow
 def test_what_was_found_survives_its_way_through_json() -> None:
     session = with_reading(lambda q: q + 0.01)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     steps = [step_to_json(s) for f in findings for s in f.steps]
     again = corrections_from_json(session, steps)
     q = np.linspace(-0.5, 0.5, int(RATE))
@@ -186,7 +193,7 @@ def test_a_joint_that_is_parked_half_of_the_time_is_no_witness_of_eccentricity()
         time = np.arange(2 * count) / RATE
         recordings.append(recording if recording.role == "unloaded" else replace(recording, time=time, values=values))
     session = Session(machine, recordings, Options(loop=False))
-    assert kinematic_findings(session)[0] == ()
+    assert kinematics(session).findings == ()
     whole = Session(machine, make_recordings(machine, ARM, seeds), Options(loop=False))
     kept = [
         [sum(int(own[i].keep.sum()) for i in s.plain.fitted) for own in s.plain.design.blocks] for s in (session, whole)
