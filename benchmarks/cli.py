@@ -20,13 +20,14 @@ from benchmarks.commands.identification_commands import (
     speed,
     stages,
 )
-from benchmarks.commands.loop_commands import attribution, resolve
+from benchmarks.commands.loop_commands import attribution, mismatch, resolve
 from benchmarks.commands.service_commands import fleet, page, service, storm, throughput
 from daq.console import print_json, reported
 
 #: Name and what it shows; in the order of the list.
 BENCHMARKS = {
     "attribution": "How often the loop is right on random arms, effects, joints and sizes.",
+    "mismatch": "How often what bends one of two position sensors is named right; hundreds of cases.",
     "resolve": "Ambiguous cases: how many end in the single right name after at most two designed motions.",
     "samples": "What the identification says of the sample recordings of an independent plant.",
     "demo": "The demonstration: cycles, rate, effect found, error before and after.",
@@ -56,8 +57,8 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help="Benchmarks with targets; exit code 1 if a target is missed.", invoke_without_command=True)
     bench.callback()(_list)
     commands: tuple[Callable[..., None], ...] = (
-        attribution, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes, model,
-        uses, service, faults, soak, channels, paper, page, throughput, storm, fleet,
+        attribution, mismatch, resolve, samples, demo, stages, speed, long, regressor, excitation, measured, mistakes,
+        model, uses, service, faults, soak, channels, paper, page, throughput, storm, fleet,
     )  # fmt: skip
     for name, command in zip(BENCHMARKS, commands, strict=True):
         bench.command(name, help=BENCHMARKS[name])(reported(command))

@@ -15,11 +15,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.judging import Said, recordings_of
 from benchmarks.attribution.making import TrueEffect
 from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, draw_quality
 from benchmarks.attribution.verdicts import verdict
+from benchmarks.targets import Check, rate
 from daq.machine.machine_file import Machine
 from fitting.loop.session import Options, Session
 from fitting.residual.kinematics import checkable, gap_rows
@@ -164,14 +166,14 @@ def _specs(
     for _ in range(_DRAWS):
         joint = int(rng.integers(len(plan.machine.joints)))
         if kind == "two":
-            ids = PAIRS[int(rng.integers(len(PAIRS)))]
+            ids: tuple[str, ...] = PAIRS[int(rng.integers(len(PAIRS)))]
         elif kind == "outside":
             ids = (OUTSIDE_MISMATCH[int(rng.integers(len(OUTSIDE_MISMATCH)))],)
         else:
             pool = (*GEOMETRY, "backlash", *MISMATCH)
             ids = (pool[int(rng.integers(len(pool)))],)
-        targets = np.exp(rng.uniform(*np.log(_MISMATCH), size=len(ids)))
-        rng.bit_generator.random_raw()
+        targets = np.exp(rng.uniform(np.log(_MISMATCH[0]), np.log(_MISMATCH[1]), size=len(ids)))
+        rng.bit_generator.random_raw()  # once a seed of shapes: cases of a seed stay the same
         described = plan.machine.joints[joint]
         if any(obstacle(UNDECLARED[own], described) is not None for own in ids):
             continue
@@ -312,8 +314,6 @@ def _tables(
 
 
 def _late(time: FloatArray, column: FloatArray, late: FloatArray) -> FloatArray:
-    from scipy.interpolate import CubicSpline
-
     return np.asarray(CubicSpline(time, column)(np.clip(late, time[0], time[-1])))
 
 
@@ -376,20 +376,73 @@ def _variable(name: str, joints: Sequence[str]) -> str:
     return signal if other == "None" else f"{joints[int(other)]}.{signal}"
 
 
-def run(counts: Mapping[str, int], seed: int) -> Iterator[dict[str, Any]]:
-    """Cases one after another, as lines of results."""
-    for kind, count in counts.items():
-        for number in range(count):
-            started = time.process_time()
-            case = make_case(kind, number, seed)
-            made = time.process_time()
-            found, seconds = check_gaps(case)
-            said = said_of(found)
-            outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, said)
-            yield {
-                "kind": kind, "number": number, "seed": seed, "note": case.note,
-                "effects": [(e.id, e.joint, e.size, e.seen, e.variables) for e in case.effects],
-                "result": outcome.result, "surplus": outcome.surplus, "wrong_alone": outcome.wrong_alone,
-                "said": [list(s) for s in said.stated], "nothing": said.nothing, "joints": len(found),
-                "make_s": made - started, "session_s": time.process_time() - made - seconds, "check_s": seconds,
-            }  # fmt: skip
+def run(counts: Mapping[str, int], seed: int, per_arm: int = 6) -> Iterator[dict[str, Any]]:
+    """Cases one after another, as lines of results; classes take turns, an arm's worth of each."""
+    for group in range(max(-(-count // per_arm) for count in counts.values())):
+        for kind, count in counts.items():
+            for number in range(group * per_arm, min((group + 1) * per_arm, count)):
+                yield run_case(kind, number, seed)
+
+
+def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
+    """One case: made, checked, compared."""
+    started = time.process_time()
+    case = make_case(kind, number, seed)
+    made = time.process_time()
+    found, seconds = check_gaps(case)
+    said = said_of(found)
+    outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, said)
+    return {
+        "kind": kind,
+        "number": number,
+        "seed": seed,
+        "note": case.note,
+        "effects": [[e.id, e.joint, e.size, e.seen, e.variables] for e in case.effects],
+        "result": outcome.result,
+        "surplus": outcome.surplus,
+        "wrong_alone": outcome.wrong_alone,
+        "said": [list(s) for s in said.stated],
+        "nothing": said.nothing,
+        "joints": len(found),
+        "make_s": made - started,
+        "session_s": time.process_time() - made - seconds,
+        "check_s": seconds,
+    }
+
+
+def case_text(line: Mapping[str, Any]) -> str:
+    """A case in a line: what is there, what is said, and how that came out."""
+    there = ", ".join(f"{name}@{joint} ({seen:.0f} widths)" for name, joint, _, seen, _ in line["effects"])
+    said = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
+    surplus = f" +{line['surplus']}" if line["surplus"] else ""
+    return (
+        f"{line['kind']}:{line['number']} {there or 'sound'} [{line['note']}]: {line['result']}{surplus}: {said or '-'}"
+    )
+
+
+def checks(lines: Sequence[Mapping[str, Any]]) -> list[Check]:
+    """Every rate beside its target."""
+
+    def of(*kinds: str) -> list[Mapping[str, Any]]:
+        return [line for line in lines if line["kind"] in kinds]
+
+    shown, outside, sound = of("one", "two"), of("outside"), of("sound")
+    clean = sum(line["result"] == "right" and not line["surplus"] for line in shown)
+    right, named = (sum(line["result"] == result for line in outside) for result in ("right", "wrong"))
+    alone = sum(bool(line["wrong_alone"]) for line in shown)
+    accused = sum(len({own[0][1] for own in line["said"]}) for line in sound)
+    return [
+        rate("visible: right without surplus", clean, len(shown), "at least", 0.95),
+        rate(
+            "visible: a wrong name alone", sum(bool(line["wrong_alone"]) for line in shown), len(shown), "at most", 0.01
+        ),
+        rate(
+            "outside: joint and variable",
+            sum(line["result"] == "right" for line in outside),
+            len(outside),
+            "at least",
+            0.90,
+        ),
+        rate("outside: a name", named, len(outside), "at most", 0.02),
+        rate("sound joints accused", accused, sum(line["joints"] for line in sound), "at most", 0.005),
+    ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -23,14 +25,12 @@ Replicas = Annotated[
 Length = Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)]
 
 
-def _counts(text: str) -> dict[str, int]:
-    from benchmarks.attribution.recipe import KINDS
-
+def _counts(text: str, kinds: Sequence[str]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for part in text.split(","):
         kind, equals, number = part.strip().partition("=")
-        if kind not in KINDS or not equals or not number.isdigit():
-            raise InputError(f"--cases {part.strip()}: write CLASS=COUNT with CLASS one of {', '.join(KINDS)}")
+        if kind not in kinds or not equals or not number.isdigit():
+            raise InputError(f"--cases {part.strip()}: write CLASS=COUNT with CLASS one of {', '.join(kinds)}")
         counts[kind] = int(number)
     return counts
 
@@ -85,7 +85,7 @@ def attribution(
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
     from benchmarks.attribution import summary
-    from benchmarks.attribution.recipe import RECIPE, RECIPES, Selection
+    from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from benchmarks.targets import lines_of, missed
     from fitting.loop.session import Options
@@ -99,7 +99,7 @@ def attribution(
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
         raise InputError(f"{compare}: no such file; give results of another run to --compare")
-    keys = plan_of(_counts(cases), seed) if case is None else [_key(case, seed)]
+    keys = plan_of(_counts(cases, KINDS), seed) if case is None else [_key(case, seed)]
     selection = Selection(only, _arms(arms), seconds, recipe or RECIPE)
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
@@ -121,6 +121,33 @@ def attribution(
         if compare is not None:
             print("\n".join(["", *summary.compared(read_lines(compare), lines)]))
     if missed(checks):
+        raise typer.Exit(1)
+
+
+def mismatch(
+    cases: Annotated[
+        str, typer.Option(help="How many of each class: sound, one, two, outside.")
+    ] = "one=40,two=20,outside=20,sound=60",
+    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Results, a line each.")] = None,
+) -> None:
+    """How often what bends one of two position sensors is named right: many cases, without the efforts' search."""
+    one_blas_thread()
+    from benchmarks.attribution.mismatch import CLASSES, case_text, checks, run
+    from benchmarks.targets import lines_of, missed
+
+    if output is not None and output.exists():
+        raise InputError(f"{output}: is there already; give another file to -o")
+    lines = []
+    for line in run(_counts(cases, CLASSES), seed):
+        lines.append(line)
+        print(case_text(line), flush=True)
+        if output is not None:
+            with output.open("a", encoding="utf-8") as file:
+                file.write(dumps(line) + "\n")
+    done = checks(lines)
+    print("\n".join(["", *lines_of(done)]))
+    if missed(done):
         raise typer.Exit(1)
 
 

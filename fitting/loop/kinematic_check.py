@@ -196,8 +196,8 @@ def _rebuilt(
         rest = [own for own in left if not own.effect.stays_in_gap]
         if all(np.all(np.abs(own.values) < 0.1 * np.asarray(own.stds)) for own in rest):
             break
-        for own in rest:
-            steps[own.effect.id].append(own)
+        for more in rest:
+            steps[more.effect.id].append(more)
     for score in driven:
         steps[score.effect.id], corrections = _placed(session, corrections, score)
     before, after = _gaps(session, prepared, model, joint, driven)

@@ -20,7 +20,7 @@ from daq.machine.machine_file import Machine
 from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has_both_positions
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
-from fitting.residual.laws import NEIGHBOUR, OWN, Law
+from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections
 from fitting.signals.position_sensors import rounded_noise
@@ -181,6 +181,8 @@ def gap_laws(views: Sequence[DriveView]) -> Iterator[GapLaw]:
         found.append((law("cylinder_force", None, np.concatenate(bending), _FORCE_FUNCTIONS), site))
     for other in (k for k in range(len(machine.joints)) if k != joint):
         for signal, count in _OTHER_SIGNALS.items():
+            if signal == "link_angle" and len(parallel_joints(machine, other)) == 1:
+                continue  # the joint's own angle
             values = np.concatenate([NEIGHBOUR[signal][1](v, other) for v in views])
             found.append((law(signal, other, values, count), None))
     yield from (GapLaw(own, site) for own, site in found if own is not None)

@@ -114,10 +114,10 @@ class GapPosterior:
             for instead in (n for n in other.names if n not in best.names):
                 others[instead] = others.get(instead, 0.0) + p
         reached, rivals = own, list[tuple[str, float]]()
-        for other, p in sorted(others.items(), key=lambda pair: -pair[1]):
+        for rival, p in sorted(others.items(), key=lambda pair: -pair[1]):
             if reached >= priors.SAID or len(rivals) >= MOST_NAMED - 1 or p < LEAST:
                 break
-            rivals.append((other, p))
+            rivals.append((rival, p))
             reached += p
         return GapConclusion(best, name, part, own, tuple(rivals))
 
@@ -153,7 +153,7 @@ class GapPosterior:
         left, target = C - basis @ (basis.T @ C), y - basis @ (basis.T @ y)
         covariance = np.linalg.pinv(left.T @ left, rcond=1e-8, hermitian=True)
         values = covariance @ (left.T @ target)
-        return values, covariance, float(target @ left @ values)
+        return values, np.asarray(covariance, dtype=float), float(target @ left @ values)
 
 
 def gap_posterior(rows: GapRows) -> GapPosterior:
@@ -228,10 +228,8 @@ class _Evidence:
                 with_law = replace(own, law=law)
                 found.setdefault(with_law.names, (with_law, []))[1].append(prior + exact + odds)
         sets = [own for own, _ in found.values()]
-        sets = [own for own, _ in found.values()]
-        odds = self._believed(sets, [float(log_sum(values)) for _, values in found.values()])
-        shares = np.exp(odds - float(log_sum(odds)))
-        both = zip((own for own, _ in found.values()), shares.tolist(), strict=True)
+        believed = self._believed(sets, [float(log_sum(values)) for _, values in found.values()])
+        both = zip(sets, np.exp(believed - float(log_sum(believed))).tolist(), strict=True)
         return tuple(sorted(both, key=lambda pair: -pair[1]))
 
     def _believed(self, sets: Sequence[GapSet], odds: Sequence[float]) -> FloatArray:
@@ -330,14 +328,14 @@ class _Evidence:
             return -np.inf
         lost = 0.5 * (square - self._gram[0, 0])
         if not curved:
-            return log_prior - lost + _evidence(S, g, _blocks(scaled))
+            return float(log_prior - lost + _evidence(S, g, _blocks(scaled)))
         values = []
         for share in range(len(priors.PHYSICS)):
             curves = [self._curve(n, size, share) for n, size in zip(numbers, visible, strict=True)]
             every = np.concatenate([places, *(own for own, _ in curves)])
             whole = _blocks([*scaled, *(curve for _, curve in curves)])
             values.append(_evidence(self._gram[np.ix_(every, every)], products[every], whole))
-        return log_prior - lost + float(log_sum(values, weights=priors.PHYSICS))
+        return float(log_prior - lost + float(log_sum(values, weights=priors.PHYSICS)))
 
     def _curve(self, number: int, size: float, share: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Places and prior root of a shape's discrepancy: in the position, or in the force where it gives way to it."""

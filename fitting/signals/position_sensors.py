@@ -106,7 +106,7 @@ def rounded_noise(position: FloatArray, error: tuple[float, float], rng: np.rand
     std, step = error
     white = np.sqrt(max(std**2 - step**2 / 12.0, 0.0))
     reading = position + white * rng.standard_normal(len(position)) + step * rng.uniform()
-    return (np.round(reading / step) * step if step > 0 else reading) - position
+    return np.asarray((np.round(reading / step) * step if step > 0 else reading) - position)
 
 
 def held(values: FloatArray, rate_hz: float) -> BoolArray:

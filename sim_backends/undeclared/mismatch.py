@@ -133,7 +133,7 @@ class HardeningStructure(_ForceDriven):
         return np.asarray(self.size * np.sign(right) * (root - third / root))
 
     def variables(self) -> tuple[str, ...]:
-        return ("cylinder_force", "load_force")
+        return ("cylinder_force",)
 
 
 class WarmingScale(_Mismatch):
