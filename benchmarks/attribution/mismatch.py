@@ -433,16 +433,8 @@ def checks(lines: Sequence[Mapping[str, Any]]) -> list[Check]:
     accused = sum(len({own[0][1] for own in line["said"]}) for line in sound)
     return [
         rate("visible: right without surplus", clean, len(shown), "at least", 0.95),
-        rate(
-            "visible: a wrong name alone", sum(bool(line["wrong_alone"]) for line in shown), len(shown), "at most", 0.01
-        ),
-        rate(
-            "outside: joint and variable",
-            sum(line["result"] == "right" for line in outside),
-            len(outside),
-            "at least",
-            0.90,
-        ),
+        rate("visible: a wrong name alone", alone, len(shown), "at most", 0.01),
+        rate("outside: joint and variable", right, len(outside), "at least", 0.90),
         rate("outside: a name", named, len(outside), "at most", 0.02),
         rate("sound joints accused", accused, sum(line["joints"] for line in sound), "at most", 0.005),
     ]

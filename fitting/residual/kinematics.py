@@ -217,8 +217,11 @@ def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | Non
     if effect.stays_in_gap:
         first = [rows.design.bank.rate(c[:, 0]) for c in columns]
         rates = rows.whitened([np.column_stack([own, rows.design.bank.rate(own)]) for own in first])
-    values, change = _best_point(rows, effect, shape, C)
-    return GapColumns(effect, shape, C, change - C @ values, rates)
+    beyond = np.zeros(len(C))
+    if type(effect).gap_change is not Effect.gap_change:  # else its columns are all that there is of it
+        values, change = _best_point(rows, effect, shape, C)
+        beyond = change - C @ values
+    return GapColumns(effect, shape, C, beyond, rates)
 
 
 def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> tuple[FloatArray, FloatArray]:

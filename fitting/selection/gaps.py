@@ -195,6 +195,8 @@ class _Evidence:
             places[a * count + 1 : b * count + 1] if b else places[a * count + 1 :]
             for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))
         )
+        self._roots = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._own]
+        self._slow = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._rates]
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
     def _moves(self, part: GapColumns) -> bool:
@@ -207,6 +209,9 @@ class _Evidence:
 
     def posterior(self) -> tuple[tuple[GapSet, float], ...]:
         """Sets with their probabilities; of each set of names its best shapes."""
+        alone = [self._named((number,)) for number in range(len(self.parts))]
+        if not np.isfinite([*alone, *(odds for _, odds in self._laws(())[0])]).any():
+            return ((GapSet(), 1.0),)  # nothing is more than a sound sensor's scale may be off
         screened: dict[tuple[str, ...], list[tuple[float, tuple[int, ...]]]] = {}
         for numbers in self._combinations():
             key = tuple(self.parts[n].effect.id for n in numbers)
@@ -296,13 +301,12 @@ class _Evidence:
         if not numbers:
             return 0.0
         square, products = self._target(numbers)
-        roots = [whitened_parts(self._gram[np.ix_(self._own[n], self._own[n])]) for n in numbers]
+        roots = [self._roots[n] for n in numbers]
         if not all(root.shape[1] for root in roots):
             return -np.inf
         places = np.concatenate([*(self._own[n] for n in numbers), *(self._rates[n] for n in numbers)])
         S, g = self._gram[np.ix_(places, places)], products[places]
-        rates = [whitened_parts(self._gram[np.ix_(self._rates[n], self._rates[n])]) for n in numbers]
-        root = _blocks([*roots, *rates])
+        root = _blocks([*roots, *(self._slow[n] for n in numbers)])
         theta = np.linalg.pinv(root.T @ S @ root, rcond=1e-8, hermitian=True) @ (root.T @ g)
         sizes, visible, left, slow, log_prior = list[float](), list[float](), list[float](), list[FloatArray](), 0.0
         ends = np.cumsum([0, *(r.shape[1] for r in roots)])
