@@ -12,6 +12,7 @@ from fitting.effects.base import Effect
 from fitting.residual.findings import Accepted, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Term
 from fitting.selection.decision import believed
 from fitting.selection.rated import Rated, family
 
@@ -79,10 +80,17 @@ class Slot:
 def together(positions: Sequence[Hypothesis], efforts: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
     """Explanations of positions and of efforts as explanations of both, the most probable first.
 
-    What efforts say is said with the positions as they were rebuilt, whichever explanation of those it is.
+    What efforts say is said with the positions as they were rebuilt, whichever explanation of those it is. What both
+    say is said once.
     """
+
+    def terms(both: Hypothesis, more: Hypothesis) -> tuple[Term, ...]:
+        named = {t.family: t for t in (*both.terms, *more.terms) if isinstance(t.content, Effect)}
+        laws = {t.label: t for t in (*both.terms, *more.terms) if not isinstance(t.content, Effect)}
+        return (*named.values(), *laws.values())
+
     found = [
-        Hypothesis(tuple({t.label: t for t in (*p.terms, *e.terms)}.values()), p.probability * e.probability)
+        Hypothesis(terms(p, e), p.probability * e.probability)
         for p, e in product(positions or (Hypothesis((), 1.0),), efforts)
     ]
     return tuple(sorted((h for h in found if h.probability > LEAST), key=lambda h: -h.probability)[:MOST_LISTED])

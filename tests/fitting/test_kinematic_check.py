@@ -21,9 +21,13 @@ from synthetic_arm import (
 )
 
 from daq.machine.machine_file import Machine
+from fitting.effects import effect
 from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematics, step_to_json
 from fitting.loop.session import Options, Session
+from fitting.residual.findings import Hypothesis
 from fitting.residual.kinematics import checkable, gap_error
+from fitting.residual.terms import Term
+from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
 ARM = truth(2)
@@ -297,3 +301,14 @@ def test_steps_of_a_coarse_encoder_and_a_late_bus_are_nobodys_fault(bits: int) -
     found = kinematics(Session(machine, recordings, Options(loop=False)))
     assert found.findings == () and found.laws == ()
     assert [h.terms for h in found.hypotheses[:1]] == [()]
+
+
+def test_explanations_of_positions_and_of_efforts_are_said_together_and_a_name_once() -> None:
+    flexible = Term(effect("structural_flexibility"), 1, {"about": 1.0})
+    offset, same = Term(effect("encoder_offset"), 0), Term(effect("structural_flexibility"), 1)
+    positions = (Hypothesis((flexible, offset), 0.9), Hypothesis((), 0.1))
+    both = together(positions, (Hypothesis((same,), 0.75), Hypothesis((), 0.25)))
+    assert [h.probability for h in both] == pytest.approx([0.675, 0.225, 0.075, 0.025])
+    assert [{t.family for t in h.terms} for h in both[:2]] == [{flexible.family, offset.family}] * 2
+    assert all(len(h.terms) == len({t.family for t in h.terms}) for h in both)
+    assert sum(h.probability for h in both) == pytest.approx(1.0)
