@@ -61,7 +61,7 @@ def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> 
 
 def said_of(examined: Examined) -> Said:
     """What the loop found, in plain names."""
-    findings, found = examined.kinematics, examined.attribution
+    findings, found = examined.kinematics.findings, examined.attribution
     names = tuple(joint.name for joint in examined.session.machine.joints)
 
     def place(joint: int | None) -> str | None:
@@ -70,14 +70,18 @@ def said_of(examined: Examined) -> Said:
     sets: list[tuple[Place, ...]] = [
         tuple((effect, names[f.joint]) for effect in (f.effect.id, *f.rivals)) for f in findings
     ]
-    laws: list[tuple[str, str | None]] = []
+    laws: list[tuple[str, str | None]] = [
+        (law.law.law.variable(names), names[law.joint]) for law in examined.kinematics.laws
+    ]
     for item in found.accepted:
         term = item.score.term
         if isinstance(term.content, Law):
             laws.append((term.content.variable(names), place(term.joint)))
         else:
             rivals = ((r.term.id, place(r.term.joint)) for r in item.rivals)
-            sets.append(tuple(dict.fromkeys([(term.id, place(term.joint)), *rivals])))
+            members = tuple(dict.fromkeys([(term.id, place(term.joint)), *rivals]))
+            sets = [own for own in sets if own[0] != members[0]]  # a name is said once
+            sets.append(members)
     added = {item.score.term.family for item in found.accepted}
     sets += [
         (("supply_ripple", names[line.joint]),)

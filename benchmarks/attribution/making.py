@@ -27,7 +27,7 @@ from fitting.arrays import FloatArray
 from sim_backends.plant.cases import STEMS, CasePlan, plan_case
 from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality, Truth
-from sim_backends.undeclared import UNDECLARED, EffectSpec, obstacle
+from sim_backends.undeclared import MISMATCH, UNDECLARED, EffectSpec, obstacle
 
 Tables = Mapping[str, Mapping[str, FloatArray]]
 
@@ -147,7 +147,9 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
         rng=np.random.default_rng([plan.seed, 12, 0]), shapes=np.random.default_rng([plan.seed, 13]),
     )  # fmt: skip
     effects = tuple(
-        TrueEffect(s.id, s.joint, s.size, lam, None if UNDECLARED[s.id].base_wide else s.joint, e.variables())
+        TrueEffect(
+            e.called or s.id, s.joint, s.size, lam, None if UNDECLARED[s.id].base_wide else s.joint, e.variables()
+        )
         for s, lam, e in zip(specs, seen, plant.effects, strict=True)
     )
     ordered = {stem: tables[stem] for stem in STEMS}
@@ -155,7 +157,8 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
 
 
 def _draw(rng: np.random.Generator, kind: str, plan: CasePlan, selection: Selection) -> tuple[str, str | None]:
-    pool = {"kinematic": KINEMATIC, "outside": RECIPES[selection.recipe].outside}.get(kind, INSIDE)
+    recipe = RECIPES[selection.recipe]
+    pool = {"kinematic": recipe.kinematic, "outside": recipe.outside}.get(kind, INSIDE)
     effect = pool[int(rng.integers(len(pool)))]
     joint = plan.machine.joints[int(rng.integers(len(plan.machine.joints)))].name
     effect = selection.only or effect
@@ -199,6 +202,6 @@ class _Workbench:
         return "its size does not converge"
 
     def _seen(self, effect: str, ideal: Tables, bare: Tables | None) -> float:
-        if effect in KINEMATIC:
-            return self.sight.mismatch(ideal, without_mean=effect == "backlash")
+        if effect in (*KINEMATIC, *MISMATCH):
+            return self.sight.mismatch(ideal, without_mean=effect in ("backlash", *MISMATCH))
         return self.sight.broadband(ideal) if effect == "supply_ripple" else self.sight.force(ideal, bare)

@@ -11,7 +11,7 @@ import numpy as np
 from sim_backends.machines import ARMS, ArmKind
 from sim_backends.plant.cases import CasePlan
 from sim_backends.plant.truth import CylinderTruth, SensorQuality
-from sim_backends.undeclared import OUTSIDE, UNDECLARED, outside
+from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
 #: encoder, the root mean square of the mismatch in noise widths of one sample.
@@ -27,7 +27,7 @@ TARGETS: dict[str, tuple[float, float]] = {
 KINDS = tuple(TARGETS)
 KINEMATIC = ("encoder_offset", "encoder_eccentricity", "linkage_geometry", "backlash")
 #: Effects of the catalogue that show in the efforts.
-INSIDE = tuple(e for e in UNDECLARED if e not in KINEMATIC and e not in OUTSIDE)
+INSIDE = tuple(e for e in UNDECLARED if e not in (*KINEMATIC, *MISMATCH, *OUTSIDE, *OUTSIDE_MISMATCH))
 #: Effects whose size may have either sign: errors of transducers and mountings.
 SIGNED = (
     "pressure_offset",
@@ -42,16 +42,21 @@ SIGNED = (
 
 @dataclass(frozen=True)
 class Recipe:
-    """What cases are drawn from: kinds of arms, and effects outside the catalogue. Their order counts."""
+    """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
+
+    Their order counts.
+    """
 
     arms: tuple[ArmKind, ...]
     outside: tuple[str, ...]
+    kinematic: tuple[str, ...] = KINEMATIC
 
 
 #: By number; a number is added whenever the same key would give another case, and makes its own cases for ever.
 RECIPES = {
     3: Recipe(("folding", "slewing"), tuple(e for e in OUTSIDE if UNDECLARED[e].__module__ == outside.__name__)),
     4: Recipe(tuple(ARMS), OUTSIDE),
+    5: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH)),
 }
 RECIPE = max(RECIPES)
 
@@ -157,6 +162,9 @@ def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     arm = _lever(plan, number)
     if effect in ("hose_stiffness", "pose_dependent_friction"):
         return (10.0 if effect == "hose_stiffness" else 3.0) * law.f_c * arm
+    if effect in ("cylinder_compliance", "joint_compliance"):
+        # 5 mm of stroke under 20 bar
+        return 0.005 / (2.0e6 * cylinder.head_area * (arm**2 if effect == "joint_compliance" else 1.0))
     outer = sum(link.mass for link in plan.truth.links[number:])
     size = 1.0 if plan.machine.joints[number].type == "prismatic" else _size(plan)
     if effect in ("actuator_inertia", "carried_liquid"):
@@ -189,6 +197,12 @@ _OF_THE_MACHINE = {
     "encoder_eccentricity": 0.03,
     "linkage_geometry": 0.01,
     "backlash": 5.0e-3,
+    "pin_play": 5.0e-3,
+    "joint_play": 0.02,
+    "hardening_structure": 5.0e-3,
+    "warming_scale": 5.0e-3,
+    "bending_frame": 5.0e-3,
+    "scale_wave": 5.0e-3,
     "base_tilt": 0.15,
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from json import dumps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,14 +25,12 @@ Replicas = Annotated[
 Length = Annotated[float, typer.Option(help="Length of each recording in s.", min=20.0)]
 
 
-def _counts(text: str) -> dict[str, int]:
-    from benchmarks.attribution.recipe import KINDS
-
+def _counts(text: str, kinds: Sequence[str]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for part in text.split(","):
         kind, equals, number = part.strip().partition("=")
-        if kind not in KINDS or not equals or not number.isdigit():
-            raise InputError(f"--cases {part.strip()}: write CLASS=COUNT with CLASS one of {', '.join(KINDS)}")
+        if kind not in kinds or not equals or not number.isdigit():
+            raise InputError(f"--cases {part.strip()}: write CLASS=COUNT with CLASS one of {', '.join(kinds)}")
         counts[kind] = int(number)
     return counts
 
@@ -88,7 +88,7 @@ def attribution(
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
     from benchmarks.attribution import summary
-    from benchmarks.attribution.recipe import RECIPE, RECIPES, Selection
+    from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from fitting.loop.session import Options
     from sim_backends.undeclared import UNDECLARED
@@ -100,7 +100,7 @@ def attribution(
         raise InputError("--only-make: fills a cache; name it with --cache")
     if compare is not None and not compare.is_file():
         raise InputError(f"{compare}: no such file; give results of another run to --compare")
-    keys = plan_of(_counts(cases), seed) if case is None else [_key(case, seed)]
+    keys = plan_of(_counts(cases, KINDS), seed) if case is None else [_key(case, seed)]
     selection = Selection(only, _arms(arms), seconds, recipe or RECIPE)
     if cache is not None:
         cache.mkdir(parents=True, exist_ok=True)
@@ -116,6 +116,31 @@ def attribution(
     }
     checks = () if only_make else tuple(summary.checks(lines))
     return Outcome(checks, (*summary.text(lines), *changes, ""), content)
+
+
+@benchmark
+def mismatch(
+    show: Show,
+    cases: Annotated[
+        str, typer.Option(help="How many of each class: sound, one, two, outside.")
+    ] = "one=40,two=20,outside=20,sound=60",
+    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Results, a line each.")] = None,
+) -> Outcome:
+    """How often what bends one of two position sensors is named right: many cases, without the efforts' search."""
+    one_blas_thread()
+    from benchmarks.attribution.mismatch import CLASSES, case_text, checks, run
+
+    if output is not None and output.exists():
+        raise InputError(f"{output}: is there already; give another file to -o")
+    lines = []
+    for line in run(_counts(cases, CLASSES), seed):
+        lines.append(line)
+        show(case_text(line))
+        if output is not None:
+            with output.open("a", encoding="utf-8") as file:
+                file.write(dumps(line) + "\n")
+    return Outcome(tuple(checks(lines)))
 
 
 def _key(case: str, seed: int) -> CaseKey:

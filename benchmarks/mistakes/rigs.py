@@ -17,12 +17,13 @@ from fitting.arrays import FloatArray
 from sim_backends.machines import folding_arm, slewing_arm
 from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.truth import Truth
-from sim_backends.undeclared import UNDECLARED, EffectSpec
+from sim_backends.undeclared import MISMATCH, OUTSIDE_MISMATCH, UNDECLARED, EffectSpec
 
 #: Both position sensors at every joint; one of them; an arm of one joint.
 Kind = Literal["both", "single", "one"]
 #: Effects that a sound machine may have, without those that came later: the rigs of a seed stay the same.
-EFFECTS = sorted(set(UNDECLARED) - {"neighbour_inertia", "dented_rod", "return_line", "hanging_hose"})
+_LATER = {"neighbour_inertia", "dented_rod", "return_line", "hanging_hose", *MISMATCH, *OUTSIDE_MISMATCH}
+EFFECTS = sorted(set(UNDECLARED) - _LATER)
 KINDS: tuple[Kind, ...] = ("both", "single", "one")
 STEMS = ("unloaded", "train-1", "train-2", "repeat", "validate")
 _SECONDS = 40.0

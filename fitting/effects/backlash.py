@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_both_positions
+from fitting.effects.base import (
+    SITES,
+    DriveView,
+    Effect,
+    FloatArray,
+    Parameter,
+    Parity,
+    Shape,
+    gap_lever,
+    geometric,
+    has_both_positions,
+)
 from fitting.signals.corrections import Corrections
+
+#: Widths that bushings take to be crossed, over the largest force of the joint.
+WIDTHS = geometric(0.002, 0.2, 13)
 
 
 class Backlash(Effect):
@@ -19,11 +34,14 @@ class Backlash(Effect):
     level = "joint"
     variable = "cylinder_force"
     over_time = True
-    equation = "x = x(q) + g/2 sgn F_l"
+    equation = "x = x(q) + g/2 sgn F, softened over a width w of F; about the joint x(q) + r g/2 sgn F"
     parity = Parity.OTHER
     dependence = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
     stays_in_gap = True
+    slow = (0.05, 0.01)  # oil and friction let it be crossed in a tenth of a second
+    discrete_shapes = frozenset({"about", "friction", "sensor"})
+    shape_units: ClassVar[Mapping[str, str]] = {"width": "N"}
     confounders = ("presliding_hysteresis", "structural_flexibility", "encoder_offset")
     experiment = "move slowly through zero load in both directions"
     look_at = "pins, bushings and gear between piston and joint: measure the play by hand"
@@ -37,11 +55,21 @@ class Backlash(Effect):
         """Piston error through the cylinder's stiffness: nothing that efforts could show by themselves."""
         raise NotImplementedError("backlash is found between two position sensors, not from efforts")
 
+    def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Along the cylinder or about the joint, with the friction of the seals or without, and how soft."""
+        return [{**site, "width": width * view.range.force} for site in SITES for width in WIDTHS]
+
+    def gap_units(self, shape: Shape) -> tuple[str, ...]:
+        """Along the cylinder a length, about the joint an angle."""
+        return ("rad",) if shape.get("about") else ("m",)
+
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """Half the play, on the side that the load pushes to."""
+        """Half the play, on the side that the force pushes to; within the width it is being crossed."""
         if not has_both_positions(view.machine, view.joint):
             return None
-        return 0.5 * _side(view)[:, None]
+        force = view.bending_force(bool(shape.get("friction")))
+        width = max(float(shape.get("width", 0.0)), 1e-9 * view.range.force)
+        return (0.5 * gap_lever(view, shape) * np.clip(force / width, -1.0, 1.0))[:, None]
 
     def places(self, shape: Shape) -> Sequence[Shape]:
         """In the pin, or between piston and its sensor: friction jumps with the piston's own speed."""
@@ -52,16 +80,3 @@ class Backlash(Effect):
     ) -> Corrections:
         """Play in the pin, or at the piston's sensor; see :meth:`places`."""
         return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
-
-
-def _side(view: DriveView) -> FloatArray:
-    """Side of the play: the sign of the load, kept while the load is within a hundredth of its range."""
-    threshold = 0.01 * view.range.force
-    side = 0.0
-    sides = []
-    for load in view.load.tolist():
-        if abs(load) > threshold:
-            side = 1.0 if load > 0 else -1.0
-        sides.append(side)
-    first = next((value for value in sides if value), 1.0)
-    return np.asarray([value or first for value in sides])

@@ -32,6 +32,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
@@ -159,6 +160,20 @@ class DriveView:
     def load(self) -> FloatArray:
         """``F_l``, the model's load force at the piston."""
         return self.loads[:, self.joint]
+
+    def bending_force(self, friction: bool) -> FloatArray:
+        """What bends a structure or takes up a play between two position sensors, N at the piston.
+
+        With ``friction`` what the chambers give, as it is measured: its noise is none of the position sensors'. Else
+        what the arm asks of the piston, which only the model knows.
+        """
+        if not friction:
+            return self.load
+        key = f"bending{self.joint}"
+        if key not in self.cache:
+            effort = self.segment.effort[:, self.joint]
+            self.cache[key] = np.asarray(ndimage.convolve1d(effort, self.bank.value, mode="nearest"))
+        return self.cache[key]
 
     @property
     def quiet_torque(self) -> FloatArray:
@@ -294,6 +309,8 @@ class Effect(ABC):
     delays_effort: ClassVar[bool] = False
     #: True where what it does to positions stays between the sensors: both are right, each for its own side.
     stays_in_gap: ClassVar[bool] = False
+    #: How slow that is: what it is late by, s, and the square of its mode's period over two pi, s^2.
+    slow: ClassVar[tuple[float, float]] = (0.01, 1e-3)
     #: Effects that are this one with some parameters zero: where they explain the same, they are the simpler name.
     includes: ClassVar[tuple[str, ...]] = ()
 
@@ -337,6 +354,14 @@ class Effect(ABC):
         """Whether the effect, in this shape, acts in single recordings only: no other can confirm or refuse it."""
         return False
 
+    def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
+        """The same between two position sensors, where it may have others there."""
+        return self.shapes(view)
+
+    def gap_units(self, shape: Shape) -> tuple[str, ...]:
+        """Units of its parameters there, in a shape."""
+        return tuple(parameter.unit for parameter in self.parameters)
+
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """Columns (N, k) of what one unit adds to (piston position less x(joint position)), m; None if nothing."""
         return None
@@ -368,6 +393,16 @@ def has_both_positions(machine: Machine, joint: int) -> bool:
     name = machine.joints[joint].name
     both = all(machine.channel(quantity, name) is not None for quantity in ("joint_position", "piston_position"))
     return both and machine.joints[joint].cylinder is not None
+
+
+#: Where a compliance or a play may sit: along the cylinder (mounts, rod) or about the joint, and whether what bends it
+#: bears the friction of the seals.
+SITES: tuple[Shape, ...] = tuple({"about": a, "friction": f} for a in (0.0, 1.0) for f in (0.0, 1.0))
+
+
+def gap_lever(view: DriveView, shape: Shape) -> FloatArray:
+    """Piston stroke (N,) per unit of what gives way at a site, and effort there per force at the piston."""
+    return view.r if shape.get("about", 1.0) else np.ones(len(view))
 
 
 def position_change(view: DriveView, error: FloatArray) -> FloatArray:

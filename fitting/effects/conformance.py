@@ -205,15 +205,20 @@ def _both(bench: _Bench) -> list[int]:
     ]
 
 
+def _with_efforts(view: DriveView) -> DriveView:
+    """The view with measured efforts, which what bends between two position sensors may look at."""
+    return replace(view, segment=replace(view.segment, effort=view.forces), cache={})
+
+
 def _gap(effect: Effect, bench: _Bench, joint: int) -> FloatArray | None:
-    view = bench.views[1][joint]
-    return effect.gap_columns(view, effect.shapes(view)[0])
+    view = _with_efforts(bench.views[1][joint])
+    return effect.gap_columns(view, effect.gap_shapes(view)[0])
 
 
 def _check_gap(effect: Effect, bench: _Bench) -> None:
     for joint in _both(bench):
-        view = bench.views[1][joint]
-        for shape in effect.shapes(view):
+        view = _with_efforts(bench.views[1][joint])
+        for shape in effect.gap_shapes(view):
             columns = effect.gap_columns(view, shape)
             if columns is not None:
                 wanted = (len(view), len(effect.parameters))

@@ -32,6 +32,7 @@ class LinkageGeometry(Effect):
     )
     discrete_shapes = frozenset({"parameter", "turn", "zero"})
     confounders = ("encoder_offset", "load_dependent_friction")
+    includes = ("encoder_offset",)
     experiment = "compare piston position and joint angle over the whole stroke"
     look_at = "the lengths of the linkage in the machine file against the drawing, and worn or wrongly set pins"
     source = "derivative of F_l = tau / r with respect to a pin coordinate"
@@ -63,6 +64,10 @@ class LinkageGeometry(Effect):
             and (shape["parameter"] >= 0 or shape["turn"] + shape["zero"] < 2)
             and all(key in free for key in ("turn", "zero") if shape[key])
         ]
+
+    def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
+        """The same, but for a bearing alone: between two position sensors that is an encoder's offset."""
+        return [shape for shape in self.shapes(view) if shape["parameter"] >= 0 or shape["zero"]]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
         """Columns (N, 3); see :class:`Effect`."""

@@ -6,7 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.effects.base import (
+    SITES,
+    DriveView,
+    Effect,
+    FloatArray,
+    Parameter,
+    Parity,
+    Shape,
+    gap_lever,
+    has_both_positions,
+)
 from fitting.signals.corrections import Corrections
 
 
@@ -23,6 +33,7 @@ class StructuralFlexibility(Effect):
     dependence = "follows the load and its derivatives; resonance at 2 to 15 Hz"
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)
     stays_in_gap = True
+    discrete_shapes = frozenset({"about", "friction"})
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"
     look_at = "the link behind the joint: cracks, loose bolts, a boom that gives way"
@@ -36,9 +47,20 @@ class StructuralFlexibility(Effect):
             return np.zeros((len(view), len(view.machine.joints), 1))
         return view.body_change(-view.quiet_torque)[:, :, None]
 
+    def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
+        """Along the cylinder or about the joint, with the friction of the seals or without."""
+        return SITES
+
+    def gap_units(self, shape: Shape) -> tuple[str, ...]:
+        """Along the cylinder a length, about the joint an angle."""
+        return ("rad/(N m)",) if shape.get("about", 1.0) else ("m/N",)
+
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``r tau``: the encoder sits on the link, which stays behind the piston by ``c tau``."""
-        return (view.r * view.r * view.load)[:, None]
+        """``h^2 F``: what is beyond the bending stays behind the piston by ``c F`` along the cylinder (lever h = 1), by
+        ``c r F`` about the joint (h = r)."""
+        if not has_both_positions(view.machine, view.joint):
+            return None
+        return (gap_lever(view, shape) ** 2 * view.bending_force(bool(shape.get("friction"))))[:, None]
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]

@@ -15,15 +15,14 @@ from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
 from fitting.excitation.motion import Motion
 from fitting.loop.attribution import attributed
-from fitting.loop.kinematic_check import KinematicFinding, kinematic_findings
+from fitting.loop.kinematic_check import Kinematics, kinematics
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.posterior import MOST_NAMED
-from fitting.signals.corrections import Corrections
+from fitting.selection.posterior import MOST_NAMED, together
 
 #: Motions that are made at most.
 MOST_MOTIONS = 2
@@ -145,20 +144,19 @@ class Examined:
     """A session with what the residual loop finds in it: position sensors first, then efforts."""
 
     session: Session
-    kinematics: tuple[KinematicFinding, ...]
-    corrections: Corrections
+    kinematics: Kinematics
     attribution: Attribution
 
     @classmethod
     def of(cls, session: Session) -> Self:
         """Run the loop."""
-        findings, corrections = kinematic_findings(session.search.session)
-        return cls(session, findings, corrections, attributed(session, corrections))
+        found = kinematics(session.search.session)
+        return cls(session, found, attributed(session, found.corrections))
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Explanations of the efforts."""
-        return self.attribution.hypotheses
+        """Explanations of positions and efforts."""
+        return together(self.kinematics.hypotheses, self.attribution.hypotheses)
 
     @property
     def found(self) -> bool:

@@ -1,40 +1,46 @@
-"""The kinematic check of a session: two position sensors of a joint against each other, before any dynamics.
+"""The kinematic check of a session: two position sensors of a joint against each other, before the efforts.
 
-What is found is rebuilt into positions or linkages (:mod:`fitting.residual.kinematics`) and looked at again. Of two
-findings on one joint, the second may be the whole truth and the first only what resembled it most: then it alone closes
-the gap as well.
+Every joint's gap has a posterior over sets of effects and laws (:mod:`fitting.selection.gaps`). What is said of it is
+rebuilt into positions or linkages, the arm's forces are fitted again with that, and the gap as it was measured is
+looked at once more with those forces. Whether play is at the pin or in the sensor the efforts decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from fitting.effects import effect, effects
+from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
-from fitting.residual.kinematics import GapScore, checkable, corrected, gap_error, gap_rows, score_gaps
-from fitting.residual.terms import Model, fit_model
-from fitting.selection import priors
-from fitting.selection.evidence import log_sum
-from fitting.selection.gaps import RatedGap, rated_gaps
+from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis
+from fitting.residual.kinematics import (
+    FloatArray,
+    GapLaw,
+    GapRows,
+    GapScore,
+    checkable,
+    corrected,
+    gap_columns,
+    gap_error,
+    gap_rows,
+)
+from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.views import Views
+from fitting.selection.gaps import GapConclusion, GapPosterior, GapSet, gap_posterior
 from fitting.selection.posterior import MOST_NAMED
 from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
 
-_MOST_PER_JOINT = 2
+#: Times that an error of geometry is rebuilt until nothing of it is left.
 _REBUILDS = 4
-#: A sensor's steps are not noise: structure of a few hundredths of a step is significant and means nothing. What is
-#: rebuilt has to take a tenth off the filtered gap at least.
+#: What is rebuilt on a joint has to take a tenth off its filtered gap at least.
 LEAST_GAP_SHARE = 0.9
-#: Share of its chi-square that one explanation may leave more than two, and still be the whole one.
-LEFT_SHARE = 0.01
-#: Share of the best gain from which on an explanation is rebuilt, to be compared by what it really leaves.
-NEAR = 0.5
 
 
 @dataclass(frozen=True)
@@ -46,7 +52,8 @@ class KinematicFinding:
     steps : what was rebuilt, step by step: the effect with its values
     values, stds : totals of its parameters
     gain, score : chi-square of the gap that it takes, and its log posterior odds against nothing
-    gap_before, gap_after : root mean square of the filtered gap on `validate` (`train` without one), m
+    gap_before, gap_after : root mean square of the filtered gap on `validate` (`train` without one), m, before and
+        after everything that was found on the joint
     rivals : effects that explain the gap as well
     probability : that it is this; ``rival_probabilities`` of each rival
     """
@@ -74,180 +81,218 @@ class KinematicFinding:
 
 
 @dataclass(frozen=True)
-class _State:
-    """What is known of the positions so far, and the design on positions corrected so."""
+class KinematicLaw:
+    """A law of the gap that no effect of the catalogue is: it is said, and nothing is rebuilt.
+
+    Attributes
+    ----------
+    joint, law : where, and of what
+    values, covariance : of its spline, m
+    gain : chi-square of the gap that it takes
+    probability : that it is this; ``could_be`` effects that it may be all the same, with their probabilities
+    """
+
+    joint: int
+    law: GapLaw
+    values: FloatArray
+    covariance: FloatArray
+    gain: float
+    probability: float
+    could_be: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What position sensors say.
+
+    Attributes
+    ----------
+    findings, laws : of all joints
+    corrections : of the positions
+    hypotheses : explanations of all joints' gaps, the most probable first
+    """
 
     corrections: Corrections
-    prepared: Prepared
-    model: Model
-
-    def scores(self, among: Sequence[Effect], joint: int) -> list[GapScore]:
-        """Scores on a joint's gap, the most gain first."""
-        prepared = self.prepared
-        return score_gaps(prepared.design, self.model.views, prepared.fitted, prepared.pairs, among, joint)[0]
-
-    def rated(self, joint: int, found: float) -> list[RatedGap]:
-        """Explanations of a joint's gap beside findings that took ``found`` of its chi-square, best first."""
-        prepared = self.prepared
-        scores, rows = score_gaps(prepared.design, self.model.views, prepared.fitted, prepared.pairs, effects(), joint)
-        return rated_gaps(scores, rows, found)
-
-    def gap(self, joint: int, without: GapScore | None = None) -> float:
-        """Root mean square of a joint's filtered gap on `validate`, or on what is fitted, m, ``without`` a score."""
-        return gap_error(
-            self.prepared.design, self.prepared.validate or self.prepared.fitted, joint, self.model.views, without
-        )
+    findings: tuple[KinematicFinding, ...] = ()
+    laws: tuple[KinematicLaw, ...] = ()
+    hypotheses: tuple[Hypothesis, ...] = field(default_factory=lambda: (Hypothesis((), 1.0),))
 
 
-def kinematic_findings(
-    session: Session, progress: Progress = lambda fraction, text: None
-) -> tuple[tuple[KinematicFinding, ...], Corrections]:
-    """Check every joint that has two position sensors; returns what was found and the corrections."""
-    state = _State(Corrections(session.machine), session.plain, session.base_model)
-    found: list[KinematicFinding] = []
-    joints = checkable(session.machine)
-    for number, joint in enumerate(joints):
-        progress(number / len(joints), f"comparing the position sensors of {session.machine.joints[joint].name}")
-        own, state = _of_joint(session, state, joint)
-        found += own
-    return tuple(found), state.corrections
-
-
-def _of_joint(session: Session, start: _State, joint: int) -> tuple[list[KinematicFinding], _State]:
-    """What is found on one joint, and the state with that corrected."""
-    found, states = list[KinematicFinding](), [start]
-    if not any(start.prepared.design.segments[i].loaded for i in start.prepared.fitted):
-        return found, start
-    while len(found) < _MOST_PER_JOINT:
-        there = {f.effect.id for f in found}
-        rated = states[-1].rated(joint, sum(f.gain for f in found))
-        usable = [r for r in rated if r.score.effect.id not in there]
-        if not usable or log_sum([r.log_odds for r in usable]) < priors.SAID_ODDS:
+def kinematics(session: Session, progress: Progress = lambda fraction, text: None) -> Kinematics:
+    """Check every joint that has two position sensors."""
+    corrections, plain, views = Corrections(session.machine), session.plain, session.base_model.views
+    joints, posteriors = checkable(session.machine), dict[int, GapPosterior]()
+    if not any(plain.design.segments[i].loaded for i in plain.fitted):
+        return Kinematics(corrections)
+    for again in (False, True):
+        for number, joint in enumerate(joints):
+            if again and not posteriors[joint].conclusions():
+                continue
+            name = session.machine.joints[joint].name
+            progress((number / len(joints) + again) / 2, f"comparing the position sensors of {name}")
+            posteriors[joint] = gap_posterior(_rows(session, plain, views, joint))
+        said = {joint: own.conclusions() for joint, own in posteriors.items()}
+        if not any(said.values()):
             break
-        following = _rebuilt(session, states[-1], usable)
-        if following is None:
+        if not again:
+            found = [
+                score
+                for j, own in said.items()
+                for score in _scores(posteriors[j], own)
+                if not score.effect.stays_in_gap
+            ]
+            if not found:
+                break
+            for score in found:
+                corrections = corrected(corrections, score)
+            views = _with_forces(session, views, corrections)
+    corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
+    for own in posteriors.values():
+        rebuilt, corrections = _rebuilt(session, corrections, own)
+        findings += rebuilt
+        laws += [_law(own, one) for one in own.conclusions() if one.part is None]
+    return Kinematics(corrections, tuple(findings), tuple(laws), _hypotheses(posteriors))
+
+
+def _rows(session: Session, prepared: Prepared, views: Views, joint: int) -> GapRows:
+    """The whitened gap of a joint."""
+    return gap_rows(prepared.design, views, prepared.fitted, prepared.pairs, session.sensor_errors, joint)
+
+
+def _with_forces(session: Session, views: Views, corrections: Corrections) -> Views:
+    """Views of the positions as they were measured, with the forces of a model on corrected ones."""
+    model = session.fit(session.prepared(corrections))
+    return [
+        tuple(replace(view, forces=new[0].forces, loads=new[0].loads, cache={}, shared={}) for view in old)
+        for old, new in zip(views, model.views, strict=True)
+    ]
+
+
+def _scores(posterior: GapPosterior, said: Sequence[GapConclusion]) -> tuple[GapScore, ...]:
+    """Values of all effects that are said of a joint."""
+    return posterior.scores(said[0].chosen) if said else ()
+
+
+def _rebuilt(
+    session: Session, start: Corrections, posterior: GapPosterior
+) -> tuple[list[KinematicFinding], Corrections]:
+    """What is said of a joint, rebuilt into the positions until nothing of it is left."""
+    said = posterior.conclusions()
+    scores = _scores(posterior, said)
+    if not scores:
+        return [], start
+    joint, corrections, steps = scores[0].joint, start, {score.effect.id: [score] for score in scores}
+    driven = [score for score in scores if score.effect.stays_in_gap]
+    for number in range(_REBUILDS):
+        for own in steps.values():
+            if not own[0].effect.stays_in_gap and len(own) > number:
+                corrections = corrected(corrections, own[number])
+        prepared, left = session.prepared(corrections), tuple[GapScore, ...]()
+        model = session.fit(prepared)
+        rows = _rows(session, prepared, model.views, joint)
+        parts = [gap_columns(rows, own.effect, own.shape) for own in scores]
+        if len(rows.values):
+            left = GapPosterior(rows).scores(GapSet(tuple(part for part in parts if part is not None)))
+        rest = [own for own in left if not own.effect.stays_in_gap]
+        if all(np.all(np.abs(own.values) < 0.1 * np.asarray(own.stds)) for own in rest):
             break
-        found.append(following[0])
-        states.append(following[1])
-        if found[-1].effect.stays_in_gap:
-            break  # it is still in this gap, and would be taken for whatever resembles it
-    if len(found) > 1:
-        alone = _alone(session, start, found[-1], joint)
-        if alone is not None and _left(alone[1], states[-1], joint, by=states[-1]) < LEFT_SHARE * alone[0].gain:
-            return [alone[0]], alone[1]  # the first would not be added to the second
-    return found, states[-1]
-
-
-def _alone(
-    session: Session, start: _State, second: KinematicFinding, joint: int
-) -> tuple[KinematicFinding, _State] | None:
-    """The second finding in the place of the first, where it can stand there."""
-    if second.effect.stays_in_gap:
-        return None
-    rated = start.rated(joint, 0.0)
-    own = [r for r in rated if r.score.effect.id == second.effect.id]
-    return _rebuilt(session, start, [*own, *(r for r in rated if r not in own)]) if own else None
-
-
-def _left(state: _State, other: _State, joint: int, by: _State) -> float:
-    """Chi-square of the gap that one state leaves more than another, by the noise of a third."""
-    rows = gap_rows(by.prepared.design, by.prepared.fitted, by.prepared.pairs, joint)
-
-    def left(one: _State) -> float:
-        design = one.prepared.design
-        values = rows.whitened([design.segments[i].gap[:, joint] for i in rows.indices])
-        return float(sum(v @ v for v in values))
-
-    return left(state) - left(other)
-
-
-def _rebuilt(session: Session, state: _State, usable: Sequence[RatedGap]) -> tuple[KinematicFinding, _State] | None:
-    """The first of some explanations built into the positions, the others beside it; None if too little of it goes."""
-    before = state.gap(usable[0].score.joint)
-    near = [r for r in usable if r.score.gain > NEAR * usable[0].score.gain][:MOST_NAMED]
-    built = {}
-    for number, one in enumerate(near if len(near) > 1 else []):
-        if not one.score.effect.stays_in_gap:  # what is rebuilt is compared by what is really left
-            built[one.score.effect.id] = _steps(session, state.corrections, one.score)
-            there = built[one.score.effect.id][1]
-            more = _left(state, there, one.score.joint, by=state) - one.score.gain
-            near[number] = replace(one, log_odds=one.log_odds + 0.5 * more)
-    usable = sorted([*near, *(r for r in usable if r.score not in [n.score for n in near])], key=lambda r: -r.log_odds)
-    best = usable[0].score
-    if best.effect.stays_in_gap:  # it stays in the gap: judged by what its column takes away
-        steps, changed = _placed(session, state.corrections, best)
-        after = state.gap(best.joint, best)
-        values = np.asarray(best.values)
-    else:
-        steps, changed = built.get(best.effect.id) or _steps(session, state.corrections, best)
-        values = np.sum([step.values for step in steps], axis=0)
-        after = changed.gap(best.joint)
+        for more in rest:
+            steps[more.effect.id].append(more)
+    for score in driven:
+        steps[score.effect.id], corrections = _placed(session, corrections, score)
+    before, after = _gaps(session, prepared, model, joint, driven)
     if after > LEAST_GAP_SHARE * before:
-        return None
-    total = log_sum([0.0, *(r.log_odds for r in usable)])
-    shares = [float(np.exp(r.log_odds - total)) for r in usable]
-    reached, rivals = shares[0], list[tuple[str, float]]()
-    for other, share in sorted(zip(usable[1:], shares[1:], strict=True), key=lambda pair: -pair[1]):
-        if reached >= priors.SAID or len(rivals) >= MOST_NAMED - 1:
-            break
-        if best.effect.id in other.score.effect.includes:
-            continue  # only more general
-        rivals.append((other.score.effect.id, share))
-        reached += share
-    finding = KinematicFinding(
-        steps,
-        tuple(values.tolist()),
-        best.stds,
-        best.gain,
-        usable[0].log_odds,
-        before,
-        after,
-        tuple(name for name, _ in rivals),
-        shares[0],
-        tuple(share for _, share in rivals),
-    )
-    return finding, changed
+        return [], start
+    nothing = next((p for own, p in posterior.sets if not own.names), 0.0)
+    findings = []
+    for one in said:
+        if one.part is not None:
+            own, effects_only = steps[one.name], [r for r in one.rivals if "/" not in r[0]]
+            first = next(score for score in scores if score.effect.id == one.name)
+            findings.append(
+                KinematicFinding(
+                    tuple(own),
+                    tuple(np.sum([step.values for step in own], axis=0).tolist()),
+                    first.stds,
+                    first.gain,
+                    float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300))),
+                    before,
+                    after,
+                    tuple(name for name, _ in effects_only),
+                    one.probability,
+                    tuple(p for _, p in effects_only),
+                )
+            )
+    return findings, corrections
 
 
-def _steps(session: Session, corrections: Corrections, best: GapScore) -> tuple[tuple[GapScore, ...], _State]:
-    """A finding built into the positions, step by step until nothing of it is left."""
-    steps, step = list[GapScore](), best
-    for _ in range(_REBUILDS):
-        steps.append(step)
-        corrections = corrected(corrections, step)
-        prepared = session.prepared(corrections)
-        state = _State(corrections, prepared, session.fit(prepared))
-        step = next(s for s in state.scores((best.effect,), best.joint) if s.shape == best.shape)
-        if np.all(np.abs(step.values) < 0.1 * np.asarray(step.stds)):
-            break
-    return tuple(steps), state
+def _gaps(
+    session: Session, prepared: Prepared, model: Model, joint: int, driven: Sequence[GapScore]
+) -> tuple[float, float]:
+    """Root mean square of a joint's filtered gap as measured, and less what was found, m."""
+    plain, indices = session.plain, prepared.validate or prepared.fitted
+    views = [model.views[i][joint] for i in indices if prepared.design.segments[i].loaded]
+    explained = []
+    for view in views:
+        changes = [score.effect.gap_change(view, score.shape, score.values) for score in driven]
+        explained.append(np.sum([c for c in changes if c is not None], axis=0) if changes else np.zeros(len(view)))
+    before = gap_error(plain.design, plain.validate or plain.fitted, joint)
+    return before, gap_error(prepared.design, indices, joint, explained)
 
 
-def _placed(session: Session, corrections: Corrections, best: GapScore) -> tuple[tuple[GapScore, ...], _State]:
+def _placed(session: Session, corrections: Corrections, score: GapScore) -> tuple[list[GapScore], Corrections]:
     """What stays in the gap; play with its place, pin or piston's sensor: where less is left of the efforts.
 
     Friction jumps with the piston's own speed, so efforts tell whether the piston made the jump that its sensor did.
     """
-    tried, noise = list[tuple[float, GapScore, _State]](), None
-    for shape in best.effect.places(best.shape):
-        step = replace(best, shape=shape)
+    tried, noise = list[tuple[float, GapScore, Corrections]](), None
+    places = score.effect.places(score.shape)
+    for shape in places:
+        step = replace(score, shape=shape)
         trial = corrected(corrections, step)
+        if len(places) == 1:
+            return [step], trial
         prepared = session.prepared(trial)
         noise = noise or prepared.noise
-        model = fit_model(prepared.design, noise, prepared.fitted, (), session.prior)
-        excess = model.fit.chi_square - sum(map(len, model.fit.residual))
-        tried.append((excess, step, _State(trial, prepared, model)))
-    _, step, state = min(tried, key=lambda place: place[0])
-    return (step,), state
+        fit = fit_model(prepared.design, noise, prepared.fitted, (), session.prior).fit
+        tried.append((fit.chi_square - sum(map(len, fit.residual)), step, trial))
+    _, step, corrections = min(tried, key=lambda place: place[0])
+    return [step], corrections
+
+
+def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:
+    """The law of a set with its curve."""
+    rows: GapRows = posterior.rows
+    assert said.chosen.law is not None
+    values, covariance, gain = posterior.curve(said.chosen)
+    could_be = tuple((name, p) for name, p in said.rivals if "/" not in name)[: MOST_NAMED - 1]
+    return KinematicLaw(rows.joint, said.chosen.law, values, covariance, gain, said.probability, could_be)
+
+
+def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:
+    """Whole explanations of all gaps; joints are independent."""
+    choices = []
+    for joint, posterior in posteriors.items():
+        own = []
+        for chosen, p in posterior.sets[:MOST_LISTED]:
+            terms = [Term(part.effect, joint, dict(part.shape)) for part in chosen.parts]
+            terms += [] if chosen.law is None else [Term(chosen.law.law, joint)]
+            if p > LEAST:
+                own.append((tuple(terms), p))
+        choices.append(own)
+    found = [
+        Hypothesis(tuple(t for terms, _ in combination for t in terms), float(np.prod([p for _, p in combination])))
+        for combination in product(*choices)
+    ]
+    found = [h for h in found if h.probability > LEAST]
+    return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])
 
 
 def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:
     """Corrections from the ``steps`` of stored kinematic findings, in order."""
     corrections = Corrections(session.machine)
     for step in steps:
-        score = GapScore(
-            effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, 0, tuple(step["values"]), (), True
-        )
+        score = GapScore(effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, tuple(step["values"]), ())
         corrections = corrected(corrections, score)
     return corrections
 

@@ -34,12 +34,14 @@ from fitting.regression.plausible_arm import plausible_arm
 from fitting.regression.prior import Prior, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
+from fitting.residual.kinematics import SensorErrors, checkable
 from fitting.residual.terms import Model, fit_model
 from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, filter_bank
 from fitting.signals.lost_rows import bridged, longest_bridge, with_lost_rows
 from fitting.signals.motion_frequency import motion_frequency
+from fitting.signals.position_sensors import reading_error
 from fitting.signals.preparation import (
     PositionNoise,
     position_noise,
@@ -308,6 +310,15 @@ class Session:
     def position_noise(self) -> tuple[PositionNoise, ...]:
         """Noise of every joint's position."""
         return position_noise(self.machine, self.recordings, self.bank)
+
+    @cached_property
+    def sensor_errors(self) -> SensorErrors:
+        """Noise and steps of both position sensors of every joint that has two."""
+        joints = {number: self.machine.joints[number].name for number in checkable(self.machine)}
+        loaded = [own for own in self.measured if own.role != "unloaded"]
+        channels = [[self.machine.channel(f"{s}_position", n) for s in ("joint", "piston")] for n in joints.values()]
+        found = [[reading_error(loaded, own.name) for own in both if own is not None] for both in channels]
+        return {number: (both[0], both[1]) for number, both in zip(joints, found, strict=True)}
 
     @cached_property
     def prior(self) -> Prior:

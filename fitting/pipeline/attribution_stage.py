@@ -35,6 +35,7 @@ from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.selection.evidence import least_gain
+from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
 #: Chance with which an effect of the size of its detection limit is found.
@@ -52,7 +53,8 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     warnings += noise_words(names, search.session.plain.rescaled)
     # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
     residual = results[Residual]
-    silent = found.verdict == "nothing_missing" and not residual.kinematics and all(residual.floor_valid)
+    silent = found.verdict == "nothing_missing" and not (residual.kinematics or residual.laws)
+    silent = silent and all(residual.floor_valid)
     others = other_bands(search.session, corrections, progress) if silent else ()
     progress(0.92, "designing the experiment that tells rivals apart")
     result = Attributed(
@@ -60,7 +62,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         accepted=tuple(_accepted(a) for a in found.accepted),
         candidates=tuple(c for c in found.candidates if c.id != "law"),
         limits=_limits(found),
-        hypotheses=found.hypotheses,
+        hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
         unconfirmed=tuple(_unconfirmed(item, names) for item in found.unconfirmed),
         lines=tuple(

@@ -62,6 +62,8 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if said in ("unexplained", "ambiguous"):
         silent = said == "unexplained" and not (found.accepted or found.unconfirmed)
         return said, [f"that nothing is missing has a probability of {found.nothing:.2g} only"] if silent else []
+    if results[Residual].laws:
+        return "unexplained", []
     if kinematics:
         return ("ambiguous" if any(f.rivals for f in kinematics) else "effect_added"), []
     if said != "nothing_missing":
@@ -78,7 +80,7 @@ def label(results: StageResults) -> str | None:
     faint = any(abs(c.value) < NAMED_FROM * c.std for item in found.accepted for c in item.cutoffs[1:])
     if faint or any(other.found for other in found.other_bands):
         return "depends_on_band"
-    silent = not (found.accepted or found.unconfirmed or found.lines or residual.kinematics)
+    silent = not (found.accepted or found.unconfirmed or found.lines or residual.kinematics or residual.laws)
     if silent and found.nothing >= 0.5 and not (found.nothing >= NEEDED and all(residual.floor_valid)):
         return "cannot_tell"
     return None

@@ -257,6 +257,9 @@ def follows(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     turns = language.say(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
     turns = language.say(f", only while the speed of the joint is {way}") if way else turns
     where = place(law.get("joint"), language)
+    if (law.get("evidence") or {}).get("between"):
+        said = "what the two position sensors {} disagree by follows the {}"
+        return language.say(said, where, _signals(law, language))
     return language.say("the error {} follows the {}{}", where, _signals(law, language), turns)
 
 

@@ -1,50 +1,76 @@
-"""Kinematics first: a joint encoder against a piston encoder tells sensor and linkage errors without any dynamics.
+"""Two position sensors of one joint against each other: what bends positions, without any dynamics.
 
 The gap between the measured piston position and ``x(q)`` of the measured joint position is zero for a perfect machine.
-Effects that bend positions are scored on it like effects on efforts are scored on residuals: whitened by the gap's own
-noise, chi-square against the price of parameters. What is accepted is *rebuilt* into the positions or the linkage, and
-the gap is looked at again, so that large errors are not left to a linear correction.
+Effects that bend positions are columns of it, taken at the point that fits best where a formula is not linear; laws are
+splines of whatever else was measured. A delay of one sensor against the other, which buses and filters make, shows as
+the piston's speed and acceleration: both are part of the base, as nobody's fault.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
+from scipy import linalg, ndimage
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, Shape, has_both_positions
+from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has_both_positions
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
+from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections
+from fitting.signals.position_sensors import rounded_noise
 from fitting.signals.spectrum import Whitening, whitening
-from fitting.signals.splines import spline_basis
+from fitting.signals.splines import evaluate, spline_basis, spline_knots
 
 FloatArray = npt.NDArray[np.float64]
 
-#: Steps of a fit by chords; it ends once one takes less than a hundredth of a chi-square of one.
-_CHORDS, _LEAST_GAIN = 12, 1.0
+#: Steps of a fit by chords; it ends once one takes less than this of a chi-square of one.
+_CHORDS, _LEAST_GAIN = 12, 0.01
 #: Values beyond this are no error of a position sensor, m or rad.
 _FARTHEST = 1.0
+#: Own and neighbours' signals that the gap may be a law of, with the functions of their splines.
+_OWN_SIGNALS = {"piston_position": 40, "time": 8, "oil_temperature": 8}
+_OTHER_SIGNALS = {"joint_position": 8, "link_angle": 8, "cylinder_force": 8}
+_FORCE_FUNCTIONS = 12
+#: Per joint the white noise and the steps of the joint's sensor, and of its piston's.
+SensorErrors = Mapping[int, tuple[tuple[float, float], tuple[float, float]]]
 
 
 @dataclass(frozen=True)
 class GapScore:
-    """One shape of an effect on one joint's gap; fields as in :class:`fitting.residual.scoring.Score`."""
+    """One shape of an effect with its values on one joint's gap, and the chi-square that it takes beside the others."""
 
     effect: Effect
     joint: int
     shape: Shape
     gain: float
-    live: int
     values: tuple[float, ...]
     stds: tuple[float, ...]
-    plausible: bool
+
+
+@dataclass(frozen=True)
+class GapLaw:
+    """A law of the gap; what gives way to a force sits somewhere (``site``), as an effect of the force does."""
+
+    law: Law
+    site: Shape | None = None
+
+    def is_of(self, force: bool) -> bool:
+        """Whether it is one of the joint's own force, or else of its own position."""
+        return self.site is not None if force else self.law.signal == "piston_position"
+
+    def columns(self, view: DriveView) -> FloatArray:
+        """Columns (N, functions), m."""
+        if self.site is None:
+            return self.law.columns(view)
+        lever = gap_lever(view, self.site)
+        bending = lever * view.bending_force(bool(self.site["friction"]))
+        return np.asarray(evaluate(np.asarray(self.law.knots), bending) * lever[:, None])
 
 
 @dataclass(frozen=True)
@@ -55,32 +81,50 @@ class GapRows:
     """
 
     design: Design
-    joint: int
+    views: tuple[DriveView, ...]
     whitening: Whitening
     indices: tuple[int, ...]
 
     @cached_property
-    def values(self) -> tuple[FloatArray, ...]:
-        """The whitened gap of each segment."""
+    def joint(self) -> int:
+        """The joint's number."""
+        return self.views[0].joint
+
+    @cached_property
+    def values(self) -> FloatArray:
+        """The whitened gap (M,) of all segments."""
         return self.whitened([self.design.segments[i].gap[:, self.joint] for i in self.indices])
 
-    def whitened(self, series: Sequence[FloatArray]) -> tuple[FloatArray, ...]:
-        """What stands beside each segment's gap, (N,) or (N, k) at full rate, as the gap is whitened."""
+    def whitened(self, series: Sequence[FloatArray]) -> FloatArray:
+        """What stands beside each segment's gap, (N,) or (N, k) at full rate, as the gap is whitened: (M,), (M, k)."""
         keeps = [self.whitening.kept(self.design.blocks[self.joint][i].keep) for i in self.indices]
-        return tuple(
-            self.whitening(self.design.bank.reduce(own))[keep] for own, keep in zip(series, keeps, strict=True)
+        reduce = self.design.bank.reduce
+        return np.concatenate([self.whitening(reduce(own))[keep] for own, keep in zip(series, keeps, strict=True)])
+
+    @cached_property
+    def zeros(self) -> FloatArray:
+        """Columns (M, 2) of a zero that is off: the piston's, and the joint's."""
+        return self.whitened(
+            [np.column_stack([np.ones(len(view)), view.r / np.max(np.abs(view.r))]) for view in self.views]
         )
 
-    @property
-    def chi_square(self) -> float:
-        """Sum of squares of the whitened gap."""
-        return float(sum(v @ v for v in self.values))
+    @cached_property
+    def base(self) -> FloatArray:
+        """Columns (M, 2) of a delay between both sensors."""
+        return self.whitened([np.column_stack([view.v, view.a]) for view in self.views])
 
 
-def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], joint: int) -> GapRows:
-    """Whitened gap of a joint over the loaded segments; its noise is that of (train less repeat)."""
+def gap_rows(
+    design: Design, views: Views, fitted: Sequence[int], pairs: Sequence[Pairing], sensors: SensorErrors, joint: int
+) -> GapRows:
+    """Whitened gap of a joint over the loaded segments; without rows where it hardly moves.
+
+    Its noise is that of (train less repeat), or, without a repeat, what a smooth function of the position leaves; or
+    what the sensors' noise and steps make of this motion, if that is more. Steps are the same in two runs of one
+    motion, and their difference knows little of them; those of slow motions are not white.
+    """
     indices = tuple(i for i in fitted if design.segments[i].loaded)
-    series = []
+    own, series = tuple(views[i][joint] for i in indices), list[FloatArray]()
     for pair in pairs:
         a, b = design.segments[pair.train], design.segments[pair.repeat]
         left = slice(pair.train_start, pair.train_start + pair.length)
@@ -89,8 +133,15 @@ def gap_rows(design: Design, fitted: Sequence[int], pairs: Sequence[Pairing], jo
         series += moving_stretches(difference, a.rest[left, joint] | b.rest[right, joint], design.bank)
     if not series:
         series = _without_law_of_position(design, indices, joint)
+    made, rng = list[FloatArray](), np.random.default_rng(0)
+    for view in own:
+        errors = [rounded_noise(p, e, rng) for p, e in zip((view.q, view.x), sensors[joint], strict=True)]
+        noise = ndimage.convolve1d(errors[1] - view.r * errors[0], design.bank.value, mode="nearest")
+        made += moving_stretches(noise, view.segment.rest[:, joint], design.bank)
+    heard = [whitening(parts, design.bank) for parts in (series, made) if parts]
+    best = max(heard, key=lambda w: w.std, default=None)
     # Where it hardly moves, nothing tells its noise, and nothing can be told of the gap.
-    return GapRows(design, joint, whitening(series, design.bank), indices if series else ())
+    return GapRows(design, own, best or whitening([], design.bank), indices if series else ())
 
 
 def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
@@ -112,88 +163,95 @@ def _without_law_of_position(design: Design, indices: Sequence[int], joint: int)
     return np.split(left, np.cumsum([len(part) for part in parts])[:-1])
 
 
-def score_gaps(
-    design: Design,
-    views: Views,
-    fitted: Sequence[int],
-    pairs: Sequence[Pairing],
-    effects: Sequence[Effect],
-    joint: int,
-) -> tuple[list[GapScore], GapRows]:
-    """What every shape of all effects that bend positions takes of one joint's gap, most first."""
-    rows = gap_rows(design, fitted, pairs, joint)
-    own = [views[i][joint] for i in rows.indices]
-    if not sum(map(len, rows.values)):
-        return [], rows
-    result: list[GapScore] = []
-    for effect in effects:
-        for shape in effect.shapes(own[0]):
-            full = [effect.gap_columns(view, shape) for view in own]
-            if any(column is None for column in full):
-                break
-            C = np.vstack(rows.whitened([c for c in full if c is not None]))
-            score = _fitted(rows, own, effect, shape, C)
-            if score is not None:
-                result.append(replace(score, joint=joint))
-    return sorted(result, key=lambda s: -s.gain), rows
+def gap_laws(views: Sequence[DriveView]) -> Iterator[GapLaw]:
+    """What the gap may be a law of, where its formula is unknown."""
+    machine, joint = views[0].machine, views[0].joint
+
+    def law(signal: str, other: int | None, values: FloatArray, count: int) -> Law | None:
+        if not np.ptp(values) > 1e-9 * np.max(np.abs(values)):
+            return None
+        return Law(signal, other, False, True, tuple(spline_knots(values, count).tolist()))
+
+    found: list[tuple[Law | None, Shape | None]] = []
+    for signal, count in _OWN_SIGNALS.items():
+        if signal != "oil_temperature" or all(view.segment.temperature is not None for view in views):
+            found.append((law(signal, None, np.concatenate([OWN[signal][1](v) for v in views]), count), None))
+    for site in SITES:
+        bending = [gap_lever(v, site) * v.bending_force(bool(site["friction"])) for v in views]
+        found.append((law("cylinder_force", None, np.concatenate(bending), _FORCE_FUNCTIONS), site))
+    for other in (k for k in range(len(machine.joints)) if k != joint):
+        for signal, count in _OTHER_SIGNALS.items():
+            if signal == "link_angle" and len(parallel_joints(machine, other)) == 1:
+                continue  # the joint's own angle
+            values = np.concatenate([NEIGHBOUR[signal][1](v, other) for v in views])
+            found.append((law(signal, other, values, count), None))
+    yield from (GapLaw(own, site) for own, site in found if own is not None)
 
 
-def _fitted(rows: GapRows, views: Sequence[DriveView], effect: Effect, shape: Shape, C: FloatArray) -> GapScore | None:
-    """Least squares of one shape, its formula taken as it is, not to first order.
+@dataclass(frozen=True)
+class GapColumns:
+    """A shape of an effect on the whitened gap.
 
-    By chords: what the values of the last step leave is solved for with the columns at zero.
+    Attributes
+    ----------
+    columns : (M, k) per unit of its parameters
+    beyond : (M,) what its formula has beyond them at the values that fit best
+    rates : (M, 2) both time derivatives of the first column of what gives way to a force: it has a mode and a damping
+        of its own; (M, 0) of all else
     """
-    scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-    eigenvalues, vectors = linalg.eigh((C / scale).T @ (C / scale))
-    live = eigenvalues > 1e-8
-    if not live.any():
+
+    effect: Effect
+    shape: Shape
+    columns: FloatArray
+    beyond: FloatArray
+    rates: FloatArray
+
+
+def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | None:
+    """Columns of a shape, its formula taken at the values that fit best; None where it bends nothing here."""
+    full = [effect.gap_columns(view, shape) for view in rows.views]
+    if any(column is None for column in full):
         return None
-    root = vectors[:, live] / eigenvalues[live] @ vectors[:, live].T
+    columns = [c for c in full if c is not None]
+    C, rates = rows.whitened(columns), np.zeros((len(rows.values), 0))
+    if effect.stays_in_gap:
+        first = [rows.design.bank.rate(c[:, 0]) for c in columns]
+        rates = rows.whitened([np.column_stack([own, rows.design.bank.rate(own)]) for own in first])
+    beyond = np.zeros(len(C))
+    if type(effect).gap_change is not Effect.gap_change:  # else its columns are all that there is of it
+        values, change = _best_point(rows, effect, shape, C)
+        beyond = change - C @ values
+    return GapColumns(effect, shape, C, beyond, rates)
 
-    def left(values: FloatArray) -> FloatArray:
-        changes = [effect.gap_change(view, shape, values.tolist()) for view in views]
-        parts = rows.whitened([c for c in changes if c is not None])
-        return np.asarray(np.concatenate(rows.values) - np.concatenate(parts))
 
-    residual, best = np.concatenate(rows.values), np.zeros(C.shape[1])
-    before = float(residual @ residual)
-    least = before
+def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Values that fit best by themselves, and what they change (M,): by chords, with the columns at zero."""
+    values, change = np.zeros(C.shape[1]), np.zeros(len(C))
+    scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
+    pseudo = linalg.pinv(np.hstack([C / scale, rows.base / np.linalg.norm(rows.base, axis=0)]), rtol=1e-5)
     for _ in range(_CHORDS):
-        values = best + root @ ((C / scale).T @ residual) / scale
-        if not np.all(np.abs(values) < _FARTHEST):
+        step = (pseudo @ (rows.values - change))[: len(values)] / scale
+        trial = values + step
+        if not np.all(np.abs(trial) < _FARTHEST):
             break
         try:
-            trial = left(values)
+            parts = [effect.gap_change(view, shape, trial.tolist()) for view in rows.views]
         except ValueError:  # no linkage has such lengths
             break
-        now = float(trial @ trial)
-        if not now < least:
+        values, change = trial, rows.whitened([c for c in parts if c is not None])
+        if float(np.sum((C @ step) ** 2)) < _LEAST_GAIN:
             break
-        done = least - now < 0.01 * _LEAST_GAIN
-        residual, best, least = trial, values, now
-        if done:
-            break
-    stds = np.sqrt(np.sum(vectors[:, live] ** 2 / eigenvalues[live], axis=1)) / scale
-    stds = np.where(np.linalg.norm(C, axis=0) > 0, stds, 0.0)
-    plausible = effect.plausible(best.tolist(), stds.tolist())
-    count = int(np.count_nonzero(live))
-    return GapScore(effect, 0, shape, before - least, count, tuple(best.tolist()), tuple(stds.tolist()), plausible)
+    return values, change
 
 
-def gap_error(
-    design: Design, indices: Sequence[int], joint: int, views: Views | None = None, without: GapScore | None = None
-) -> float:
-    """Root mean square of the filtered gap where the joint moves, m; without what a score explains of it."""
+def gap_error(design: Design, indices: Sequence[int], joint: int, explained: Sequence[FloatArray] = ()) -> float:
+    """Root mean square of the filtered gap where the joint moves, m; without what is ``explained`` (N,) by segment."""
     values = []
-    for index in indices:
-        segment = design.segments[index]
-        if not segment.loaded:
-            continue
-        gap = segment.gap[:, joint]
-        change = None
-        if without is not None and views is not None:
-            change = without.effect.gap_change(views[index][joint], without.shape, without.values)
-        values.append(design.bank.reduce(gap if change is None else gap - change)[design.blocks[joint][index].keep])
+    loaded = [i for i in indices if design.segments[i].loaded]
+    for number, index in enumerate(loaded):
+        gap = design.segments[index].gap[:, joint]
+        own = gap - explained[number] if explained else gap
+        values.append(design.bank.reduce(own)[design.blocks[joint][index].keep])
     return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if sum(map(len, values)) else 0.0
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from fitting.effects.base import Effect
-from fitting.residual.findings import MOST_LISTED, Accepted, Place
+from fitting.residual.findings import LEAST, MOST_LISTED, Accepted, Hypothesis, Place
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.decision import believed
 from fitting.selection.rated import Rated, family
@@ -95,3 +97,22 @@ def open_place(rated: Sequence[Rated]) -> Place:
     total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in rated)]))
     found = [(r.term, float(np.exp(r.log_odds - total))) for r in rated[:MOST_LISTED]]
     return ((None, float(np.exp(-total))), *found)
+
+
+def together(positions: Sequence[Hypothesis], efforts: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Explanations of positions and of efforts as explanations of both, the most probable first.
+
+    What efforts say is said with the positions as they were rebuilt, whichever explanation of those it is. What both
+    say is said once.
+    """
+
+    def terms(both: Hypothesis, more: Hypothesis) -> tuple[Term, ...]:
+        named = {t.family: t for t in (*both.terms, *more.terms) if isinstance(t.content, Effect)}
+        laws = {t.label: t for t in (*both.terms, *more.terms) if not isinstance(t.content, Effect)}
+        return (*named.values(), *laws.values())
+
+    found = [
+        Hypothesis(terms(p, e), p.probability * e.probability)
+        for p, e in product(positions or (Hypothesis((), 1.0),), efforts)
+    ]
+    return tuple(sorted((h for h in found if h.probability > LEAST), key=lambda h: -h.probability)[:MOST_LISTED])

@@ -23,8 +23,6 @@ PHYSICS, SERIES = (0.4, 0.4, 0.2), (0.2, 0.4, 0.4)
 #: The same for whatever a joint still lacks beside an effect that was found on it, in other variables.
 LEFTOVERS = (0.03, 0.07, 0.12)
 LEFTOVER_WEIGHTS = (0.45, 0.45, 0.1)
-#: The same beside an effect whose formula is exact: geometry, encoders.
-EXACT_LEFTOVERS = (0.003, 0.01, 0.03)
 #: Share of it that shows on other joints, through the rigid body they have in common.
 SPILL = 0.1
 #: Amplitude, as share, that counts as found of what was significant and did not hold elsewhere: its formula was wrong,

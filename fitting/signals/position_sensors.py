@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from daq.machine.machine_file import Channel, Joint, Machine
@@ -86,6 +88,22 @@ def channel_noise(recording: Recording, channel: str) -> float:
     if sum(max(part.stop - part.start - _TAPS, 0) for part in parts) < _LEAST * len(values):
         parts = recording.segments([channel])
     return white_noise_of([values[part] for part in parts])
+
+
+def reading_error(recordings: Sequence[Recording], channel: str) -> tuple[float, float]:
+    """White noise of a channel's readings, and the steps that they are rounded to (0 or next to it without any)."""
+    std = float(np.median([channel_noise(recording, channel) for recording in recordings]))
+    changes = np.concatenate([np.abs(np.diff(recording.values[channel])) for recording in recordings])
+    changes = changes[np.isfinite(changes) & (changes > 1e-12)]
+    return std, float(np.quantile(changes, 0.01)) if len(changes) else 0.0
+
+
+def rounded_noise(position: FloatArray, error: tuple[float, float], rng: np.random.Generator) -> FloatArray:
+    """Readings less the position (N,) of a sensor with such a noise and such steps: slow motion makes them no noise."""
+    std, step = error
+    white = np.sqrt(max(std**2 - step**2 / 12.0, 0.0))
+    reading = position + white * rng.standard_normal(len(position)) + step * rng.uniform()
+    return np.asarray((np.round(reading / step) * step if step > 0 else reading) - position)
 
 
 def held(values: FloatArray, rate_hz: float) -> BoolArray:

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from daq.errors import InputError
 from daq.machine.linkages import ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
-from sim_backends.undeclared import forces, friction, mounting, outside, outside_later, sensing
+from sim_backends.undeclared import forces, friction, mismatch, mounting, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 
 __all__ = [
+    "MISMATCH",
     "OUTSIDE",
+    "OUTSIDE_MISMATCH",
     "UNDECLARED",
     "Block",
     "EffectSpec",
@@ -27,9 +29,9 @@ __all__ = [
 
 UNDECLARED: dict[str, type[UndeclaredEffect]] = {
     effect.id: effect
-    for module in (friction, forces, sensing, mounting, outside, outside_later)
+    for module in (friction, forces, sensing, mounting, outside, outside_later, mismatch)
     for effect in vars(module).values()
-    if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect is not UndeclaredEffect
+    if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect.__dict__.get("id")
 }
 #: Effects that stand in no catalogue, in the order in which they were written.
 OUTSIDE = tuple(
@@ -37,6 +39,11 @@ OUTSIDE = tuple(
     for module in (outside, outside_later)
     for effect, kind in UNDECLARED.items()
     if kind.__module__ == module.__name__
+)
+#: Shapes that flexibility and play have between two position sensors, and what bends one of those in no catalogue.
+MISMATCH = tuple(e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and kind.called)
+OUTSIDE_MISMATCH = tuple(
+    e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and not kind.called
 )
 
 

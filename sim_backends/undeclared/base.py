@@ -80,6 +80,7 @@ class UndeclaredEffect:
     id: ClassVar[str]
     unit: ClassVar[str]  # of the size
     meaning: ClassVar[str]  # of the size
+    called: ClassVar[str] = ""  # its name in a catalogue, where that is not the id
     base_wide: ClassVar[bool] = False  # belongs to no joint
     needs_cylinder: ClassVar[bool] = True
     needs_three_pin: ClassVar[bool] = False

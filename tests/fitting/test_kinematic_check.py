@@ -21,12 +21,17 @@ from synthetic_arm import (
 )
 
 from daq.machine.machine_file import Machine
-from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematic_findings, step_to_json
+from fitting.effects import effect
+from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematics, step_to_json
 from fitting.loop.session import Options, Session
+from fitting.residual.findings import Hypothesis
 from fitting.residual.kinematics import checkable, gap_error
+from fitting.residual.terms import Term
+from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
 ARM = truth(2)
+ROLES = (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
 
 
 def with_reading(reading: Callable[[np.ndarray], np.ndarray], joint: int = 1) -> Session:
@@ -48,7 +53,8 @@ def gap_left(session: Session, corrections: Corrections, joint: int) -> tuple[fl
 
 
 def test_two_sound_encoders_show_no_eccentricity() -> None:
-    findings, corrections = kinematic_findings(clean_session(2))
+    found = kinematics(clean_session(2))
+    findings, corrections = found.findings, found.corrections
     assert findings == ()
     assert corrections == Corrections(clean_session(2).machine)
 
@@ -57,7 +63,8 @@ def test_two_sound_encoders_show_no_eccentricity() -> None:
 @pytest.mark.parametrize("offset", [0.002, -0.03])
 def test_an_encoder_offset_is_named_measured_and_rebuilt(offset: float) -> None:
     session = with_reading(lambda q: q + offset)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "encoder_offset", 1)
     assert "encoder_eccentricity" not in finding.rivals, "an eccentricity without harmonics is an offset"
     if finding.effect.id == "encoder_offset":
@@ -76,7 +83,8 @@ def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int, zeroed: bool) -
     """Encoders are zeroed on the machine, so that the error is zero there and not on average."""
     zero = -0.002 if zeroed else 0.0
     session = with_reading(lambda q: q + 0.004 * np.sin(n * q) + 0.002 * np.cos(n * q) + zero)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "encoder_eccentricity", 1)
     if finding.effect.id == "encoder_eccentricity" and finding.steps[0].shape["n"] == n:
         assert finding.values == pytest.approx((0.004, 0.002, zero), abs=2e-4)
@@ -94,7 +102,8 @@ def test_a_shifted_pin_is_named_and_the_linkage_rebuilt(parameter: str, shift: f
         motion = make_motion(true, role, seed)
         recordings.append(sample(true, motion, force(true, ARM, motion), role, 1, number=number))
     session = Session(machine, recordings)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "linkage_geometry", 1)
     before, after = gap_left(session, corrections, 1)
     assert before > 10 * after and after < 3e-5
@@ -131,7 +140,8 @@ def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(pla
                 effort = force(machine, ARM, motion)
         recordings.append(sample(machine, motion, effort, role, 1, number=number))
     session = Session(machine, recordings)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     finding = named(findings, "backlash", 1)
     # The model's load crosses zero a little before or after the true one.
     assert finding.values[0] == pytest.approx(0.002, rel=0.1)
@@ -145,14 +155,16 @@ def test_one_position_sensor_cannot_be_checked() -> None:
     for sensors in ("joint", "piston"):
         machine = planar_machine(2, sensors=sensors)
         assert checkable(machine) == ()
-        findings, _ = kinematic_findings(make_session(machine, ARM))
+        found = kinematics(make_session(machine, ARM))
+        findings = found.findings
         assert findings == ()
 
 
 @pytest.mark.slow
 def test_what_was_found_survives_its_way_through_json() -> None:
     session = with_reading(lambda q: q + 0.01)
-    findings, corrections = kinematic_findings(session)
+    found = kinematics(session)
+    findings, corrections = found.findings, found.corrections
     steps = [step_to_json(s) for f in findings for s in f.steps]
     again = corrections_from_json(session, steps)
     q = np.linspace(-0.5, 0.5, int(RATE))
@@ -186,7 +198,7 @@ def test_a_joint_that_is_parked_half_of_the_time_is_no_witness_of_eccentricity()
         time = np.arange(2 * count) / RATE
         recordings.append(recording if recording.role == "unloaded" else replace(recording, time=time, values=values))
     session = Session(machine, recordings, Options(loop=False))
-    assert kinematic_findings(session)[0] == ()
+    assert kinematics(session).findings == ()
     whole = Session(machine, make_recordings(machine, ARM, seeds), Options(loop=False))
     kept = [
         [sum(int(own[i].keep.sum()) for i in s.plain.fitted) for own in s.plain.design.blocks] for s in (session, whole)
@@ -195,3 +207,108 @@ def test_a_joint_that_is_parked_half_of_the_time_is_no_witness_of_eccentricity()
     assert np.allclose(*kept, rtol=0.03), "what stands is counted"
     for first, second in zip(session.position_noise, whole.position_noise, strict=True):
         assert first.speed == pytest.approx(second.speed, rel=0.1)
+
+
+def bent_session(change: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], joint: int = 1) -> Session:
+    """An arm whose piston's sensor reads more by what ``change`` makes of (angles, load in N, time)."""
+    machine = planar_machine(2)
+    bodiless = replace(ARM, pi=0 * ARM.pi)
+    recordings = []
+    for number, (role, seed) in enumerate((("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))):
+        motion = make_motion(machine, role, seed)
+        effort = force(machine, ARM, motion)
+        if role != "unloaded":
+            load = (effort - force(machine, bodiless, motion))[:, joint]
+            x = motion.x.copy()
+            x[:, joint] += change(motion.q, load, np.arange(len(x)) / RATE)
+            motion = replace(motion, x=x)
+        recordings.append(sample(machine, motion, effort, role, 1, number=number))
+    return Session(machine, recordings)
+
+
+def lever(machine: Machine, q: np.ndarray) -> np.ndarray:
+    cylinder = machine.joints[1].cylinder
+    assert cylinder is not None
+    x = cylinder.linkage.piston_position
+    return np.asarray((x(q + 1e-6) - x(q - 1e-6)) / 2e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("about", [False, True])
+def test_a_structure_that_bends_is_named_with_its_place(about: bool) -> None:
+    """Along the cylinder it gives way by c F, about the joint by c r^2 F: found to a few per cent, and no geometry."""
+    machine = planar_machine(2)
+    compliance = 2e-5 if about else 4e-7
+
+    def change(q: np.ndarray, load: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return compliance * (lever(machine, q[:, 1]) ** 2 if about else 1.0) * load
+
+    found = kinematics(bent_session(change))
+    (finding,) = found.findings
+    assert (finding.effect.id, finding.joint) == ("structural_flexibility", 1)
+    assert finding.steps[0].shape["about"] == about
+    assert finding.values[0] == pytest.approx(compliance, rel=0.05)
+    assert found.laws == () and found.corrections.play == {"joint2": "pin"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("outside", ["time", "joint1.joint_position", "piston_position"])
+def test_what_is_in_no_catalogue_is_a_law_and_no_name(outside: str) -> None:
+    """A scale that warms up, a frame that bends with the neighbour, a wave along the rod: 30 to 100 micrometres."""
+    machine = planar_machine(2)
+    x = machine.joints[1].cylinder.linkage.piston_position  # type: ignore[union-attr]
+
+    def change(q: np.ndarray, load: np.ndarray, time: np.ndarray) -> np.ndarray:
+        if outside == "time":
+            return 1e-4 * (1 - np.exp(-time / 15.0))
+        return 1e-4 * np.sin(2 * q[:, 0]) if outside.startswith("joint1") else 3e-5 * np.sin(x(q[:, 1]) / 0.006)
+
+    found = kinematics(bent_session(change))
+    assert found.findings == ()
+    (law,) = found.laws
+    assert (law.joint, law.law.law.variable(("joint1", "joint2"))) == (1, outside)
+    assert law.probability > 0.9
+    (best, *_) = found.hypotheses
+    assert [term.id for term in best.terms] == ["law"]
+
+
+@pytest.mark.slow
+def test_two_at_once_are_both_named_and_hypotheses_have_them() -> None:
+    """An encoder's offset beside mounts that give way: neither hides the other, and "nothing" is not said beside."""
+    machine = planar_machine(2)
+    x = machine.joints[1].cylinder.linkage.piston_position  # type: ignore[union-attr]
+
+    def change(q: np.ndarray, load: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return 4e-7 * load + x(q[:, 1] - 0.002) - x(q[:, 1])
+
+    found = kinematics(bent_session(change))
+    names = [(f.effect.id, *f.rivals) for f in found.findings]
+    assert len(names) == 2
+    assert "encoder_offset" in names[0] and names[1] == ("structural_flexibility",)
+    assert sum(h.probability for h in found.hypotheses if not h.terms) < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bits", [12, 14, 16])
+def test_steps_of_a_coarse_encoder_and_a_late_bus_are_nobodys_fault(bits: int) -> None:
+    """Steps of slow motion are no white noise, and a delay of 6 ms between both sensors is no law of speed."""
+    machine, step = planar_machine(2), 2 * np.pi / 2**bits
+    recordings = []
+    for recording in make_recordings(machine, ARM, ROLES):
+        late = np.interp(recording.time - 0.006, recording.time, recording.values["joint2.q"])
+        values = {**recording.values, "joint2.q": np.round(late / step) * step}
+        recordings.append(recording if recording.role == "unloaded" else replace(recording, values=values))
+    found = kinematics(Session(machine, recordings, Options(loop=False)))
+    assert found.findings == () and found.laws == ()
+    assert [h.terms for h in found.hypotheses[:1]] == [()]
+
+
+def test_explanations_of_positions_and_of_efforts_are_said_together_and_a_name_once() -> None:
+    flexible = Term(effect("structural_flexibility"), 1, {"about": 1.0})
+    offset, same = Term(effect("encoder_offset"), 0), Term(effect("structural_flexibility"), 1)
+    positions = (Hypothesis((flexible, offset), 0.9), Hypothesis((), 0.1))
+    both = together(positions, (Hypothesis((same,), 0.75), Hypothesis((), 0.25)))
+    assert [h.probability for h in both] == pytest.approx([0.675, 0.225, 0.075, 0.025])
+    assert [{t.family for t in h.terms} for h in both[:2]] == [{flexible.family, offset.family}] * 2
+    assert all(len(h.terms) == len({t.family for t in h.terms}) for h in both)
+    assert sum(h.probability for h in both) == pytest.approx(1.0)

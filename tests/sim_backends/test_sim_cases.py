@@ -10,7 +10,7 @@ import pytest
 from sim_backends import UNDECLARED, EffectSpec, SensorQuality, simulate_case
 from sim_backends.plant.cases import STEMS, plan_case
 from sim_backends.plant.plant import Plant
-from sim_backends.undeclared import OUTSIDE
+from sim_backends.undeclared import OUTSIDE, OUTSIDE_MISMATCH
 
 QUALITY = SensorQuality()
 
@@ -62,7 +62,7 @@ def test_effects_outside_the_catalogue_say_which_signals_show_them(plan) -> None
     for effect, kind in UNDECLARED.items():
         spec = EffectSpec(effect, None if kind.base_wide else "joint3", 1e-3)
         (built,) = Plant(plan.machine, plan.truth, undeclared=[spec], rng=rng).effects
-        assert bool(built.variables()) == (effect in OUTSIDE)
+        assert bool(built.variables()) == (effect in (*OUTSIDE, *OUTSIDE_MISMATCH))
         for variable in built.variables():
             joint, _, signal = variable.rpartition(".")
             assert signal in {"piston_position", "piston_speed", "piston_acceleration", "joint_position"} | {
@@ -73,5 +73,7 @@ def test_effects_outside_the_catalogue_say_which_signals_show_them(plan) -> None
                 "cylinder_force",
                 "head_pressure",
                 "rod_pressure",
+                "time",
+                "oil_temperature",
             }
             assert joint in {"", *(j.name for j in plan.machine.joints)} - {"joint3"}

@@ -18,7 +18,7 @@ from sim_backends import (
     simulate_case,
     slewing_arm,
 )
-from sim_backends.undeclared import check_spec, parse_spec
+from sim_backends.undeclared import MISMATCH, OUTSIDE_MISMATCH, check_spec, parse_spec
 from sim_backends.undeclared.base import UndeclaredEffect
 
 pytestmark = pytest.mark.slow
@@ -42,20 +42,23 @@ SIZES = {
     "neighbour_product_friction": 80.0, "saturating_coupling": 80.0, "dwell_stiction": 60.0,
     "neighbour_inertia": 200.0, "dented_rod": 120.0, "return_line": 200.0, "hanging_hose": 120.0,
     "squeezed_guide": 60.0, "wiped_film": 80.0, "lying_rod": 80.0, "starved_inflow": 150.0, "shared_gallery": 300.0,
-    "pilot_line": 150.0,
+    "pilot_line": 150.0, "cylinder_compliance": 1.0e-7, "joint_compliance": 1.0e-6, "pin_play": 0.5e-3,
+    "joint_play": 2.0e-3, "hardening_structure": 0.5e-3, "warming_scale": 0.2e-3, "bending_frame": 0.1e-3,
+    "scale_wave": 0.05e-3,
 }  # fmt: skip
 # Gone when the rods are unpinned: they come from the load, act on the joint, or need the neighbours out of mid-pose.
 LOADED_ONLY = {
     "load_dependent_friction", "counterbalance_valve", "pose_dependent_friction", "hose_stiffness",
     "actuator_inertia", "carried_liquid", "structural_flexibility", "linkage_geometry", "base_tilt", "payload",
-    "backlash", "neighbour_product_friction", "hanging_hose", "squeezed_guide", "lying_rod",
+    "backlash", "neighbour_product_friction", "hanging_hose", "squeezed_guide", "lying_rod", *MISMATCH,
+    *OUTSIDE_MISMATCH,
 }  # fmt: skip
 PRESSURES_ONLY = {"supply_ripple", "pressure_offset", "pressure_gain", "pressure_drift", "sensor_latency"}
 ENCODER_ONLY = {"encoder_offset", "encoder_eccentricity"}
 CATALOGUE = set(SIZES) - {
     "bent_guide", "threshold_spring", "neighbour_product_friction", "saturating_coupling", "dwell_stiction",
     "neighbour_inertia", "dented_rod", "return_line", "hanging_hose", "squeezed_guide", "wiped_film", "lying_rod",
-    "starved_inflow", "shared_gallery", "pilot_line",
+    "starved_inflow", "shared_gallery", "pilot_line", *MISMATCH, *OUTSIDE_MISMATCH,
 }  # fmt: skip
 
 
@@ -104,6 +107,8 @@ def test_loaded(effect, pinned):
         assert names == {f"{JOINT}.angle"}
     elif effect in PRESSURES_ONLY:
         assert names <= {f"{JOINT}.head_pressure", f"{JOINT}.rod_pressure"}
+    elif effect in (*MISMATCH, *OUTSIDE_MISMATCH):
+        assert names == {f"{JOINT}.piston_position"}
     elif UNDECLARED[effect].base_wide:
         assert {n.split(".")[1] for n in names} <= {"head_pressure", "rod_pressure"}
         assert len({n.split(".")[0] for n in names}) > 2, "all joints at once"
@@ -256,3 +261,29 @@ def test_base_wide_effects_need_no_joint():
     assert parse_spec("base_tilt::0.02", machine) == EffectSpec("base_tilt", None, 0.02)
     assert check_spec(EffectSpec("stribeck", "joint3", 5.0), machine).size == 5.0
     assert len(CATALOGUE) >= 31
+
+
+@pytest.mark.parametrize(
+    ("effect", "friction", "lever"),
+    [("cylinder_compliance", f, 0) for f in (False, True)] + [("joint_compliance", f, 2) for f in (False, True)],
+)
+def test_compliance_follows_what_bends_it_where_it_sits(pinned, monkeypatch, effect, friction, lever):
+    """The piston is ahead by the compliance times the force, far below its mode; about the joint by the lever twice."""
+    machine, truth, motion, plain = pinned
+    kind = UNDECLARED[effect]
+    before = kind.prepare
+
+    def prepare(self, rng):
+        before(self, rng)
+        self.feels_friction = friction
+
+    monkeypatch.setattr(kind, "prepare", prepare)
+    table = tables(machine, truth, motion, [spec(effect, SIZES[effect])])
+    gap = table[f"{JOINT}.piston_position"] - plain[f"{JOINT}.piston_position"]
+    linkage = machine.joint(JOINT).cylinder.linkage
+    q = plain[f"{JOINT}.angle"]
+    r = (linkage.piston_position(q + 1e-6) - linkage.piston_position(q - 1e-6)) / 2e-6
+    wanted = SIZES[effect] * r**lever * force(machine, plain)
+    friction_of = 2.0 * truth.cylinders[JOINT].f_c * SIZES[effect] * np.max(r**lever)
+    assert np.std(gap - wanted) < (0.1 * np.std(wanted) if friction else 2.0 * friction_of)
+    assert np.corrcoef(gap, wanted)[0, 1] > 0.95

@@ -17,6 +17,7 @@ from fitting.pipeline.results.loop_results import (
     Attributed,
     Kinematic,
     Resolution,
+    Rival,
     SpectralLine,
     UnconfirmedLaw,
 )
@@ -37,6 +38,12 @@ _PLACES = {
     0.0: "; the efforts follow the piston's own speed, so the play is in a pin",
     1.0: "; the efforts follow the joint's speed, so the play is in the piston's sensor",
 }
+#: Shapes that are one of two, in words.
+_CHOICES = {
+    "sensor": ("place: in a pin", "place: in the piston sensor"),
+    "about": ("place: along the cylinder", "place: about the joint"),
+    "friction": ("bent by: the load alone", "bent by: load and friction"),
+}
 _EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
 
 
@@ -45,15 +52,17 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
     machine = session.machine
     names = [joint.name for joint in machine.joints]
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
+    added = {term.family for term in terms}
     for finding in kinematics:
-        effects.append(_kinematic_effect(machine, finding))
+        if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
+            effects.append(_kinematic_effect(machine, finding))
     for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
         if isinstance(term.content, Law):
             unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
         else:
             effects.append(_added_effect(machine, term, term.content, model, number, accepted))
     effects += [_line_effect(names, line) for line in found.lines if line.ripple and not line.in_band]
-    unexplained += [_unconfirmed(machine, item) for item in found.unconfirmed]
+    unexplained += [_unconfirmed(machine, item) for item in (*results[Residual].laws, *found.unconfirmed)]
     said, reasons = verdict(results, names)
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
     return {
@@ -110,7 +119,7 @@ def _added_law(
             "amplitude": _amplitude(model, number),
             "added": True,
             "probability": accepted.probability,
-            "could_be": _rivals(accepted, list(names)),
+            "could_be": _rivals(accepted.rivals, list(names)),
             "evidence": _evidence(accepted),
         },
     )
@@ -125,7 +134,7 @@ def _added_effect(
         **_head(content, None if term.joint is None else names[term.joint]),
         "parameters": _term_parameters(term, model, model.term_slice(number), machine),
         "amplitude": _amplitude(model, number),
-        "indistinguishable_from": _rivals(accepted, names),
+        "indistinguishable_from": _rivals(accepted.rivals, names),
         "probability": accepted.probability,
         "evidence": _evidence(accepted),
     }
@@ -161,13 +170,14 @@ def _evidence(accepted: AcceptedTerm) -> dict[str, Any]:
 
 def _unconfirmed(machine: Machine, item: UnconfirmedLaw) -> dict[str, Any]:
     """A law that was not added, as the report has it."""
-    content = asdict(item) | {"joint": machine.joints[item.joint].name, "added": False}
+    names = [joint.name for joint in machine.joints]
+    content = asdict(item) | {"joint": names[item.joint], "added": False, "could_be": _rivals(item.could_be, names)}
     if item.second_variable is None:
         del content["second_variable"]
     return in_own_units(machine, content)
 
 
-def _rivals(accepted: AcceptedTerm, names: Sequence[str]) -> list[dict[str, Any]]:
+def _rivals(rivals: Sequence[Rival], names: Sequence[str]) -> list[dict[str, Any]]:
     """Effects that explain the same, with their probabilities."""
     return [
         {
@@ -176,7 +186,7 @@ def _rivals(accepted: AcceptedTerm, names: Sequence[str]) -> list[dict[str, Any]
             "joint": None if r.joint is None else names[r.joint],
             "probability": r.probability,
         }
-        for r in accepted.rivals
+        for r in rivals
     ]
 
 
@@ -210,8 +220,10 @@ def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
     content = effect(first["effect"])
     joint = machine.joints[first["joint"]].name
     parameters: dict[str, Any] = {
-        p.name: {"value": value, "std": std, "unit": own_unit(machine, first["joint"], p.unit)}
-        for p, value, std in zip(content.parameters, finding.values, finding.stds, strict=True)
+        p.name: {"value": value, "std": std, "unit": own_unit(machine, first["joint"], unit)}
+        for p, unit, value, std in zip(
+            content.parameters, content.gap_units(first["shape"]), finding.values, finding.stds, strict=True
+        )
     }
     parameters.update(_shape_values(content, first["shape"], machine, first["joint"]))
     return {
@@ -307,12 +319,8 @@ def _shape_values(content: Effect, shape: Mapping[str, float], machine: Machine,
         unit = own_unit(machine, joint, content.shape_units.get(key, without))
         if key == "other":
             values[f"other joint: {machine.joints[int(value)].name}"] = {"value": value, "std": None, "unit": "index"}
-        elif key == "sensor":
-            values[f"place: {'in the piston sensor' if value else 'in a pin'}"] = {
-                "value": value,
-                "std": None,
-                "unit": "choice",
-            }
+        elif key in _CHOICES:
+            values[_CHOICES[key][int(value)]] = {"value": value, "std": None, "unit": "choice"}
         else:
             values[key] = {"value": value, "std": None, "unit": unit}
     return values

@@ -109,7 +109,10 @@ class Limit:
 @stored
 @dataclass(frozen=True)
 class UnconfirmedLaw:
-    """Structure of a joint that no term was added for; ``law`` is its curve, ``evidence`` what speaks for it."""
+    """Structure of a joint that no term was added for; ``law`` is its curve, ``evidence`` what speaks for it.
+
+    What two position sensors disagree by has a probability, and effects that it could be all the same.
+    """
 
     joint: int
     variable: str
@@ -119,6 +122,8 @@ class UnconfirmedLaw:
     unit: str
     law: Json
     evidence: Json
+    probability: float | None = None
+    could_be: tuple[Rival, ...] = ()
 
 
 @stored
