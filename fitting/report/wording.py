@@ -187,6 +187,26 @@ def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Languag
     return language.say(", ").join(parts)
 
 
+#: An effect with more sizes than that is a curve, and said by what it does: nobody reads coefficients.
+_READ = 2
+
+
+def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
+    """``up to 157 N more friction, worst near 120 mm`` of a curve; one or two sizes with their deviations."""
+    parameters, size = effect.get("parameters") or {}, effect.get("amplitude")
+    if not size or not size["largest"] or sum(entry.get("std") is not None for entry in parameters.values()) <= _READ:
+        return sizes(parameters, language=language)
+    worst = size.get("worst") or {}
+    most = f"{language.number(size['largest'])} {language.unit(size['unit'])}"
+    if not worst:
+        return language.say("up to {}", most)
+    up_to = {"more": "up to {} more friction", "less": "up to {} less friction"}.get(worst["friction"], "up to {}")
+    where = language.size(worst["at"], worst["unit"])
+    if worst["variable"] in ("piston_position", "joint_position"):
+        return language.say(f"{up_to}, worst near {{}}", most, where)
+    return language.say(f"{up_to}, worst where the {{}} is near {{}}", most, language.words(worst["variable"]), where)
+
+
 def validate(entry: Mapping[str, Any] | None) -> float | None:
     """The validation error of a ``{"train", "validate"}`` pair."""
     return (entry or {}).get("validate")
@@ -423,7 +443,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
     certain = [e for e in effects if not e.get("indistinguishable_from") and not doubtful(e)]
     sentences = [_doubted(e, titles, language) for e in effects if doubtful(e)]
     if certain:
-        named = [at(e, language, sizes(e.get("parameters"), language=language)) for e in certain]
+        named = [at(e, language, how_large(e, language)) for e in certain]
         sentences.append(language.say("the model lacked {}", language.listed(named)))
     sentences += [
         _one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from") and not doubtful(e)

@@ -20,7 +20,7 @@ from fitting.report import (
     FrictionCurve,
     ReportError,
     Scatter,
-    Worst,
+    Course,
     json_schema,
     validate_report,
     write_report,
@@ -235,7 +235,7 @@ def sample_figures(blamed: bool = True) -> Figures:
         )
         if blamed
         else (),
-        worst=Worst(
+        worst=Course(
             "joint2",
             "N m",
             time[window],

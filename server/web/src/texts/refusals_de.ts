@@ -28,7 +28,7 @@ export const VALUES: Record<string, string> = {
   "the monitor failed unexpectedly; the log of the service says why":
     "die Überwachung ist unerwartet fehlgeschlagen; das Protokoll des Dienstes sagt, warum",
   "too many headers": "zu viele Kopfzeilen",
-  "the effort": "die Kraft",
+  "the effort": "die Kraftgröße",
   viewer: "Zuschauer",
   operator: "Bediener",
   engineer: "Ingenieur",

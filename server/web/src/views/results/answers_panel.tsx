@@ -1,13 +1,13 @@
 /** The four questions that a person has, answered on one screen. */
 import type { ComponentChildren } from "preact";
 import { Mark } from "../../ui/controls";
-import { number, time } from "../../ui/format";
+import { change, number, time } from "../../ui/format";
 import { chance, missing, oddsWords, sure, todo } from "./answers";
 import { ErrorBar } from "./joint_errors";
 import { added, jointRows, overall } from "./model";
 import type { Report } from "./report";
 import { label, sentence } from "./sentence";
-import { capital, change, verdictWords } from "./wording";
+import { capital, verdictWords } from "./wording";
 import { t } from "../../texts";
 
 export function Verdict({ report }: { report: Report }) {

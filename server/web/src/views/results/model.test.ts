@@ -1,8 +1,9 @@
 import { describe, expect, it } from "vitest";
+import { change } from "../../ui/format";
 import { added, candidates, jointRows, limitGroups, overall, shifts } from "./model";
 import { type Report, readReport } from "./report";
 import content from "./report.fixture.json";
-import { change, follows, readable, title, unit } from "./wording";
+import { follows, readable, title, unit } from "./wording";
 
 const report = (): Report => readReport(structuredClone(content)) as Report;
 
