@@ -1,11 +1,11 @@
-// Zoom along time of the figures that say where their time is (data-zoom); without this script they show it all.
+/* Zoom along time of the figures that say where their time is (data-zoom); without this script they show it all. */
 for (const svg of document.querySelectorAll("svg[data-zoom]")) {
   const [left, width, low, high, bottom] = svg.dataset.zoom.split(" ").map(Number);
   const decimal = document.documentElement.lang === "de" ? "," : ".";
   const whole = svg.innerHTML;
   let [from, to] = [low, high];
   const element = (name, attributes, content = "") => {
-    const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+    const made = document.createElementNS(svg.namespaceURI, name);
     for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
     made.textContent = content;
     return made;
@@ -67,7 +67,7 @@ for (const svg of document.querySelectorAll("svg[data-zoom]")) {
     svg.querySelector(".chosen")?.remove();
     if (ends[1] - ends[0] > (to - from) / 100) show(...ends);
   });
-  window.addEventListener("pointercancel", () => (start = null)); // a finger that scrolls the page
+  window.addEventListener("pointercancel", () => (start = null)); /* a finger that scrolls the page */
   svg.addEventListener("dblclick", () => show(low, high));
   const size = (factor) => () => show((from + to - (to - from) * factor) / 2, (from + to + (to - from) * factor) / 2);
   const move = (part) => () => {

@@ -54,4 +54,3 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False)
     console.print(f"report: {output / 'report.html'}", soft_wrap=True, markup=False)
-

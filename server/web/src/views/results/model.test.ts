@@ -162,7 +162,12 @@ describe("words", () => {
       /, and turns its sign with the direction of motion$/,
     );
     expect(follows({ ...law, only_while: "negative" })).toMatch(/, only while the speed of the joint is negative$/);
-    expect([change(-65.2), change(5.34), change(0.01), change(null)]).toEqual(["−65 %", "+5.3 %", "0 %", "–"]);
+    expect([change(-65.2), change(5.34), change(0.01), change(null)]).toEqual([
+      "−65\u202f%",
+      "+5.3\u202f%",
+      "0.0\u202f%",
+      "–",
+    ]);
     expect(title({ id: "position_dependent_friction", joint: null }, report())).toContain(
       "depends on the piston position",
     );
