@@ -296,7 +296,9 @@ def _segment(
             columns[key].append(value)
         rest.append(_rest(motion[3], motion[4], noise[number].speed, reach(joint, joint.cylinder is not None), rate))
     stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
-    temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
+    named = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
+    temperature = None if named is None else recording.values.get(named)
+    measured_there = temperature is not None and bool(np.isfinite(temperature[part]).all())
     return Segment(
         recording=index,
         role=recording.role,
@@ -314,7 +316,7 @@ def _segment(
         p2=stacked["p2"],
         rest=np.stack(rest, axis=1),
         loaded=loaded,
-        temperature=None if temperature is None else bank.smoothed(recording.values[temperature][part]),
+        temperature=bank.smoothed(temperature[part]) if temperature is not None and measured_there else None,
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
