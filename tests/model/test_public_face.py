@@ -186,7 +186,7 @@ def arrays_of(arm: Path, role: str) -> tuple[hilfit.Machine, hilfit.Recording]:
 
 def test_arrays_and_tables_are_as_good_as_files(arm: Path, result: hilfit.Result) -> None:
     machine, loaded = arrays_of(arm, "validate")
-    channel = machine.content.channels[0]
+    channel = next(own for own in machine.content.channels if own.quantity == "joint_position")
     own = dict(loaded.values)
     own[channel.name] = np.rad2deg(own[channel.name])
     made = hilfit.Recording.from_arrays(loaded.time, own, units={channel.name: "deg"})
