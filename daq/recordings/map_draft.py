@@ -15,13 +15,8 @@ from daq.recordings.column_map import named_columns
 class UnknownColumnsError(RecordingError):
     """Another tool's file whose columns do not tell which channels they are: a map has to say it."""
 
-    def __init__(self, path: Path, columns: Sequence[str], machine: Machine) -> None:
-        shown = ", ".join(columns[:12]) + (f" and {len(columns) - 12} more" if len(columns) > 12 else "")
-        names = ", ".join([channel.name for channel in machine.channels][:3])
-        super().__init__(
-            f"{path}: its columns ({shown}) do not tell which channels of '{machine.name}' ({names}, ...) they are; "
-            "say it with --map"
-        )
+    def __init__(self, text: str, path: Path, columns: Sequence[str]) -> None:
+        super().__init__(text)
         self.path, self.columns = path, tuple(columns)
 
 

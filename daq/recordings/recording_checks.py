@@ -106,7 +106,14 @@ def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] 
     extra = [name for name in found if name not in known]
     unknown = len(missing) + ("time" not in table.columns)
     if extra and unknown > 1 and "hilfit.schema" not in table.metadata:
-        raise UnknownColumnsError(path, seen or found, machine)
+        columns = seen or found
+        shown = ", ".join(columns[:12]) + (", ..." if len(columns) > 12 else "")
+        raise UnknownColumnsError(
+            f"{path}: its columns ({shown}) do not tell which channels of '{machine.name}' ({_some(names)}) they are; "
+            "say it with --map",
+            path,
+            columns,
+        )
     if "time" not in table.columns:
         near = _near("time", extra)
         raise RecordingError(f"{path}: has no column 'time' (s){near}; add it as the first column")

@@ -235,3 +235,8 @@ def test_results_are_short_in_words_and_whole_in_a_notebook(result: hilfit.Resul
     assert left.get_ylabel() == "joint2 [N m]" and len(left.lines) == len(right.lines) == 2
     error = result.report["errors"]["joint2"]["after"]["validate"]
     assert np.std(right.lines[1].get_ydata()) == pytest.approx(error, rel=0.1)
+
+
+def test_an_effect_that_was_misspelt_is_suggested(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects", "show", "stribek"]) == 2
+    assert "did you mean 'stribeck'?" in capsys.readouterr().err
