@@ -179,8 +179,10 @@ class Model:
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
-        file = isinstance(recording, str | Path)
-        own = load_recording(self.content, Path(recording)) if file else recording.of(self.content.machine)
+        if isinstance(recording, Recording):
+            own = recording.of(self.content.machine)
+        else:
+            own = load_recording(self.content, Path(recording))
         return predict(self.content, own)
 
     def export(self, to: str, path: str | Path) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +20,6 @@ from daq.recordings.recording import Recording as RecordingFile
 from daq.recordings.recording import read_recording
 from daq.recordings.recording_files import write_table
 from hilfit.machine import Machine
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -85,8 +82,8 @@ class Recording:
         return cls(clock, columns, units=units or {})
 
     @classmethod
-    def from_pandas(cls, frame: pd.DataFrame, *, units: Mapping[str, str] | None = None) -> Recording:
-        """A recording of a table: one column per channel, ``time`` in a column of that name or in the index.
+    def from_pandas(cls, frame: Any, *, units: Mapping[str, str] | None = None) -> Recording:
+        """A recording of a table of pandas: one column per channel, ``time`` in a column of that name or in the index.
 
         Times are seconds, or moments (made relative to the first). ``units`` and errors as :meth:`from_arrays`.
         """
