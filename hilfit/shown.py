@@ -62,7 +62,8 @@ def plot_result(report: Mapping[str, Any], joints: Sequence[str] | None = None) 
         axis.legend(loc="upper right", fontsize="small")
     for axis in axes[-1]:
         axis.set(xlabel="time [s]")
-    return figure
+    drawn: Figure = figure
+    return drawn
 
 
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
