@@ -9,7 +9,7 @@ from daq.machine.machine_file import Machine as MachineFile
 from daq.machine.machine_file import load_machine
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Machine:
     """A machine as its file describes it.
 
@@ -32,6 +32,9 @@ class Machine:
             With one line: file, line, key, what is wrong and what to do.
         """
         return cls(Path(path), load_machine(path))
+
+    def __repr__(self) -> str:
+        return f"Machine({self.name}: {', '.join(self.joints)})"
 
     @property
     def name(self) -> str:

@@ -18,6 +18,7 @@ from fitting.model.codec import load_model, save_model
 from fitting.model.export import export_model
 from fitting.model.prediction import Predicted, load_recording, predict
 from hilfit.recording import Recording
+from hilfit.shown import parameters_html
 
 FloatArray = npt.NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -36,7 +37,7 @@ def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Fun
     return add
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """A corrected model: rigid body, drives, effects and laws, with the uncertainty of all parameters.
 
@@ -65,6 +66,12 @@ class Model:
     def save(self, path: str | Path) -> Path:
         """Write ``model.json``, whole or not at all."""
         return save_model(path, self.content)
+
+    def __repr__(self) -> str:
+        return f"Model({self.content.machine.name}: {len(self.joints)} joints, {len(self.parameters)} parameters)"
+
+    def _repr_html_(self) -> str:
+        return parameters_html(self.parameters)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -176,7 +183,10 @@ class Model:
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
-        own = recording.content if isinstance(recording, Recording) else load_recording(self.content, Path(recording))
+        if isinstance(recording, Recording):
+            own = recording.of(self.content.machine)
+        else:
+            own = load_recording(self.content, Path(recording))
         return predict(self.content, own)
 
     def export(self, to: str, path: str | Path, *, possible: bool = False) -> tuple[str, ...]:

@@ -2,30 +2,45 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 
+from daq.errors import InputError
+from daq.machine.machine_file import Machine as MachineFile
+from daq.quality import Quality
 from daq.recordings.recording import Recording as RecordingFile
 from daq.recordings.recording import read_recording
+from daq.recordings.recording_files import write_table
 from hilfit.machine import Machine
 
+FloatArray = npt.NDArray[np.float64]
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Recording:
-    """A recording of a machine that passed every check.
+    """Channels of a machine over time: a file that passed every check, or arrays, which are checked when they are used.
 
     Attributes
     ----------
-    path : the file
-    content : what it holds, SI
+    time : machine time (N,), s
+    values : per channel (N,), SI (of arrays: in ``units``, where they say another); NaN where nothing was measured
+    path, content : the file, and what it holds; None of arrays
+    units : units of arrays that are not SI, by channel
     """
 
-    path: Path
-    content: RecordingFile
+    time: FloatArray
+    values: Mapping[str, FloatArray]
+    path: Path | None = None
+    content: RecordingFile | None = None
+    units: Mapping[str, str] | None = None
 
     @classmethod
     def load(cls, path: str | Path, machine: Machine, role: str = "operation") -> Recording:
@@ -36,14 +51,80 @@ class Recording:
         InputError
             One line: file, channel, place, what to do.
         """
-        return cls(Path(path), read_recording(path, machine.content, role))
+        content = read_recording(path, machine.content, role)
+        return cls(content.time, content.values, Path(path), content)
 
-    @property
-    def time(self) -> npt.NDArray[np.float64]:
-        """Machine time (N,), s."""
-        return self.content.time
+    @classmethod
+    def from_arrays(
+        cls, time: npt.ArrayLike, values: Mapping[str, npt.ArrayLike], *, units: Mapping[str, str] | None = None
+    ) -> Recording:
+        """A recording of arrays.
 
-    @property
-    def values(self) -> Mapping[str, npt.NDArray[np.float64]]:
-        """Per channel (N,), SI; NaN where nothing was measured."""
-        return self.content.values
+        Parameters
+        ----------
+        time : (N,) s, rising in steps of the machine's rate
+        values : per channel of the machine file (N,), SI; NaN where nothing was measured
+        units : units of the channels that are not SI, ``{"boom.angle": "deg"}``
+
+        Raises
+        ------
+        InputError
+            One line: the channel, and what is wrong with its array.
+        """
+        clock = _one_dimensional("time", time)
+        columns = {name: _one_dimensional(name, column) for name, column in values.items()}
+        for name, column in columns.items():
+            if len(column) != len(clock):
+                raise InputError(f"{name}: has {len(column)} values, time has {len(clock)}; give one for each time")
+        unknown = sorted(set(units or {}) - set(columns))
+        if unknown:
+            raise InputError(f"{unknown[0]}: has a unit and no values; give its array, or leave the unit out")
+        return cls(clock, columns, units=units or {})
+
+    @classmethod
+    def from_pandas(cls, frame: Any, *, units: Mapping[str, str] | None = None) -> Recording:
+        """A recording of a table of pandas: one column per channel, ``time`` in a column of that name or in the index.
+
+        Times are seconds, or moments (made relative to the first). ``units`` and errors as :meth:`from_arrays`.
+        """
+        moments = frame["time"] if "time" in frame.columns else frame.index.to_series()
+        if moments.dtype.kind in "mM":
+            moments = (moments - moments.iloc[0]).dt.total_seconds()
+        columns = {str(name): frame[name].to_numpy() for name in frame.columns if name != "time"}
+        return cls.from_arrays(moments.to_numpy(), columns, units=units)
+
+    def of(self, machine: MachineFile, role: str = "operation") -> RecordingFile:
+        """What it holds, checked against a machine (errors as :meth:`load`)."""
+        if self.content is not None:
+            return self.content
+        with TemporaryDirectory(prefix="hilfit-") as folder:
+            return read_recording(self.file(machine, Path(folder) / "arrays.parquet"), machine, role)
+
+    def file(self, machine: MachineFile, place: Path) -> Path:
+        """Its file; of arrays one that is written to ``place``."""
+        if self.path is not None:
+            return self.path
+        columns: dict[str, npt.NDArray[np.generic]] = {"time": self.time}
+        for name, column in self.values.items():
+            columns[name] = column
+            if np.isnan(column).any():
+                columns[f"{name}.quality"] = np.where(np.isnan(column), int(Quality.MISSING), int(Quality.FRESH))
+        si = {own.name: machine.si_unit(own) for own in machine.channels if own.name in self.values}
+        units = json.dumps({**si, **(self.units or {})})
+        write_table(place, pa.table(columns).replace_schema_metadata({"hilfit.units": units}))
+        return place
+
+    def __repr__(self) -> str:
+        seconds = float(self.time[-1] - self.time[0]) if len(self.time) else 0.0
+        origin = "arrays" if self.path is None else self.path.name
+        return f"Recording({origin}: {len(self.values)} channels, {len(self.time)} rows, {seconds:g} s)"
+
+
+def _one_dimensional(name: str, values: npt.ArrayLike) -> FloatArray:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: is not an array of numbers; give one number for each time") from None
+    if array.ndim != 1:
+        raise InputError(f"{name}: has {array.ndim} dimensions; give one number for each time")
+    return array

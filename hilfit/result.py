@@ -6,18 +6,22 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fitting.loop.session import Options, Request
 from fitting.pipeline.stages import identify as run
 from hilfit.machine import Machine
 from hilfit.model import Model
 from hilfit.recording import Recording
+from hilfit.shown import plot_result, result_html, result_line
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Files = Sequence[str | Path | Recording]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A finished identification.
 
@@ -29,6 +33,19 @@ class Result:
 
     report: dict[str, Any]
     model: Model
+
+    def plot(self, joints: Sequence[str] | None = None) -> Figure:
+        """Measured and predicted efforts over the motion that was not fitted, and their difference; all joints if None.
+
+        Returns the figure of matplotlib; nothing is shown or saved.
+        """
+        return plot_result(self.report, joints)
+
+    def __repr__(self) -> str:
+        return f"Result({result_line(self.report)})"
+
+    def _repr_html_(self) -> str:
+        return result_html(self.report)
 
 
 def identify(
@@ -48,7 +65,7 @@ def identify(
     Parameters
     ----------
     machine : machine or its file
-    unloaded, train, repeat, validate, operation : recordings, or their files, by role
+    unloaded, train, repeat, validate, operation : recordings (of arrays too), or their files, by role
     output : folder that keeps ``report.json``, ``report.html`` and ``model.json``; None keeps nothing
     language : of ``report.html``, ``en`` or ``de``
     options : fields of :class:`fitting.Options`: ``loop``, ``bandwidth_hz``, ``bootstrap``, ``estimator``, ...
@@ -61,19 +78,19 @@ def identify(
         For an option that there is not.
     """
     roles = {"unloaded": unloaded, "train": train, "repeat": repeat, "validate": validate, "operation": operation}
-    files = tuple((role, _path(file)) for role, own in roles.items() for file in own)
-    path = machine.path if isinstance(machine, Machine) else Path(machine)
+    described = machine if isinstance(machine, Machine) else Machine.load(machine)
     chosen = Options(**options)
-    if output is not None:
-        return _done(Request(path, files, Path(output), chosen, (language,)))
     with tempfile.TemporaryDirectory(prefix="hilfit-") as place:
-        return _done(Request(path, files, Path(place), chosen, (language,)))
+        files = tuple(
+            (role, _path(file, described, Path(place) / f"{role}-{number}.parquet"))
+            for role, own in roles.items()
+            for number, file in enumerate(own, 1)
+        )
+        folder = Path(place) / "report" if output is None else Path(output)
+        report = run(Request(described.path, files, folder, chosen, (language,)))
+        return Result(report, Model.load(folder))
 
 
-def _path(file: str | Path | Recording) -> Path:
-    return file.path if isinstance(file, Recording) else Path(file)
-
-
-def _done(request: Request) -> Result:
-    report = run(request)
-    return Result(report, Model.load(request.output))
+def _path(file: str | Path | Recording, machine: Machine, place: Path) -> Path:
+    """The file of a recording; of arrays one that is written to ``place``."""
+    return file.file(machine.content, place) if isinstance(file, Recording) else Path(file)

@@ -259,15 +259,19 @@ def import_recording(
 ) -> None:
     """Make a recording of another tool's file: the machine's channels in their units, time in seconds."""
     from daq.recordings.column_map import load_map
+    from daq.recordings.map_draft import UnknownColumnsError, write_draft
     from daq.recordings.recording_source import import_file
 
     _writable(output, force)
     described = load_machine(machine)
     named = None if columns is None else load_map(columns, described)
-    with working(f"reading {file.name}", show=not json):
-        rows, notes = import_file(
-            file, described, output, named, resampled=resample, role=None if role is None else role.value
-        )
+    try:
+        with working(f"reading {file.name}", show=not json):
+            rows, notes = import_file(
+                file, described, output, named, resampled=resample, role=None if role is None else role.value
+            )
+    except UnknownColumnsError as error:
+        raise InputError(f"{error}; a draft of the map was written: {write_draft(error, described)}") from None
     if json:
         print_json({"file": str(output), "rows": rows, "notes": list(notes)})
         return

@@ -298,6 +298,14 @@ def _mapped_column(
     )
 
 
+def named_columns(names: Sequence[str], machine: Machine) -> dict[str, str]:
+    """Channels (and ``time``) to the one column whose name tells that it is that."""
+    keys = {_key(name): name for name in ("time", *(channel.name for channel in machine.channels))}
+    matches = [match for match in (_channel_of(name, keys, machine) for name in names) if match is not None]
+    all_of = [channel for channel, _ in matches]
+    return {channel: found.column for channel, found in matches if all_of.count(channel) == 1}
+
+
 def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], aside: set[str]) -> dict[str, _Found]:
     """The column of each channel; two for one are refused."""
     keys = {_key(name): name for name in own}

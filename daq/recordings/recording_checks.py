@@ -6,7 +6,7 @@ Rows are counted from 1 and always come with their time, so that a place can be 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from daq.errors import RecordingError
 from daq.machine.machine_file import JOINT_QUANTITIES, Channel, Machine
 from daq.quality import Quality
+from daq.recordings.map_draft import UnknownColumnsError
 from daq.recordings.recording_files import Table
 
 FloatArray = npt.NDArray[np.float64]
@@ -87,8 +88,11 @@ def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, rol
         )
 
 
-def columns_fit(path: Path, table: Table, machine: Machine) -> None:
-    """Columns are time, the machine's channels, and what our recorder adds: no fewer, no more."""
+def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] = ()) -> None:
+    """Columns are time, the machine's channels, and what our recorder adds; only what no joint needs may be missing.
+
+    ``seen`` are the columns as the file has them.
+    """
     found = list(table.columns)
     names = [channel.name for channel in machine.channels]
     known = {
@@ -98,8 +102,18 @@ def columns_fit(path: Path, table: Table, machine: Machine) -> None:
         *names,
         *(f"{n}.{extra}" for n in names for extra in ("quality", "age")),
     }
-    missing = [name for name in names if name not in table.columns]
+    missing = [c.name for c in machine.channels if c.name not in table.columns and c.quantity in JOINT_QUANTITIES]
     extra = [name for name in found if name not in known]
+    unknown = len(missing) + ("time" not in table.columns)
+    if extra and unknown > 1 and "hilfit.schema" not in table.metadata:
+        columns = seen or found
+        shown = ", ".join(columns[:12]) + (", ..." if len(columns) > 12 else "")
+        raise UnknownColumnsError(
+            f"{path}: its columns ({shown}) do not tell which channels of '{machine.name}' ({_some(names)}) they are; "
+            "say it with --map",
+            path,
+            columns,
+        )
     if "time" not in table.columns:
         near = _near("time", extra)
         raise RecordingError(f"{path}: has no column 'time' (s){near}; add it as the first column")

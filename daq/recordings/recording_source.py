@@ -8,7 +8,7 @@ silently.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,8 @@ def load_table(
 ) -> tuple[Table, tuple[str, ...]]:
     """The table of a file in the machine's channels, and lines that say what was done to it.
 
+    Channels of no joint that the file does not have are there, marked missing in every row.
+
     Parameters
     ----------
     path : CSV, Parquet, MDF4, MAT or a ROS 2 bag, told apart by content
@@ -52,12 +54,28 @@ def load_table(
     RecordingError
         One line: file, column, what to do.
     """
+    table, notes = _loaded(path, machine, columns, resampled=resampled, role=role)
+    absent = [channel.name for channel in machine.channels if channel.name not in table.columns]
+    if not absent or table.rows == 0:
+        return table, notes
+    filled = table.columns if isinstance(table.columns, MutableMapping) else dict(table.columns)
+    for name in absent:
+        filled[name] = np.full(table.rows, np.nan)
+        filled[f"{name}.quality"] = np.full(table.rows, int(Quality.MISSING), dtype=np.int64)
+    said = f"{path.name}: has no {', '.join(absent)}: marked missing"
+    return Table(filled, table.metadata, table.sha256), (*notes, said)
+
+
+def _loaded(
+    path: Path, machine: Machine, columns: ColumnMap | None, *, resampled: bool, role: str | None
+) -> tuple[Table, tuple[str, ...]]:
+    """As :func:`load_table`, with the channels that the file has."""
     if not is_foreign(path):
         found = read_table(path)
         as_role = role or found.metadata.get("hilfit.role", "operation")
         checks.metadata_fits(path, found.metadata, machine, as_role)
         table = in_channels(path, found, machine, columns)
-        checks.columns_fit(path, table, machine)
+        checks.columns_fit(path, table, machine, list(found.columns))
         tables = [table]
     else:
         tables = _of_rasters(path, machine, columns)
@@ -137,6 +155,8 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
     kept = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, 0)
     result: dict[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]] = {"time": at[kept]}
     for channel in machine.channels:
+        if channel.name not in values:
+            continue  # of no joint, and in no table
         column = values[channel.name][kept]
         result[channel.name] = column
         if not np.all(np.isfinite(column)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -119,8 +120,10 @@ def show_effect(
     try:
         entry = effect(effect_id)
     except KeyError:
+        near = difflib.get_close_matches(effect_id, [one.id for one in effects()], n=1)
+        meant = f"; did you mean '{near[0]}'?" if near else ""
         raise InputError(
-            f"there is no effect '{effect_id}'; 'hilfit effects list' shows all {len(effects())}"
+            f"there is no effect '{effect_id}'{meant}; 'hilfit effects list' shows all {len(effects())}"
         ) from None
     content: dict[str, Any] = {
         "id": entry.id,

@@ -295,7 +295,11 @@ def _occupancy(machine: Machine, recordings: Sequence[tuple[Recording, Sequence[
     tables: list[list[FloatArray]] = [[] for _ in recordings]
     names: list[tuple[Joint | None, str]] = []
     names += [name for joint in machine.joints for name in _signal_names(machine, joint)]
-    names += [(None, c.name) for c in machine.channels if c.quantity == "oil_temperature"]
+    names += [
+        (None, c.name)
+        for c in machine.channels
+        if c.quantity == "oil_temperature" and all(np.isfinite(own.values[c.name]).all() for own, _ in recordings)
+    ]
     for joint, name in names:
         signals = [list(_signals(machine, joint, name, recording, step)) for recording, _ in recordings]
         for kind in range(len(signals[0])):

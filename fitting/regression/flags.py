@@ -1,7 +1,8 @@
 """Which numbers of a report are poorly determined: a standard deviation above 30 % of the value.
 
 Published tables have carried deviations of a hundred thousand per cent without a word; here each such parameter is
-marked where it stands (``relative_std_percent``, ``flagged``), listed under ``flagged``, and said in a warning.
+marked where it stands (``relative_std_percent``, ``flagged``) and listed under ``flagged``. It is no warning: every
+report has some, because no motion tells all parameters, and what they cost is in the band of the prediction.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ FLAG_PERCENT = 30.0
 
 
 def mark(content: dict[str, Any]) -> None:
-    """Mark all parameters of a report's content in place; add ``flagged``, and one line to ``warnings``.
+    """Mark all parameters of a report's content in place; add ``flagged``.
 
     ``flagged`` has an entry per parameter: ``name``, ``kind`` (``drive``, ``base``, ``effect``) and
     ``relative_std_percent`` (None where the value is zero).
@@ -30,8 +31,6 @@ def mark(content: dict[str, Any]) -> None:
         if bad:
             flagged.append({"name": name, "kind": kind, "relative_std_percent": relative})
     content["flagged"] = flagged
-    if flagged:
-        content["warnings"].append(_warning(flagged))
 
 
 def _values(content: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -43,14 +42,3 @@ def _values(content: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]
     for effect in content["loop"]["effects"]:
         for name, entry in effect.get("parameters", {}).items():
             yield "effect", f"{effect.get('joint') or 'machine'}.{effect['id']}.{name}", entry
-
-
-def _warning(flagged: list[dict[str, Any]]) -> str:
-    # The least certain first; a value of exactly zero has no relative deviation and is the least certain of all.
-    worst = sorted(flagged, key=lambda f: -(f["relative_std_percent"] or float("inf")))
-    names = ", ".join(f["name"] for f in worst[:6]) + (f" and {len(worst) - 6} more" if len(worst) > 6 else "")
-    is_are, these = ("has", "it is") if len(worst) == 1 else ("have", "they are")
-    return (
-        f"{names} {is_are} a standard deviation above {FLAG_PERCENT:.0f} % of the value: {these} poorly determined by "
-        "these recordings"
-    )

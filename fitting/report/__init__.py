@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from fitting.report.html import write_report
-from fitting.report.model import Figures, FrictionCurve, Scatter, Worst
+from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.presented import presented
 from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, looked, validate_report
 
 __all__ = [
     "SCHEMA",
+    "Course",
     "Figures",
     "FrictionCurve",
     "Report",
     "ReportError",
     "Scatter",
-    "Worst",
     "clean",
     "json_schema",
     "looked",

@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from fitting.report.languages import ENGLISH, Language
-from fitting.report.model import FloatArray, FrictionCurve, JointDiagnostics, Scatter, Worst
+from fitting.report.model import Course, FloatArray, FrictionCurve, JointDiagnostics, Scatter
 from fitting.report.plot import (
     AFTER,
     BEFORE,
@@ -138,10 +138,21 @@ def _laws(scatter: Scatter, language: Language) -> list[tuple[Entry, FloatArray,
     return drawn
 
 
-def draw_worst(worst: Worst, prefix: str, language: Language = ENGLISH) -> str:
-    """Measured and predicted effort above, their differences below; one prediction where nothing was added."""
+def _on_end(time: FloatArray) -> FloatArray:
+    """Times of parts one after the other: where time goes back the next part begins a step later."""
+    steps = np.diff(time, prepend=time[:1])
+    usual = float(np.median(steps[1:])) if len(time) > 1 else 0.0
+    return np.asarray(time[:1] + np.cumsum(np.where(steps < 0, usual, steps)), dtype=float)
+
+
+def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> str:
+    """Measured and predicted effort above, their differences below; one prediction where nothing was added.
+
+    It can be zoomed along time where the page's script runs.
+    """
     say, axis = language.say, partial(plain_axis, decimal=language.decimal)
-    time, measured, before, after = _finite(worst.time, worst.measured, worst.before, worst.after)
+    time, measured, before, after = _finite(course.time, course.measured, course.before, course.after)
+    time = _on_end(time)
     predictions = [(after, Entry(say("predicted"), AFTER))]
     if not np.array_equal(before, after):
         predictions = [
@@ -162,12 +173,13 @@ def draw_worst(worst: Worst, prefix: str, language: Language = ENGLISH) -> str:
     return drawing(
         _WIDTH,
         height,
-        say("Measured and predicted effort of {}", worst.joint),
+        say("Measured and predicted effort of {}", course.joint),
         [
             legend([Entry(say("measured"), INK, width=2.2), *(entry for _, entry in predictions)], left, 10),
-            upper.frame(above, y_label=_labelled(say("effort"), worst.unit, language), x_marks=False),
-            lower.frame(below, y_label=_labelled(say("error"), worst.unit, language), x_label=f"{say('time')} [s]"),
+            upper.frame(above, y_label=_labelled(language.effort(course.unit), course.unit, language), x_marks=False),
+            lower.frame(below, y_label=_labelled(say("error"), course.unit, language), x_label=f"{say('time')} [s]"),
         ],
+        zoom=lower,
     )
 
 

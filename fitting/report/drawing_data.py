@@ -13,7 +13,7 @@ from fitting.effects.base import Parity
 from fitting.regression.design import effort_residual, full_residual
 from fitting.regression.drive import UNITS, drive_columns, effort_unit
 from fitting.report.joint_words import joint_words
-from fitting.report.model import FrictionCurve, Scatter, Worst
+from fitting.report.model import Course, FrictionCurve, Scatter
 from fitting.residual.laws import NEIGHBOUR, OWN, Law
 from fitting.residual.simple_formulas import nearest_formula
 from fitting.residual.surfaces import Surface
@@ -171,6 +171,27 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
     )
 
 
+def worst_place(model: Model, number: int, joint: int) -> dict[str, Any]:
+    """Where along its variable a term acts most on a joint, over the motions that were fitted.
+
+    ``variable``, ``at`` and ``unit`` say where: the largest of its mean in thirty bins of the variable. ``friction`` is
+    ``more`` or ``less`` there of what turns its sign with the direction of motion, None of anything else.
+    """
+    content = model.terms[number].content
+    odd = content.signed if isinstance(content, Law) else content.parity is Parity.ODD
+    x, effort = [], []
+    for index in model.fitted:
+        own = model.contribution(number, joint, index)
+        moving = ~model.design.segments[index].rest[:, joint]
+        x.append(_signal(model, number, index, joint)[moving])
+        effort.append((own * np.sign(model.views[index][joint].s) if odd else own)[moving])
+    grid, mean = _binned(np.concatenate(x), np.concatenate(effort))
+    most = int(np.argmax(np.abs(mean)))
+    variable, unit = _variable(model, number, joint)
+    way = ("more" if mean[most] > 0 else "less") if odd else None
+    return {"variable": variable, "at": float(grid[most]), "unit": unit, "friction": way}
+
+
 def _joint_of(model: Model, number: int) -> int:
     """The joint a term is drawn on: its own, or where a machine-wide effect changes the efforts most."""
     term = model.terms[number]
@@ -227,7 +248,7 @@ def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> 
     return centres, np.interp(centres, centres[good], means[good])
 
 
-def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequence[float]) -> Worst:
+def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequence[float]) -> Course:
     """The ten seconds and the joint where the error before is largest in noise floors."""
     best: tuple[float, int, int, int] = (-1.0, 0, shown[0], 0)
     design = before.design
@@ -255,7 +276,7 @@ def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequ
         return measured - effort_residual(model.design, model.fit.theta, joint, index, model.extra)[pick]
 
     machine_joint = design.machine.joints[joint]
-    return Worst(machine_joint.name, machine_joint.effort_unit, time, measured, predicted(before), predicted(after))
+    return Course(machine_joint.name, machine_joint.effort_unit, time, measured, predicted(before), predicted(after))
 
 
 def friction_curves(before: Model, after: Model) -> tuple[FrictionCurve, ...]:

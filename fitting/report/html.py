@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 import os
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,7 @@ from markupsafe import Markup, escape
 
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
-from fitting.report.drawing import draw_diagnostics, draw_errors, draw_friction, draw_scatter, draw_worst
+from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
 from fitting.report.languages import ENGLISH, Language
 from fitting.report.languages import language as language_of
 from fitting.report.model import Figures
@@ -24,6 +27,9 @@ from fitting.report.schema import ReportError, validate_report
 
 #: The page's file.
 PAGE = "report.html"
+#: The page's only script, and what lets it run and nothing else (a content security policy's source).
+ZOOM = files("fitting.report").joinpath("zoom.js").read_text("utf-8")
+SCRIPT_SOURCE = f"'sha256-{base64.b64encode(hashlib.sha256(ZOOM.encode()).digest()).decode()}'"
 #: Where the list of contents goes.
 CONTENTS = "<!-- contents -->"
 #: A parameter that moved by more than so many standard deviations is flagged.
@@ -134,6 +140,8 @@ def render_html(report: Mapping[str, Any], figures: Figures, language: Language 
             offset=wording.is_offset,
             relative_std=text.relative_std,
             diagnostics=figures.diagnostics,
+            zoom=Markup(ZOOM),
+            script_source=SCRIPT_SOURCE,
         )
     )
     return with_contents(page, language)
@@ -177,7 +185,7 @@ def _environment(language: Language) -> jinja2.Environment:
     )
     environment.filters.update(
         number=lambda value, digits=3: language.number(_defined(value), digits),
-        fixed=lambda value, decimals: language.numeral(f"{value:.{decimals}f}"),
+        fixed=lambda value, decimals: language.numeral(text.fixed(value, decimals)),
         count_of=lambda value: text.count(int(value)),
         percent=lambda value: language.percent(_defined(value)),
         share=lambda value: language.share(_defined(value)),
@@ -197,6 +205,7 @@ def _environment(language: Language) -> jinja2.Environment:
         formula=language.formula,
         moment=language.moment,
         listed=language.listed,
+        effort=language.effort,
         plain=lambda value: plain(value, language),
         value=lambda entry: language.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
     )
@@ -249,8 +258,12 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
             (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}", language)))
             for i, item in enumerate(figures.scatter)
         ],
-        "worst": Markup(draw_worst(figures.worst, "worst", language)) if figures.worst else None,
+        "worst": Markup(draw_course(figures.worst, "worst", language)) if figures.worst else None,
         "worst_data": figures.worst,
+        "courses": [
+            (own.joint, Markup(draw_course(own.course, f"course{i}", language)))
+            for i, own in enumerate(figures.diagnostics)
+        ],
         "diagnostics": [
             Markup(draw_diagnostics(own, f"diagnostics{i}", language)) for i, own in enumerate(figures.diagnostics)
         ],

@@ -76,6 +76,26 @@ _TEXTS = {
         "the grease: warm the machine up before recordings"
     ),
 }
+#: The same where a rack turns the joint: a slew motor, of which nothing slides out that could be worn.
+_SLEWING = {
+    "rod and piston seals of the cylinder, and the zero of its two pressure sensors": (
+        "seals and bearings of the slew motor, and the zero of its two pressure sensors"
+    ),
+    "pins, bushings and gear between piston and joint": "pinion, gear and bearings between slew motor and joint",
+    "seals and bearings of the cylinder and its pins: lubrication": "gear and bearings of the slew motor: lubrication",
+    "seals and guide of the cylinder, and the oil's viscosity": "seals of the slew motor, and the oil's viscosity",
+    "bore, rod and guide of the cylinder where friction is high: a worn rod, a bore that is not round": (
+        "slew motor, gear and slewing ring where friction is high: wear, or parts that are not round"
+    ),
+    "screw, gear or rod surface: count": "slew motor or gear: count",
+    "seals of the cylinder: their preload": "gear and bearings of the slew motor: their preload",
+    "seals of the cylinder that chamber pressure presses: type and wear": (
+        "seals of the slew motor that its pressure presses: type and wear"
+    ),
+    "seals and lubrication of the cylinder at low speed": "gear and bearings of the slew motor at low speed",
+    "the cushion at that end of the cylinder: its screw and its seal": "the cushion at that end of the slew motor",
+    "bleed the cylinder, check the accumulator": "bleed the slew motor, check the accumulator",
+}
 #: Units that are written for a piston, at a joint that is turned directly.
 _TURNING = {
     "m": "rad",
@@ -143,6 +163,8 @@ _AS_WRITTEN = JointWords({}, {}, {})
 
 def joint_words(joint: Joint) -> JointWords:
     """The words for one joint."""
+    if joint.cylinder is not None and joint.cylinder.linkage.type == "rack":
+        return JointWords({}, _SLEWING, {})
     if joint.cylinder is not None:
         return JointWords({}, {}, _SLIDING) if joint.type == "prismatic" else _AS_WRITTEN
     return JointWords(_SIGNALS, _TEXTS, _TURNING if joint.type == "revolute" else _SLIDING)
@@ -187,9 +209,9 @@ def in_words_of(machine: Machine, content: Any) -> Any:
     What stands in an object with a ``joint`` is about that joint; a text that begins with ``joint2:`` is about joint2;
     in ``joint3.piston_speed`` the signal is joint3's. Keys stay: they are the report's contract.
     """
-    if all(joint.cylinder is not None for joint in machine.joints):
-        return content
     words = {joint.name: joint_words(joint) for joint in machine.joints}
+    if not any(own.signals or own.texts for own in words.values()):
+        return content
     return _Speaker(words, machine_words(machine)).said(content, None)
 
 

@@ -44,6 +44,13 @@ class JointDiagnostics:
     density_before: FloatArray
     density_after: FloatArray
 
+    @property
+    def course(self) -> Course:
+        """Measured and predicted effort over all samples."""
+        return Course(
+            self.joint, self.unit, self.time, self.measured, self.measured - self.before, self.measured - self.after
+        )
+
 
 @dataclass(frozen=True)
 class Scatter:
@@ -80,13 +87,13 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class Worst:
-    """The ten seconds of the validation motion with the largest error before, ``N`` samples.
+class Course:
+    """Effort of one joint over ``N`` samples of the validation motion, measured and predicted.
 
     Attributes
     ----------
     joint, unit : the joint, and its effort unit
-    time : (N,) s
+    time : (N,) s; where it goes back another part of the recordings begins
     measured : (N,) effort
     before, after : (N,) *predicted* effort without and with what was added
     """
@@ -125,6 +132,6 @@ class Figures:
     """All figures of a report."""
 
     scatter: tuple[Scatter, ...] = ()
-    worst: Worst | None = None
+    worst: Course | None = None
     friction: tuple[FrictionCurve, ...] = ()
     diagnostics: tuple[JointDiagnostics, ...] = ()

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fitting.report.text import scientific
+from fitting.report.text import fixed, scientific
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -29,7 +29,6 @@ DASHED = "7 3.5"
 DOTTED = "2.4 2.4"
 #: A line with more points is drawn by the extremes of so many stretches: finer than a page can show.
 _STRETCHES = 1000
-_MINUS = "\u2212"
 
 
 def text_width(text: str) -> float:
@@ -86,7 +85,7 @@ def axis(
     taken = 0 if -4 < exponent < 5 else exponent
     shown = step / 10.0**taken
     decimals = next(d for d in range(17) if d == 16 or abs(shown * 10**d - round(shown * 10**d)) < 1e-6)
-    labels = tuple(f"{tick / 10.0**taken:.{decimals}f}".replace("-", _MINUS).replace(".", decimal) for tick in ticks)
+    labels = tuple(fixed(tick / 10.0**taken, decimals).replace(".", decimal) for tick in ticks)
     return Axis(low, high, ticks, labels, scientific(taken) if taken else "")
 
 
@@ -142,20 +141,24 @@ class Panel:
         right, bottom = self.left + self.width, self.top + self.height
         across = list(zip(self.across(self.x.ticks).tolist(), self.x.labels, strict=True))
         down = list(zip(self.down(self.y.ticks).tolist(), self.y.labels, strict=True))
-        grid = "".join(f"M{u:.2f} {self.top:.2f}V{bottom:.2f}" for u, _ in across)
-        if rules:
-            grid += "".join(f"M{self.left:.2f} {v:.2f}H{right:.2f}" for v, _ in down)
+        uprights = "".join(f"M{u:.2f} {self.top:.2f}V{bottom:.2f}" for u, _ in across)
+        levels = "".join(f"M{self.left:.2f} {v:.2f}H{right:.2f}" for v, _ in down) if rules else ""
         parts = [
             f'<clipPath id="{self.name}"><rect x="{self.left:.2f}" y="{self.top:.2f}" width="{self.width:.2f}" '
             f'height="{self.height:.2f}"/></clipPath>',
-            _path(grid, RULE, 0.6),
+            f'<g class="marks">{_path(uprights, RULE, 0.6)}</g>',
+            _path(levels, RULE, 0.6),
             _path(f"M{self.left:.2f} {self.top:.2f}V{bottom:.2f}H{right:.2f}", RULE, 0.8),
-            f'<g clip-path="url(#{self.name})">',
+            f'<g clip-path="url(#{self.name})"><g class="along">',
             *inside,
-            "</g>",
+            "</g></g>",
         ]
         if x_marks:
-            parts += [text(u, bottom + 13, label, anchor="middle") for u, label in across]
+            parts += [
+                '<g class="marks">',
+                *(text(u, bottom + 13, label, anchor="middle") for u, label in across),
+                "</g>",
+            ]
             parts += [text(right, bottom + 27, self.x.factor, anchor="end")] if self.x.factor else []
         if x_label:
             parts.append(text(self.left + self.width / 2, bottom + 28, x_label, anchor="middle"))
@@ -243,10 +246,15 @@ def text(x: float, y: float, content: str, *, anchor: str = "start", colour: str
     return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}" fill="{colour}">{html.escape(content)}</text>'
 
 
-def drawing(width: float, height: float, label: str, parts: Iterable[str]) -> str:
-    """The SVG element; ``label`` is for screen readers."""
+def drawing(width: float, height: float, label: str, parts: Iterable[str], *, zoom: Panel | None = None) -> str:
+    """The SVG element; ``label`` is for screen readers, ``zoom`` the lowest of panels that can be zoomed along x."""
+    data = ""
+    if zoom is not None:
+        places = (zoom.left, zoom.width, zoom.x.low, zoom.x.high, zoom.top + zoom.height)
+        data = f' data-zoom="{" ".join(f"{place:.6g}" for place in places)}"'
     opening = (
-        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{html.escape(label)}" font-size="{SIZE:g}">'
+        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{html.escape(label)}" font-size="{SIZE:g}"'
+        f"{data}>"
     )
     return "\n".join([opening, *parts, "</svg>"])
 

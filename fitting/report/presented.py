@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from fitting.report import wording
+from fitting.report.languages import ENGLISH, Language, codes, language
 from fitting.report.model import Figures, FloatArray, FrictionCurve, JointDiagnostics, Scatter
 
 #: Points of a cloud at most: a structure that a person can see is there with fewer.
@@ -24,7 +25,7 @@ DIGITS = 4
 
 
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
-    """``report`` with ``summary`` (``label``, ``sentence``) and ``figures`` (scatter, friction, diagnostics).
+    """``report`` with ``summary`` (in all languages) and ``figures`` (scatter, friction, diagnostics).
 
     Parameters
     ----------
@@ -37,20 +38,24 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
     ``direction`` and ``law_back`` are null where :class:`fitting.report.model.Scatter` has None. Values have
     :data:`DIGITS` significant digits, those that do not exist are null.
     """
-    loop = report["loop"]
-    titles = {str(e["id"]): str(e["title"]) for e in (*loop["candidates"], *loop["effects"]) if e.get("title")}
+    said = {code: _said(report, language(code)) for code in codes()}
     return {
         **report,
-        "summary": {
-            "label": wording.label(loop),
-            "sentence": wording.verdict_sentence(report, titles),
-        },
+        "summary": {**said.pop(ENGLISH.code), "languages": said},
         "figures": {
             "scatter": [_scatter(item) for item in figures.scatter],
             "friction": [_friction(item) for item in figures.friction],
             "diagnostics": [_diagnostics(item) for item in figures.diagnostics],
         },
     }
+
+
+def _said(report: Mapping[str, Any], speaks: Language) -> dict[str, str]:
+    loop = report["loop"]
+    titles = {
+        str(e["id"]): speaks.said(str(e["title"])) for e in (*loop["candidates"], *loop["effects"]) if e.get("title")
+    }
+    return {"label": wording.label(loop, speaks), "sentence": wording.verdict_sentence(report, titles, speaks)}
 
 
 def _scatter(item: Scatter) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from datetime import datetime
+from decimal import ROUND_HALF_UP, Context, Decimal
 from typing import Any
 
 _MINUS = "\u2212"
@@ -14,28 +15,42 @@ MONTHS = (
     "January", "February", "March", "April", "May", "June", "July", "August", "September", "October", "November",
     "December",
 )  # fmt: skip
+#: Units that people use in a sentence in the place of SI's: factor, and how it is written behind the number.
+USUAL = {
+    "m": (1e3, " mm"),
+    "m/s": (1e3, " mm/s"),
+    "rad": (180.0 / math.pi, "\u00b0"),
+    "rad/s": (180.0 / math.pi, "\u00b0/s"),
+    "Pa": (1e-6, " MPa"),
+}
 #: What is written where a number does not exist.
 NONE = "\u2013"
+_ALL_DIGITS = Context(prec=800)  # no rounding but the one that is asked for, of any double
 
 
-def _fixed(value: float, decimals: int) -> str:
-    text = f"{abs(value):.{max(decimals, 0)}f}"
-    whole, dot, rest = text.partition(".")
+def _to_place(value: float, place: int) -> Decimal:
+    """``value`` to whole ``10^place``; exact halves away from zero, as browsers do: the page says the same."""
+    return Decimal(value).quantize(Decimal(1).scaleb(place), ROUND_HALF_UP, _ALL_DIGITS)
+
+
+def fixed(value: float, decimals: int) -> str:
+    """With so many decimals; fewer than none: zeros before the point."""
+    rounded = _to_place(value, -decimals)
+    whole, dot, rest = f"{abs(rounded):f}".partition(".")
     if len(whole) > 4:
         # A thin space (no-break) between groups of three, as ISO 80000-1 has it.
         whole = f"{int(whole):,}".replace(",", "\u202f")
-    negative = value < 0 and any(digit in "123456789" for digit in text)
-    return f"{_MINUS if negative else ''}{whole}{dot}{rest}"
+    return f"{_MINUS if rounded < 0 else ''}{whole}{dot}{rest}"
 
 
 def _exponent(value: float) -> int:
-    return math.floor(math.log10(abs(value))) if value else 0
+    return Decimal(value).adjusted() if value else 0
 
 
 def _rounded(value: float, digits: int) -> tuple[float, int]:
     """Value rounded to significant digits, and its exponent of ten after rounding."""
-    rounded = float(f"{value:.{digits - 1}e}")
-    return rounded, _exponent(rounded)
+    rounded = _to_place(value, _exponent(value) - digits + 1)
+    return float(rounded), rounded.adjusted()
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -46,8 +61,8 @@ def number(value: float | None, digits: int = 3) -> str:
         return "0"
     rounded, exponent = _rounded(value, digits)
     if -4 <= exponent <= 5:
-        return _fixed(rounded, digits - 1 - exponent)
-    return f"{_fixed(rounded / 10.0**exponent, digits - 1)}\u202f{scientific(exponent)}"
+        return fixed(rounded, digits - 1 - exponent)
+    return f"{fixed(rounded / 10.0**exponent, digits - 1)}\u202f{scientific(exponent)}"
 
 
 def scientific(exponent: int) -> str:
@@ -57,7 +72,7 @@ def scientific(exponent: int) -> str:
 
 def count(value: int) -> str:
     """A whole number, all its digits."""
-    return _fixed(float(value), 0)
+    return fixed(float(value), 0)
 
 
 def with_std(value: float | None, std: float | None) -> str:
@@ -72,11 +87,9 @@ def with_std(value: float | None, std: float | None) -> str:
     rounded, place = _rounded(std, 2)
     top = max(_exponent(value), place)
     if -4 <= top <= 5:
-        decimals = 1 - place
-        shown = round(value, decimals)
-        return f"{_fixed(shown, decimals)} \u00b1 {_fixed(rounded, decimals)}"
+        return f"{fixed(value, 1 - place)} \u00b1 {fixed(rounded, 1 - place)}"
     scale, decimals = 10.0**top, 1 - place + top
-    return f"({_fixed(value / scale, decimals)} \u00b1 {_fixed(rounded / scale, decimals)})\u202f{scientific(top)}"
+    return f"({fixed(value / scale, decimals)} \u00b1 {fixed(rounded / scale, decimals)})\u202f{scientific(top)}"
 
 
 def percent(value: float | None) -> str:
@@ -84,8 +97,8 @@ def percent(value: float | None) -> str:
     if value is None or not math.isfinite(value):
         return NONE
     decimals = 0 if abs(value) >= 10 else 1
-    text = _fixed(value, decimals)
-    plus = "+" if value > 0 and not text.startswith(_MINUS) and float(f"{value:.{decimals}f}") != 0 else ""
+    text = fixed(value, decimals)
+    plus = "+" if value > 0 and any(digit in "123456789" for digit in text) else ""
     return f"{plus}{text}\u202f%"
 
 

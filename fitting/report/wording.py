@@ -192,6 +192,34 @@ def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Languag
     return language.say(", ").join(parts)
 
 
+#: An effect with more sizes than that is a curve, and said by what it does: nobody reads coefficients.
+_READ = 2
+#: What such an effect does, by whether it is friction and whether its place is a position.
+_UP_TO = {
+    (None, True): "up to {}, worst near {}",
+    ("more", True): "up to {} more friction, worst near {}",
+    ("less", True): "up to {} less friction, worst near {}",
+    (None, False): "up to {}, worst where the {} is near {}",
+    ("more", False): "up to {} more friction, worst where the {} is near {}",
+    ("less", False): "up to {} less friction, worst where the {} is near {}",
+}
+
+
+def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
+    """``up to 157 N more friction, worst near 120 mm`` of a curve; one or two sizes with their deviations."""
+    parameters, size = effect.get("parameters") or {}, effect.get("amplitude")
+    if not size or not size["largest"] or sum(entry.get("std") is not None for entry in parameters.values()) <= _READ:
+        return sizes(parameters, language=language)
+    most = f"{language.number(size['largest'])} {language.unit(size['unit'])}"
+    if not size.get("worst"):
+        return language.say("up to {}", most)
+    worst = size["worst"]
+    position = worst["variable"] in ("piston_position", "joint_position")
+    named = [] if position else [language.words(worst["variable"])]
+    said = _UP_TO[worst["friction"], position]
+    return language.say(said, most, *named, language.size(worst["at"], worst["unit"]))
+
+
 def validate(entry: Mapping[str, Any] | None) -> float | None:
     """The validation error of a ``{"train", "validate"}`` pair."""
     return (entry or {}).get("validate")
@@ -345,9 +373,9 @@ def _nothing(verdict: str, times: float | None, language: Language) -> str:
 
 def as_chance(probability: float, language: Language = ENGLISH) -> str:
     """A probability as far as one can be trusted: ``84 %``, ``more than 99 %``, ``less than 1 %``."""
-    rounded = round(100 * probability)
+    rounded = math.floor(100 * probability + 0.5)
     if 1 <= rounded <= 99:
-        return f"{rounded} %"
+        return f"{rounded}\u202f%"
     return language.say("more than 99 %" if rounded > 99 else "less than 1 %")
 
 
@@ -433,7 +461,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
     certain = [e for e in effects if not e.get("indistinguishable_from") and not doubtful(e)]
     sentences = [_doubted(e, titles, language) for e in effects if doubtful(e)]
     if certain:
-        named = [at(e, language, sizes(e.get("parameters"), language=language)) for e in certain]
+        named = [at(e, language, how_large(e, language)) for e in certain]
         sentences.append(language.say("the model lacked {}", language.listed(named)))
     sentences += [
         _one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from") and not doubtful(e)

@@ -267,7 +267,6 @@ def _segment(
             columns[key].append(value)
         rest.append(_rest(motion[3], motion[4], noise[number].speed, reach(joint, joint.cylinder is not None), rate))
     stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
-    temperature = next((c.name for c in machine.channels if c.quantity == "oil_temperature"), None)
     return Segment(
         recording=index,
         role=recording.role,
@@ -285,7 +284,7 @@ def _segment(
         p2=stacked["p2"],
         rest=np.stack(rest, axis=1),
         loaded=loaded,
-        temperature=None if temperature is None else bank.smoothed(recording.values[temperature][part]),
+        temperature=_temperature(machine, recording, part, bank),
         gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
         lead=np.stack(lead, axis=1),
@@ -344,6 +343,13 @@ def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tup
             own = recording.values[channel.name]
             values[channel.name] = np.concatenate([np.full(bank.margin, own[:count].mean()), own[: 2 * bank.margin]])
     return replace(recording, values=values), slice(0, 3 * bank.margin)
+
+
+def _temperature(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
+    """Oil temperature of a segment; None where it was not measured all along."""
+    channel = next((c for c in machine.channels if c.quantity == "oil_temperature"), None)
+    values = None if channel is None else recording.values.get(channel.name)
+    return None if values is None or not np.isfinite(values[part]).all() else bank.smoothed(values[part])
 
 
 def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:

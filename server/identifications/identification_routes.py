@@ -25,10 +25,14 @@ from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, Mac
 from server.platform.service import Service
 
 router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
-#: The report is a page of ours, but it shows names from machine files: it may run no script and load nothing
-#: from elsewhere. It is one file that is read without the service too, so its style sheet stands in it; without
-#: scripts and requests an inline style can do no more than look wrong.
-REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; sandbox"
+#: The report is a page of ours, but it shows names from machine files: it may load nothing from elsewhere, and has an
+#: origin of its own, so it can ask nothing of the service. Its own policy, the first thing in it, names the digest of
+#: the one script that may run. It is one file that is read without the service too, so its style sheet stands in it;
+#: without requests an inline style can do no more than look wrong.
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; font-src data:; "
+    "sandbox allow-scripts"
+)
 
 
 @router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])

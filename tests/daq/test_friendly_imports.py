@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,10 @@ from sound_recordings import Columns, motion
 
 from daq import Machine, Recording, RecordingError, parse_machine, read_recording
 from daq.errors import InputError
+from daq.quality import Quality
 from daq.recordings.column_map import in_channels, load_map, parse_map
 from daq.recordings.csv_files import read_csv
+from daq.recordings.map_draft import draft
 from daq.recordings.recording_files import Table
 from daq.recordings.time_columns import seconds
 from server.commands.command_line import main
@@ -221,7 +224,7 @@ def test_a_column_map_names_scales_and_converts_columns(tmp_path: Path) -> None:
         "j1.rod: {column: ai3, unit: MPa}\n",
     )
     same(path, columns=load_map(written, MACHINE))
-    refused(path, "another machine's channels")
+    refused(path, "q1", "ai3", "button", "--map")
     wrong = put(tmp_path / "wrong.yaml", "j1.angle: q7\n")
     refused(path, "'q7'", "j1.angle", "wrong.yaml", columns=load_map(wrong, MACHINE))
     unit = put(tmp_path / "unit.yaml", "j1.angle: {column: q1 (rad), unit: bar}\n")
@@ -394,3 +397,55 @@ def test_import_writes_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture
     with pytest.raises(RecordingError, match="was recorded as 'validate'"):
         read_recording(output, MACHINE, "unloaded")
     assert command(*arguments, "-o", output) == 2  # it is there already
+
+
+def foreign(tmp_path: Path) -> Path:
+    """A log whose columns tell the time and one channel; the others have names of their own."""
+    names = {"time": "t_ms", "j1.angle": "J1 Angle", "j1.piston": "pos", "j1.head": "p A [bar]", "j1.rod": "ai: 3"}
+    columns: dict[str, Any] = {names[name]: values for name, values in SOUND.items() if name in names}
+    columns["t_ms"] = 1e3 * np.asarray(columns["t_ms"])
+    return put(tmp_path / "log.csv", text_of(columns))
+
+
+def test_a_foreign_file_gets_a_draft_of_its_map_and_none_is_overwritten(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine = put(tmp_path / "bench.yaml", plain())
+    log, output = foreign(tmp_path), tmp_path / "out.parquet"
+    arguments = ["import", str(log), "--machine", str(machine), "-o", str(output)]
+    for name in ("log.map.yaml", "log.map-2.yaml"):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+        said = capsys.readouterr().err
+        assert "p A [bar]" in said and "--map" in said and str(tmp_path / name) in said.replace("\n", "")
+        assert not output.exists()
+    text = (tmp_path / "log.map.yaml").read_text()
+    written = parse_map(text, MACHINE)
+    assert {channel: source.column for channel, source in written.sources.items()} == {
+        "time": "t_ms",
+        "j1.angle": "J1 Angle",
+    }
+    # What is asked is a line that is right once its column is the right one.
+    asked = "".join(
+        line.removeprefix("# ").replace(re.findall(r'column: ("[^"]*")', line)[0], json.dumps(column)) + "\n"
+        for line in text.splitlines()
+        for name, column in {"j1.piston": "pos", "j1.head": "p A [bar]", "j1.rod": "ai: 3"}.items()
+        if line.startswith(f"# {name}:")
+    )
+    filled = parse_map(text + asked, MACHINE)
+    assert filled.sources["j1.rod"].column == "ai: 3" and len(filled.sources) == 5
+
+
+@given(st.lists(st.text(min_size=1, max_size=12), min_size=1, max_size=6, unique=True))
+def test_a_draft_is_yaml_whatever_columns_are_called(names: list[str]) -> None:
+    text = draft(Path("log.csv"), ["time", *names], MACHINE)
+    assert set(parse_map(text + "j1.rod: x\n", MACHINE).sources) >= {"j1.rod"} and text.count("\n") == 3 + 6
+
+
+def test_channels_that_no_joint_needs_may_be_missing(tmp_path: Path) -> None:
+    path = put(tmp_path / "r.csv", text_of({name: values for name, values in SOUND.items() if name != "oil"}))
+    read = read_recording(path, MACHINE, "train")
+    assert np.isnan(read.values["oil"]).all() and set(read.quality["oil"]) == {Quality.MISSING}
+    assert any("oil" in note and "missing" in note for note in read.notes)
+    refused(put(tmp_path / "no.csv", text_of({k: v for k, v in SOUND.items() if k != "j1.rod"})), "j1.rod")

@@ -11,13 +11,13 @@ from fitting.effects import effects
 from fitting.effects.base import Effect
 from fitting.pipeline.plausibility import _CAUSES
 from fitting.report import clean, wording
-from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _TEXTS, JointWords
+from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _SLEWING, _TEXTS, JointWords
 from fitting.report.languages import content_of
 
 #: Texts of reports, by groups.
 TEXTS: dict[str, dict[str, str]] = content_of("de")["report"]
 #: What a joint is driven by, and the words for it.
-DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(_SIGNALS, _TEXTS, {})}
+DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(_SIGNALS, _TEXTS, {}), "slew": JointWords({}, _SLEWING, {})}
 EVENTS = ("silent", "boot_up", "emergency", "bus_off", "bus_down", "utc_jump", "heartbeat_lost", "second_master")
 
 
@@ -74,13 +74,19 @@ def _search(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]]) ->
 
 
 def _found(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]], words: JointWords) -> None:
-    sizes = {"k1": {"value": 8123.4, "std": 96.2, "unit": "N/m"}, "place: in a pin": {"value": 0.0, "unit": "choice"}}
+    curve = {f"f_{k}": {"value": 1.5, "std": 0.25, "unit": "N"} for k in (1, 2)}
+    sizes = {
+        "k1": {"value": 8123.4, "std": 96.2, "unit": "N/m"},
+        **curve,
+        "place: in a pin": {"value": 0.0, "unit": "choice"},
+    }
     evidence: dict[str, Any] = dict.fromkeys(wording.EVIDENCE, 0.5)
     evidence |= {"witness": filled("reasons")[0], "outside_band": True, "p": 1e-7}
     evidence["cutoffs"] = [{"hz": 2.1, "value": 0.0141, "std": 0.0001}]
     for effect in loop["effects"]:
         effect.update(known[-1][1], joint="joint2", parameters=sizes, evidence=evidence)
-        effect["amplitude"] = {"largest": 12.5, "rms": 2.25, "unit": "N"}
+        worst = {"variable": words.signal("piston_position"), "at": 0.125, "unit": "m", "friction": "more"}
+        effect["amplitude"] = {"largest": 12.5, "rms": 2.25, "unit": "N", "worst": worst}
         for number, rival in enumerate(effect["indistinguishable_from"]):
             rival.update({**known[number][1], "joint": "joint2"}, probability=0.25)
     for law in loop["unexplained"]:
@@ -117,8 +123,6 @@ def _explained(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]],
 def _warnings() -> list[str]:
     return [
         *filled("warnings"),
-        "joint3.m, joint2.load_dependent_friction.k and 3 more have a standard deviation above 30 % of the value: "
-        "they are poorly determined by these recordings",
         "friction was estimated with the arm attached on joint1, joint2: no unloaded recording of it",
         "this motion tells 5 of 9 parameters; assumed: joint1.m; poorly told: joint1.K; not told: ZZ2, MX2",
         "a.mf4: resampled from 99.5 Hz with uneven steps to 100 Hz with a zero-phase low pass, flat to 12.5 Hz; "

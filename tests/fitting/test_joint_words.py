@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from synthetic_arm import make_motion, make_recordings, planar_machine, truth
 
+from daq.machine.linkages import Rack
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
-from fitting.effects import effects
+from fitting.effects import effect, effects
 from fitting.loop.session import Options, Request
 from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.results.summary import print_summary
@@ -47,7 +48,7 @@ def units(content: Any) -> set[str]:
 
 def spoken(page: str) -> str:
     """What a page says: no styles, no tags."""
-    text = re.sub(r"<style>.*?</style>", " ", page, flags=re.DOTALL)
+    text = re.sub(r"<(style|script)>.*?</\1>", " ", page, flags=re.DOTALL)
     labels = " ".join(re.findall(r'(?:aria-label|title)="([^"]*)"', text))
     return html.unescape(re.sub(r"<[^>]*>", " ", text)) + " " + labels
 
@@ -147,6 +148,21 @@ def test_machines_of_cylinders_are_left_as_they_are() -> None:
     content = {"joint": "joint1", "title": "piston_position", "unit": "m"}
     assert in_words_of(machine, content) is content
     assert machine_words(machine) == joint_words(machine.joints[0]) and own_unit(machine, 0, "N/m") == "N/m"
+
+
+def test_a_joint_that_a_rack_turns_has_a_slew_motor_and_no_rod() -> None:
+    machine = planar_machine(2)
+    first = machine.joints[0]
+    assert first.cylinder is not None
+    rack = Rack(type="rack", radius=0.1, zero=0.0)
+    slewing = first.model_copy(update={"cylinder": first.cylinder.model_copy(update={"linkage": rack})})
+    words = joint_words(slewing)
+    for one in effects():
+        assert not re.search(r"\b(rods?|cylinder|piston)\b", words.text(one.look_at)), one.look_at
+    content = {"joint": "joint1", "look_at": effect("position_dependent_friction").look_at}
+    turned = machine.model_copy(update={"joints": [slewing, *machine.joints[1:]]})
+    assert in_words_of(turned, content)["look_at"].startswith("slew motor, gear and slewing ring")
+    assert in_words_of(turned, content | {"joint": "joint2"})["look_at"] == content["look_at"]
 
 
 def test_units_are_those_of_the_joint() -> None:

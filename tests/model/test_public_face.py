@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
@@ -181,3 +182,66 @@ def test_unknown_formats_and_places_leave_nothing(
 
         write_predicted(tmp_path / "x.txt", result.model.predict(arm / "validate.parquet"))
     assert not list(tmp_path.iterdir())
+
+
+def arrays_of(arm: Path, role: str) -> tuple[hilfit.Machine, hilfit.Recording]:
+    machine = hilfit.Machine.load(arm / "machine.yaml")
+    return machine, hilfit.Recording.load(arm / f"{role}.parquet", machine)
+
+
+def test_arrays_and_tables_are_as_good_as_files(arm: Path, result: hilfit.Result) -> None:
+    machine, loaded = arrays_of(arm, "validate")
+    channel = next(own for own in machine.content.channels if own.quantity == "joint_position")
+    own = dict(loaded.values)
+    own[channel.name] = np.rad2deg(own[channel.name])
+    made = hilfit.Recording.from_arrays(loaded.time, own, units={channel.name: "deg"})
+    frame = pd.DataFrame(dict(loaded.values), index=pd.to_datetime(1.7e9 + loaded.time, unit="s"))
+    table = hilfit.Recording.from_pandas(frame)
+    expected = result.model.predict(arm / "validate.parquet").filtered["std"]
+    for recording in (made, table, hilfit.Recording.from_pandas(frame.assign(time=loaded.time))):
+        np.testing.assert_allclose(result.model.predict(recording).filtered["std"], expected, rtol=1e-6)
+    train = hilfit.Recording.from_arrays(*(lambda one: (one.time, one.values))(arrays_of(arm, "train")[1]))
+    again = hilfit.identify(machine, train=[train], validate=[made], loop=False)
+    files = hilfit.identify(machine, train=[arm / "train.parquet"], validate=[arm / "validate.parquet"], loop=False)
+    for joint, errors in files.report["errors"].items():
+        assert again.report["errors"][joint]["after"] == pytest.approx(errors["after"], rel=1e-6)
+
+
+def test_arrays_that_cannot_be_a_recording_are_refused_in_one_line(arm: Path, result: hilfit.Result) -> None:
+    machine, loaded = arrays_of(arm, "validate")
+    name = machine.content.channels[0].name
+    for values, units, said in (
+        ({name: np.zeros(3)}, None, f"{name}: has 3 values, time has {len(loaded.time)}"),
+        ({name: np.zeros((len(loaded.time), 2))}, None, f"{name}: has 2 dimensions"),
+        ({name: ["a"] * len(loaded.time)}, None, f"{name}: is not an array of numbers"),
+        (dict(loaded.values), {"boom": "deg"}, "boom: has a unit and no values"),
+    ):
+        with pytest.raises(hilfit.InputError) as caught:
+            hilfit.Recording.from_arrays(loaded.time, values, units=units)
+        assert said in str(caught.value) and "\n" not in str(caught.value)
+    fewer = {key: values for key, values in loaded.values.items() if key != name}
+    with pytest.raises(hilfit.InputError, match=f"{name}: this channel is missing"):
+        result.model.predict(hilfit.Recording.from_arrays(loaded.time, fewer))
+
+
+def test_what_was_not_measured_is_a_gap(arm: Path) -> None:
+    machine, loaded = arrays_of(arm, "validate")
+    values = {name: column.copy() for name, column in loaded.values.items()}
+    next(iter(values.values()))[100:120] = np.nan
+    read = hilfit.Recording.from_arrays(loaded.time, values).of(machine.content)
+    assert len(read.segments()) == 2
+
+
+def test_results_are_short_in_words_and_whole_in_a_notebook(result: hilfit.Result) -> None:
+    assert repr(result).startswith("Result(not_examined") and repr(result.model).startswith("Model(test-arm: 2 joints")
+    assert "joint1.f_c" in result.model._repr_html_() and "<td>joint2</td>" in result._repr_html_()
+    figure = result.plot(["joint2"])
+    left, right = figure.axes
+    assert left.get_ylabel() == "joint2 [N m]" and len(left.lines) == len(right.lines) == 2
+    error = result.report["errors"]["joint2"]["after"]["validate"]
+    assert np.std(right.lines[1].get_ydata()) == pytest.approx(error, rel=0.1)
+
+
+def test_an_effect_that_was_misspelt_is_suggested(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["effects", "show", "stribek"]) == 2
+    assert "did you mean 'stribeck'?" in capsys.readouterr().err

@@ -24,7 +24,7 @@ from fitting.pipeline.results.loop_results import (
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.verdict import label, verdict
 from fitting.regression.drive import effort_unit
-from fitting.report.drawing_data import law_curve
+from fitting.report.drawing_data import law_curve, worst_place
 from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Hypothesis
@@ -290,10 +290,10 @@ def _amplitude(model: Model, number: int) -> dict[str, Any]:
     """How large a term is over the motions that were fitted: a size that does not depend on what a formula counts from.
 
     ``largest`` is the 99th percentile of its magnitude over the moving samples, on the joint where it is largest; of a
-    delay what is left of it after the efforts were moved.
+    delay what is left of it after the efforts were moved. ``worst`` is where on its variable it is largest there.
     """
     machine = model.design.machine
-    best = {"largest": 0.0, "rms": 0.0, "unit": "N", "joint": None}
+    best: dict[str, Any] = {"largest": 0.0, "rms": 0.0, "unit": "N", "joint": None, "worst": None}
     for joint, own in enumerate(machine.joints):
         if model.terms[number].joint not in (joint, None) and not model.terms[number].everywhere:
             continue
@@ -308,6 +308,7 @@ def _amplitude(model: Model, number: int) -> dict[str, Any]:
                 "rms": float(np.sqrt(np.mean(force**2))),
                 "unit": effort_unit(own),
                 "joint": own.name,
+                "worst": worst_place(model, number, joint),
             }
     return best
 

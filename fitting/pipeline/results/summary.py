@@ -14,7 +14,7 @@ from daq.console import show_table
 
 def print_summary(report: Mapping[str, Any], output: Path) -> None:
     """Print the table of errors, the verdict and where the report is."""
-    from fitting.report.text import share
+    from fitting.report.text import change, number, percent, share
     from fitting.report.wording import RELATIVE_OF, readable, resolution, verdict_sentence
 
     console = Console()
@@ -28,13 +28,9 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     for joint, errors in report["errors"].items():
         pair = errors["before"], errors["after"]
         before, after = (entry[role] for entry in pair)
-        change = (
-            "-"
-            if not before or after is None
-            else f"{100 * (after / before - 1):+.0f} %".replace("-0 %", "0 %").replace("+0 %", "0 %")
-        )
-        table.add_row(joint, errors["unit"], *map(_short, (errors["noise_floor"], before, after)), change)
-        more = [_short(entry.get(f"{role}_{size}")) for size in ("rms", "mean") for entry in pair]
+        shown = map(number, (errors["noise_floor"], before, after))
+        table.add_row(joint, errors["unit"], *shown, percent(change(before, after)))
+        more = [number(entry.get(f"{role}_{size}")) for size in ("rms", "mean") for entry in pair]
         sizes.add_row(joint, errors["unit"], *more, *(share(entry.get(f"{role}_relative")) for entry in pair))
     show_table(table, console)
     show_table(sizes, console)
@@ -58,7 +54,3 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False)
     console.print(f"report: {output / 'report.html'}", soft_wrap=True, markup=False)
-
-
-def _short(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"

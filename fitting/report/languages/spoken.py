@@ -91,6 +91,15 @@ class Language:
         """A unit as people write it; some are words."""
         return self.say(text.unit(unit))
 
+    def effort(self, unit: str, name: str = "effort") -> str:
+        """What an effort of a unit is called; English has one word for forces and torques."""
+        return self.say(name) if self.own is None or "N m" not in unit else self.say(f"{name}, N m")
+
+    def size(self, value: float, unit: str) -> str:
+        """A value for a sentence, two digits in the unit that people use: ``120 mm``, ``35°``, ``12 MPa``."""
+        scale, known = text.USUAL.get(unit, (1.0, f" {self.unit(unit)}".rstrip()))
+        return f"{self.number(scale * value, 2)}{known}"
+
     def formula(self, formula: str) -> str:
         """An equation, or a combination of parameters: names stay, numbers are this language's."""
         return formula if self.own is None else self.table.numerals(self.said(formula))

@@ -9,11 +9,17 @@ from fitting.report.schema.parts import Part
 Points = list[float | None]
 
 
-class Summary(Part):
+class Said(Part):
     """The result in a few words and in one sentence."""
 
     label: str
     sentence: str
+
+
+class Summary(Said):
+    """In English, and by their codes in the other languages of the report."""
+
+    languages: dict[str, Said] = Field(default_factory=dict)
 
 
 class ScatterFigure(Part):

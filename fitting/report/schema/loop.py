@@ -65,12 +65,32 @@ class ResolutionStep(Part):
     after: list[Hypothesis]
 
 
+class WorstPlace(Part):
+    """Where on its variable an effect is largest; of one that turns with the motion, more or less friction there."""
+
+    variable: str
+    at: float
+    unit: str
+    friction: Literal["more", "less"] | None = None
+
+
+class Amplitude(Part):
+    """How large an effect is over the motions that were fitted, on the joint where it is largest."""
+
+    largest: float
+    rms: float
+    unit: str
+    joint: str | None = None
+    worst: WorstPlace | None = None
+
+
 class AddedEffect(Likely):
     """An effect that was added to the model."""
 
     equation: str | None = None
     look_at: str = ""
     parameters: dict[str, Value] = Field(default_factory=dict)
+    amplitude: Amplitude | None = None
     indistinguishable_from: list[Likely | str] = Field(default_factory=list)
     evidence: dict[str, Any] = Field(default_factory=dict)
 

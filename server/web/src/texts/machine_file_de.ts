@@ -38,13 +38,13 @@ export const MACHINE_FILE: Record<string, string> = {
   "joints.{}: an external_force needs head_pressure and rod_pressure; add them":
     "joints.$1: Eine external_force braucht head_pressure und rod_pressure; beide ergänzen",
   "joints.{}: has no effort: one pressure is not enough; add a {} channel":
-    "joints.$1: hat keine Kraft: ein Druck genügt nicht; einen Kanal $2 ergänzen",
+    "joints.$1: hat keine Kraftgröße: ein Druck genügt nicht; einen Kanal $2 ergänzen",
   "joints.{}: has no effort; add head_pressure and rod_pressure, cylinder_force, or joint_effort":
-    "joints.$1: hat keine Kraft; head_pressure und rod_pressure, cylinder_force oder joint_effort ergänzen",
+    "joints.$1: hat keine Kraftgröße; head_pressure und rod_pressure, cylinder_force oder joint_effort ergänzen",
   "joints.{}: has no effort; its drive says effort: link_side, so add a channel of quantity joint_effort":
-    "joints.$1: hat keine Kraft; sein Antrieb sagt effort: link_side, also einen Kanal der Größe joint_effort ergänzen",
+    "joints.$1: hat keine Kraftgröße; sein Antrieb sagt effort: link_side, also einen Kanal der Größe joint_effort ergänzen",
   "joints.{}: has no effort; add a channel of quantity joint_effort, or motor_effort of {}":
-    "joints.$1: hat keine Kraft; einen Kanal der Größe joint_effort ergänzen, oder motor_effort von $2",
+    "joints.$1: hat keine Kraftgröße; einen Kanal der Größe joint_effort ergänzen, oder motor_effort von $2",
   "joints.{}: its motor_velocity holds the speed of {} too, which nothing measures; add joint_velocity or motor_velocity of {}, or remove this motor_velocity":
     "joints.$1: motor_velocity enthält auch die Geschwindigkeit von $2, die nichts misst; joint_velocity oder motor_velocity von $3 ergänzen oder dieses motor_velocity entfernen",
   "joints.{}: drive: all motors together do not tell the joints' positions; correct ratio, coupled":

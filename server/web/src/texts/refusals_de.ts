@@ -28,7 +28,7 @@ export const VALUES: Record<string, string> = {
   "the monitor failed unexpectedly; the log of the service says why":
     "die Überwachung ist unerwartet fehlgeschlagen; das Protokoll des Dienstes sagt, warum",
   "too many headers": "zu viele Kopfzeilen",
-  "the effort": "die Kraft",
+  "the effort": "die Kraftgröße",
   viewer: "Zuschauer",
   operator: "Bediener",
   engineer: "Ingenieur",
@@ -295,6 +295,8 @@ const RECORDINGS: Record<string, string> = {
     "$1 wurde als „$2“ aufgezeichnet und kann nicht als „$3“ dienen; als $4 angeben",
   "{}: has no column 'time' (s){}; add it as the first column":
     "$1 hat keine Spalte „time“ (s)$2; als erste Spalte einfügen",
+  "{}: its columns ({}) do not tell which channels of '{}' ({}) they are; say it with --map":
+    "$1: Die Spalten ($2) sagen nicht, welche Kanäle von „$3“ ($4) sie sind; mit --map angeben, welche Spalte welcher Kanal ist",
   "{}: has another machine's channels ({}); '{}' has {}; give the machine file that it was recorded with":
     "$1 hat die Kanäle einer anderen Maschine ($2); „$3“ hat $4; die Maschinendatei angeben, mit der aufgezeichnet wurde",
   "{}: {}: this channel is missing{}; record all channels of '{}', or remove it from the machine file":

@@ -11,7 +11,7 @@ describe("sentences of the service", () => {
         "joint2: measured and predicted effort differ by +12.5 N m, 7.3 times the band (limit 4.1): a collision or an overload; look at the arm",
       ),
     ).toBe(
-      "joint2: gemessene und vorhergesagte Kraft unterscheiden sich um +12,5 N m, das 7,3-Fache des Bands (Grenze 4,1): Kollision oder Überlast; den Arm ansehen",
+      "joint2: gemessene und vorhergesagte Kraftgröße unterscheiden sich um +12,5 N m, das 7,3-Fache des Bands (Grenze 4,1): Kollision oder Überlast; den Arm ansehen",
     );
   });
 
@@ -21,7 +21,7 @@ describe("sentences of the service", () => {
         "measured and predicted effort drift apart: joint1: a constant force more or less; joint3: more or less force against the motion (friction); recalibrate, or look for the cause",
       ),
     ).toBe(
-      "Gemessene und vorhergesagte Kraft laufen auseinander: joint1: eine gleichbleibende Kraft mehr oder weniger; joint3: mehr oder weniger Kraft gegen die Bewegung (Reibung); neu kalibrieren oder die Ursache suchen",
+      "Gemessene und vorhergesagte Kraftgröße laufen auseinander: joint1: eine gleichbleibende Kraft mehr oder weniger; joint3: mehr oder weniger Kraft gegen die Bewegung (Reibung); neu kalibrieren oder die Ursache suchen",
     );
     expect(german("Stage 1: each drive's friction and stiffness: failed")).toBe(
       "Stufe 1: Reibung und Steifigkeit jedes Antriebs: fehlgeschlagen",

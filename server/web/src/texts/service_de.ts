@@ -63,11 +63,11 @@ export const SERVICE_SENTENCES: readonly Sentence[] = [
   ],
   [
     /^measured and predicted effort drift apart: (.+); recalibrate, or look for the cause$/,
-    "Gemessene und vorhergesagte Kraft laufen auseinander: $1; neu kalibrieren oder die Ursache suchen",
+    "Gemessene und vorhergesagte Kraftgröße laufen auseinander: $1; neu kalibrieren oder die Ursache suchen",
   ],
   [
     /^(.+): measured and predicted effort differ by (\S+) (.+), (\S+) times the band \(limit (.+)\): a collision or an overload; look at the arm$/,
-    "$1: gemessene und vorhergesagte Kraft unterscheiden sich um $2 $3, das $4-Fache des Bands (Grenze $5): Kollision oder Überlast; den Arm ansehen",
+    "$1: gemessene und vorhergesagte Kraftgröße unterscheiden sich um $2 $3, das $4-Fache des Bands (Grenze $5): Kollision oder Überlast; den Arm ansehen",
   ],
   [
     /^at (.+) the active calibration leaves more unexplained than when it was made; look at the proposed calibration (.+)$/,

@@ -30,51 +30,90 @@ const PARTS: Record<Language, { day: [number, number]; month: [number, number] }
   de: { day: [0, 6], month: [3, 10] },
 };
 
-/** Digits as programs write them with the decimal sign of the language and a real minus. */
+/*
+ * Numbers as `fitting/report/text.py` writes them, so that the page says what the report says; both are held to
+ * `numbers.json`. Spaces within are thin and do not break.
+ */
+const THIN = "\u202f";
+const SUPERSCRIPT = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+
+/** Digits as programs write them with the decimal sign of the language, a real minus and groups of three. */
 export function spelt(digits: string): string {
-  return minus(digits.replace(".", decimalSign()));
+  const [whole = "", rest] = digits.replace(/^-/, "").split(".");
+  const grouped = whole.length > 4 ? whole.replace(/\B(?=(\d{3})+$)/g, THIN) : whole;
+  const negative = digits.startsWith("-") && /[1-9]/.test(digits); // no minus before zero
+  return (negative ? "−" : "") + grouped + (rest === undefined ? "" : decimalSign() + rest);
 }
 
-/** A number with so many significant digits; never an exponent between 1e-4 and 1e6. */
+function known(value: number | null | undefined): value is number {
+  return value !== null && value !== undefined && Number.isFinite(value);
+}
+
+/** The exponent of ten of the first digit. */
+function exponentOf(value: number): number {
+  return value === 0 ? 0 : Number(value.toExponential().split("e")[1]);
+}
+
+/** `× 10⁷`. */
+function scientific(exponent: number): string {
+  const digits = [...String(Math.abs(exponent))].map((digit) => SUPERSCRIPT[Number(digit)]).join("");
+  return `×${THIN}10${exponent < 0 ? "⁻" : ""}${digits}`;
+}
+
+/** A number with so many significant digits; a power of ten beside it below 1e-4 and from 1e6 on. */
 export function number(value: number | null | undefined, digits = 4): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
+  if (!known(value)) return DASH;
   if (value === 0) return "0";
-  const size = Math.abs(value);
-  if (size >= 1e6 || size < 1e-4) return spelt(value.toExponential(Math.max(0, digits - 1)));
-  const decimals = Math.max(0, Math.min(12, digits - 1 - Math.floor(Math.log10(size))));
-  return spelt(value.toFixed(decimals));
+  const text = value.toExponential(digits - 1);
+  const exponent = Number(text.split("e")[1]);
+  if (exponent >= -4 && exponent <= 5) return fixed(Number(text), digits - 1 - exponent);
+  return `${spelt(text.split("e")[0] ?? "")}${THIN}${scientific(exponent)}`;
 }
 
-/** How many: a whole number, all its digits in groups of three. */
+/** How many: a whole number, all its digits. */
 export function count(value: number | null | undefined): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  return minus(thousands(String(Math.round(value))));
+  return fixed(value, 0);
 }
 
-const thousands = (whole: string): string => whole.replace(/\B(?=(\d{3})+(?!\d))/g, "\u202f");
-
-/** A number with fixed decimals, which does not jump while it changes. */
+/** A number with fixed decimals, which does not jump while it changes; fewer than none: zeros before the point. */
 export function fixed(value: number | null | undefined, decimals: number): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  const text = value.toFixed(decimals);
-  return spelt(Number(text) === 0 ? (0).toFixed(decimals) : text); // no minus before zero
+  if (!known(value)) return DASH;
+  if (decimals >= 0) return spelt(value.toFixed(Math.min(100, decimals)));
+  const places = exponentOf(value) + decimals;
+  const last = Number(`1e${-decimals}`);
+  if (places < 0) return spelt(Math.abs(value) >= last / 2 ? String(Math.sign(value) * last) : "0");
+  return spelt(Number(value.toExponential(places)).toFixed(0));
 }
 
-/** Labels of an axis: no more decimals than its places need, thousands apart, a real minus. */
+/** Labels of an axis: no more decimals than its places need. */
 export function ticks(places: number[]): string[] {
   const needed = places.map((place) => place.toFixed(12).replace(/0+$/, "").split(".")[1]?.length ?? 0);
   const decimals = Math.max(0, ...needed);
-  return places.map((place) => fixed(place, decimals).replace(/\d+/, (whole) => thousands(whole)));
+  return places.map((place) => fixed(place, decimals));
 }
 
-/** A value with its standard deviation, as many digits as the deviation makes sense of (two of it). */
+/** A value with its standard deviation: two digits of it, and the value to the same place. */
 export function withStd(value: number | null | undefined, std: number | null | undefined): string {
-  if (value === null || value === undefined || !Number.isFinite(value)) return DASH;
-  if (std === null || std === undefined || !Number.isFinite(std) || std <= 0) return number(value);
-  const decimals = 1 - Math.floor(Math.log10(std));
-  if (decimals > 12 || Math.abs(value) >= 1e6) return `${number(value)} ± ${number(std, 2)}`;
-  const kept = Math.max(0, decimals);
-  return `${spelt(value.toFixed(kept))} ± ${spelt(std.toFixed(kept))}`;
+  if (!known(value)) return DASH;
+  if (!known(std) || std <= 0) return number(value, 4);
+  const rounded = Number(std.toExponential(1));
+  const decimals = 1 - exponentOf(rounded);
+  const top = Math.max(exponentOf(value), exponentOf(rounded));
+  if (top >= -4 && top <= 5) return `${fixed(value, decimals)} ± ${fixed(rounded, decimals)}`;
+  const scale = Number(`1e${top}`);
+  return `(${fixed(value / scale, decimals + top)} ± ${fixed(rounded / scale, decimals + top)})${THIN}${scientific(top)}`;
+}
+
+/** A part of one in percent with three digits: `3.12 %`, `0.0373 %`. */
+export function share(part: number | null | undefined): string {
+  return known(part) ? `${number(100 * part, 3)}${THIN}%` : DASH;
+}
+
+/** A change in percent with its sign: `−74 %`, `+5.3 %`. */
+export function change(percents: number | null | undefined): string {
+  if (!known(percents)) return DASH;
+  const text = fixed(percents, Math.abs(percents) >= 10 ? 0 : 1);
+  return `${percents > 0 && /[1-9]/.test(text) ? "+" : ""}${text}${THIN}%`;
 }
 
 /** The zone of this device at a moment, as its difference from UTC: `UTC+1`, `UTC−3:30`, `UTC`. */
@@ -138,16 +177,11 @@ export function duration(seconds: number | null | undefined): string {
   return pair(Math.floor(hours / 24), "d", hours % 24, "h");
 }
 
-/** A fraction of one as percent. */
+/** A fraction of one as percent, of what moves while it is looked at. */
 export function percent(fraction: number | null | undefined, decimals = 0): string {
-  if (fraction === null || fraction === undefined || !Number.isFinite(fraction)) return DASH;
-  return `${spelt((100 * fraction).toFixed(decimals))} %`;
+  return known(fraction) ? `${fixed(100 * fraction, decimals)}${THIN}%` : DASH;
 }
 
 function two(value: number): string {
   return String(value).padStart(2, "0");
-}
-
-function minus(text: string): string {
-  return text.replace(/^-/, "−");
 }

@@ -6,17 +6,19 @@ import { t } from "../texts";
 
 export interface PanelProps {
   title: string;
+  /** Where other parts of the page lead to. */
+  id?: string;
   actions?: ComponentChildren;
   children: ComponentChildren;
 }
 
 /** A part of a page with its own heading. */
-export function Panel({ title, actions, children }: PanelProps) {
-  const id = useId();
+export function Panel({ title, id, actions, children }: PanelProps) {
+  const heading = useId();
   return (
-    <section class="panel" aria-labelledby={id}>
+    <section class="panel" id={id} aria-labelledby={heading}>
       <header>
-        <h2 id={id}>{title}</h2>
+        <h2 id={heading}>{title}</h2>
         {actions && <div class="actions">{actions}</div>}
       </header>
       {children}

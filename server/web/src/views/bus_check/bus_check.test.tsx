@@ -80,9 +80,9 @@ describe("the bus check", () => {
       expect(node?.textContent).toContain(word);
     expect(unit?.textContent).toContain("silent");
     const [, head, angle] = within(channels).getAllByRole("row");
-    for (const word of ["101.3 bar", "4711", "0.015", "0.012 ± 0.034", "100.0 %"])
+    for (const word of ["101.3 bar", "4711", "0.015", "0.012 ± 0.034", "100.0\u202f%"])
       expect(head?.textContent).toContain(word);
-    for (const word of ["moves", "50.0 %"]) expect(angle?.textContent).toContain(word);
+    for (const word of ["moves", "50.0\u202f%"]) expect(angle?.textContent).toContain(word);
   });
 
   it("says that there is nothing to look at, and asks for zeros where there is no pressure", async () => {

@@ -3,10 +3,10 @@ import { useState } from "preact/hooks";
 import { CommandNotice, useCommand } from "../../command";
 import { useSession } from "../../session";
 import { Button, Field, Mark } from "../../ui/controls";
-import { number, time, withStd } from "../../ui/format";
+import { change, number, time, withStd } from "../../ui/format";
 import { Confirm, Table } from "../../ui/layout";
 import { Downloads, reportPage } from "../downloads";
-import { change, parameterName, unit, verdictWords } from "../results/wording";
+import { parameterName, unit, verdictWords } from "../results/wording";
 import { type Calibration, STATES, jointErrors, possible } from "./rules";
 import { t } from "../../texts";
 

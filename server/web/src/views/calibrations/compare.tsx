@@ -2,10 +2,10 @@
 import type { components } from "../../net/api.gen";
 import { useResource } from "../../resource";
 import { Mark, Notice } from "../../ui/controls";
-import { number, time, withStd } from "../../ui/format";
+import { change, number, time, withStd } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
 import { FLAG_SIGMAS } from "../results/model";
-import { change, parameterName, unit } from "../results/wording";
+import { parameterName, unit } from "../results/wording";
 import { type Calibration, STATES } from "./rules";
 import { t } from "../../texts";
 

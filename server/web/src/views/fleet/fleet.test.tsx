@@ -47,7 +47,7 @@ describe("the fleet", () => {
     fake.show(<FleetView />);
     await screen.findByText("crane");
     const [, first, second] = screen.getAllByRole("row");
-    expect(first?.textContent).toContain("60 % joint2, 12.3 N m");
+    expect(first?.textContent).toContain("60\u202f% joint2, 12.3 N m");
     expect(first?.textContent).toContain("Spring");
     expect(first?.textContent).toContain("1.08 times the noise");
     expect(first?.textContent).toContain("1 critical");

@@ -58,6 +58,9 @@ function LiveMachine({ machine }: { machine: string }) {
       {state !== "running" && typeof error === "string" && <Notice kind="bad">{said(error)}</Notice>}
       {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
       <div class="live-columns">
+        <div class="first">
+          <RecordPanel machine={machine} acquired={known ? state === "running" : null} />
+        </div>
         <Panel title={t("live.signals")}>
           {live.history.readings.size === 0 || content === undefined ? (
             <Empty>
@@ -70,7 +73,6 @@ function LiveMachine({ machine }: { machine: string }) {
           )}
         </Panel>
         <div>
-          <RecordPanel machine={machine} acquired={known ? state === "running" : null} />
           <MonitorPanel machine={machine} />
           <FaultPanel machine={machine} />
         </div>

@@ -57,8 +57,17 @@ function Recordings({ machine }: { machine: string }) {
           machine={machine}
           acquired={detail.value === null ? null : detail.value.acquisition.state === "running"}
         />
-        <UploadPanel machine={machine} onDone={list.reload} />
+        {items.length > 0 && (
+          <IdentifyPanel
+            machine={machine}
+            recordings={items}
+            selection={selection}
+            onRole={(id, role) => setSelection((now) => ({ ...now, [id]: role }))}
+            onClear={() => setSelection({})}
+          />
+        )}
       </div>
+      {list.value !== null && <UploadPanel machine={machine} first={items.length === 0} onDone={list.reload} />}
       {list.value !== null && (
         <Panel title={t("common.newestFirst")}>
           {items.length === 0 ? (
@@ -107,15 +116,6 @@ function Recordings({ machine }: { machine: string }) {
             setSelection(({ [shown.id]: _gone, ...others }) => others);
             list.reload();
           }}
-        />
-      )}
-      {items.length > 0 && (
-        <IdentifyPanel
-          machine={machine}
-          recordings={items}
-          selection={selection}
-          onRole={(id, role) => setSelection((now) => ({ ...now, [id]: role }))}
-          onClear={() => setSelection({})}
         />
       )}
     </div>

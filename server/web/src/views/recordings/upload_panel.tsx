@@ -2,13 +2,20 @@
 import { useRef, useState } from "preact/hooks";
 import { useSession } from "../../session";
 import { Button, Field, Notice, type NoticeText, Progress, type SelectEvent } from "../../ui/controls";
-import { Panel } from "../../ui/layout";
 import { ROLE_WORDS, type Role } from "../../words";
 import { ENDINGS, refusal, upload } from "./upload";
 import { t } from "../../texts";
 
-export function UploadPanel({ machine, onDone }: { machine: string; onDone: () => void }) {
+interface UploadProps {
+  machine: string;
+  /** Nothing was recorded yet: it stands open. */
+  first: boolean;
+  onDone: () => void;
+}
+
+export function UploadPanel({ machine, first, onDone }: UploadProps) {
   const session = useSession();
+  const [open] = useState(first); // what happens to files that were sent is read after the first of them
   const [role, setRole] = useState<Role>("train");
   const [files, setFiles] = useState<File[]>([]);
   const [now, setNow] = useState<{ name: string; fraction: number } | null>(null);
@@ -48,71 +55,74 @@ export function UploadPanel({ machine, onDone }: { machine: string; onDone: () =
   };
 
   return (
-    <Panel title={t("recordings.uploadARecording")}>
-      {!session.may("operate") ? (
-        <p class="hint">{t("recordings.yourRoleLooksOnly")}</p>
-      ) : (
-        <form
-          onSubmit={(event) => {
-            event.preventDefault();
-            void send();
-          }}
-        >
-          <Field label={t("recordings.whatMachineDid")}>
-            <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
-              {Object.entries(ROLE_WORDS).map(([name, words]) => (
-                <option key={name} value={name}>
-                  {words}
-                </option>
-              ))}
-            </select>
-          </Field>
-          <Field label={t("common.files")} hint={t("recordings.csvParquetMdf4Mat")} error={wrong}>
-            {(attributes) => (
-              <input
-                {...attributes}
-                ref={input}
-                type="file"
-                multiple
-                accept={ENDINGS.join(",")}
-                disabled={now !== null}
-                onChange={(event) => {
-                  setNotices([]);
-                  setFiles([...(event.currentTarget.files ?? [])]);
-                }}
+    <section class="panel" aria-label={t("recordings.uploadARecording")}>
+      <details open={open}>
+        <summary>{t("recordings.uploadARecording")}</summary>
+        {!session.may("operate") ? (
+          <p class="hint">{t("recordings.yourRoleLooksOnly")}</p>
+        ) : (
+          <form
+            onSubmit={(event) => {
+              event.preventDefault();
+              void send();
+            }}
+          >
+            <Field label={t("recordings.whatMachineDid")}>
+              <select value={role} onChange={(event: SelectEvent) => setRole(event.currentTarget.value as Role)}>
+                {Object.entries(ROLE_WORDS).map(([name, words]) => (
+                  <option key={name} value={name}>
+                    {words}
+                  </option>
+                ))}
+              </select>
+            </Field>
+            <Field label={t("common.files")} hint={t("recordings.csvParquetMdf4Mat")} error={wrong}>
+              {(attributes) => (
+                <input
+                  {...attributes}
+                  ref={input}
+                  type="file"
+                  multiple
+                  accept={ENDINGS.join(",")}
+                  disabled={now !== null}
+                  onChange={(event) => {
+                    setNotices([]);
+                    setFiles([...(event.currentTarget.files ?? [])]);
+                  }}
+                />
+              )}
+            </Field>
+            {now !== null && (
+              <Progress
+                fraction={now.fraction}
+                text={
+                  now.fraction >= 1
+                    ? t("recordings.sentServiceChecks", { name: now.name })
+                    : t("recordings.ofSent", { name: now.name })
+                }
               />
             )}
-          </Field>
-          {now !== null && (
-            <Progress
-              fraction={now.fraction}
-              text={
-                now.fraction >= 1
-                  ? t("recordings.sentServiceChecks", { name: now.name })
-                  : t("recordings.ofSent", { name: now.name })
-              }
-            />
-          )}
-          {notices.map((notice, index) => (
-            <Notice key={index} kind={notice.kind}>
-              {notice.text}
-            </Notice>
-          ))}
-          <div class="actions">
-            <Button
-              kind="primary"
-              type="submit"
-              busy={now !== null}
-              disabled={files.length === 0 || wrong !== null || !session.online.value}
-            >
-              {files.length > 1 ? t("recordings.uploadFiles", { count: files.length }) : t("recordings.upload")}
-            </Button>
-            {now !== null && now.fraction < 1 && (
-              <Button onClick={() => stop.current?.()}>{t("recordings.breakOff")}</Button>
-            )}
-          </div>
-        </form>
-      )}
-    </Panel>
+            {notices.map((notice, index) => (
+              <Notice key={index} kind={notice.kind}>
+                {notice.text}
+              </Notice>
+            ))}
+            <div class="actions">
+              <Button
+                kind="primary"
+                type="submit"
+                busy={now !== null}
+                disabled={files.length === 0 || wrong !== null || !session.online.value}
+              >
+                {files.length > 1 ? t("recordings.uploadFiles", { count: files.length }) : t("recordings.upload")}
+              </Button>
+              {now !== null && now.fraction < 1 && (
+                <Button onClick={() => stop.current?.()}>{t("recordings.breakOff")}</Button>
+              )}
+            </div>
+          </form>
+        )}
+      </details>
+    </section>
   );
 }

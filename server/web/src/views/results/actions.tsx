@@ -21,6 +21,9 @@ const STATES: Record<Calibration["state"], string> = {
   retired: t("results.wasCalibrationUseUntil"),
 };
 
+/** Where this panel is found on the page. */
+export const ACTIONS = "use-this-result";
+
 export function ResultActions({ identification }: { identification: Identification }) {
   const session = useSession();
   const command = useCommand();
@@ -41,7 +44,7 @@ export function ResultActions({ identification }: { identification: Identificati
       name: `${name}-model.json`,
     });
   return (
-    <Panel title={t("results.useThisResult")}>
+    <Panel title={t("results.useThisResult")} id={ACTIONS}>
       {mine !== undefined ? (
         <p>
           {STATES[mine.state]} <a href="#/calibrations">{t("common.calibrations")}</a>

@@ -32,10 +32,10 @@ it("has no probability where the report has none, and is never certain", () => {
   expect(missing(report(() => undefined))[0]!.probability).toBeNull();
   expect(sure(report(() => undefined)).best).toBeNull();
   expect([chance(1), chance(0), chance(0.97), chance(0.995), chance(null)]).toEqual([
-    "above 99.9 %",
-    "below 0.1 %",
-    "97 %",
-    "99.5 %",
+    "more than 99\u202f%",
+    "less than 1\u202f%",
+    "97\u202f%",
+    "more than 99\u202f%",
     "not worked out",
   ]);
   expect([oddsWords(1.25), oddsWords(37.4), oddsWords(1e9)]).toEqual(["1.3 to 1", "37 to 1", "more than 1000 to 1"]);

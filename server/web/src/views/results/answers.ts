@@ -59,12 +59,12 @@ export function sure(report: Report): Sure {
   return { best: best ?? null, second: second ?? null, odds };
 }
 
-/** A probability as a person reads it: never 0 % or 100 % of what is not certain. */
+/** A probability as far as one can be trusted, as the report says it: never 0 % or 100 % of what is not certain. */
 export function chance(probability: number | null): string {
   if (probability === null) return t("results.notWorkedOut");
-  if (probability > 0.9995) return t("results.above", { share: percent(0.999, 1) });
-  if (probability < 0.0005) return t("results.below", { share: percent(0.001, 1) });
-  return percent(probability, probability > 0.99 || probability < 0.01 ? 1 : 0);
+  const rounded = Math.round(100 * probability);
+  if (rounded > 99) return t("results.above", { share: percent(0.99) });
+  return rounded < 1 ? t("results.below", { share: percent(0.01) }) : percent(probability);
 }
 
 /** `37 to 1`; what is beyond a thousand is said so. */

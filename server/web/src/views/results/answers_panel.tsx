@@ -1,13 +1,14 @@
 /** The four questions that a person has, answered on one screen. */
 import type { ComponentChildren } from "preact";
-import { Mark } from "../../ui/controls";
-import { number, time } from "../../ui/format";
+import { Button, Mark } from "../../ui/controls";
+import { change, number, time } from "../../ui/format";
+import { ACTIONS } from "./actions";
 import { chance, missing, oddsWords, sure, todo } from "./answers";
 import { ErrorBar } from "./joint_errors";
 import { added, jointRows, overall } from "./model";
 import type { Report } from "./report";
 import { label, sentence } from "./sentence";
-import { capital, change, verdictWords } from "./wording";
+import { capital, verdictWords } from "./wording";
 import { t } from "../../texts";
 
 export function Verdict({ report }: { report: Report }) {
@@ -24,6 +25,16 @@ export function Verdict({ report }: { report: Report }) {
       </p>
       <p class="sentence">{searched ? sentence(report) : unsearched(all.overNoise)}</p>
       <div class="answers">
+        <Answer question={t("results.whatToDo")}>
+          <ul class="plain-list">
+            {todo(searched ? report : { ...report, loop: { ...report.loop, verdict: "not_examined" } }).map((text) => (
+              <li key={text}>{text}</li>
+            ))}
+          </ul>
+          <Button onClick={() => document.getElementById(ACTIONS)?.scrollIntoView()}>
+            {t("results.useThisResult")}
+          </Button>
+        </Answer>
         <Answer question={t("results.whatWasMissing")}>
           <MissingCauses report={report} searched={searched} />
         </Answer>
@@ -32,13 +43,6 @@ export function Verdict({ report }: { report: Report }) {
         </Answer>
         <Answer question={t("results.howMuchBetter")}>
           <Better report={report} />
-        </Answer>
-        <Answer question={t("results.whatToDo")}>
-          <ul class="plain-list">
-            {todo(searched ? report : { ...report, loop: { ...report.loop, verdict: "not_examined" } }).map((text) => (
-              <li key={text}>{text}</li>
-            ))}
-          </ul>
         </Answer>
       </div>
     </section>

@@ -29,9 +29,9 @@ async function shown(report: unknown) {
 
 it("says the verdict, the cause and what to do in German", async () => {
   const { findByText, container } = await shown(content);
-  await findByText(/^Dem Modell fehlte: Reibung, die vom Kolbenweg abhängt \(joint2; /);
+  await findByText(/^Dem Modell fehlte: Reibung, die vom Kolbenweg abhängt \(an joint2; /);
   const text = container.textContent ?? "";
-  expect(text).toContain("Damit ändert sich der Fehler aller Gelenke auf der Validierungsbewegung um −");
+  expect(text).toContain("der aller Gelenke zusammen sank um 33\u202f%");
   for (const question of ["Was fehlte?", "Wie sicher ist das?", "Wie viel besser ist es?", "Was ist zu tun?"])
     expect(text).toContain(question);
   expect(text).toContain("1,86");

@@ -1,10 +1,10 @@
 /** Errors of each joint before and after, in numbers and as bars in units of the noise. */
 import { Mark } from "../../ui/controls";
-import { number, percent } from "../../ui/format";
+import { change, number, share } from "../../ui/format";
 import { Panel, Table, type Column } from "../../ui/layout";
 import { type JointRow, added, judgedOn, jointRows, overall } from "./model";
 import type { Report } from "./report";
-import { change, unit } from "./wording";
+import { unit } from "./wording";
 import { t } from "../../texts";
 
 const NOISE: Record<string, string> = {
@@ -58,7 +58,7 @@ export function JointErrors({ report }: { report: Report }) {
           change: <span class="number-cell">{change(row.change)}</span>,
           rms: number(row.rms, 3),
           mean: row.offset ? <Mark kind="warning">{number(row.mean, 3)}</Mark> : number(row.mean, 3),
-          relative: <span class="number-cell">{percent(row.relative, 1)}</span>,
+          relative: <span class="number-cell">{share(row.relative)}</span>,
           overNoise: row.overNoise === null ? number(null) : <OverNoise value={row.overNoise} />,
           bar: <ErrorBar row={row} both={both} />,
         }))}
@@ -100,10 +100,10 @@ const OF: Record<string, string> = {
 function OfEffort({ report }: { report: Report }) {
   const { relative, relativeBefore } = overall(report);
   if (relative === null) return null;
-  const before = relativeBefore === null ? "" : t("results.before4", { relativeBefore: percent(relativeBefore, 1) });
+  const before = relativeBefore === null ? "" : t("results.before4", { relativeBefore: share(relativeBefore) });
   return (
     <p class="hint">
-      {t("results.allJointsTogether")} <strong>{percent(relative, 1)}</strong>{" "}
+      {t("results.allJointsTogether")} <strong>{share(relative)}</strong>{" "}
       {t("results.measuredEffortAs", {
         before,
         of: OF[report.overall.relative?.of ?? ""] ?? t("results.theReportSays"),

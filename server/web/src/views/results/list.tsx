@@ -3,10 +3,10 @@ import type { components } from "../../net/api.gen";
 import { useResource } from "../../resource";
 import { useSession } from "../../session";
 import { Mark, Notice } from "../../ui/controls";
-import { time } from "../../ui/format";
+import { change, time } from "../../ui/format";
 import { Empty, Panel, Table } from "../../ui/layout";
 import { jobWords } from "../../words";
-import { change, verdictWords } from "./wording";
+import { verdictWords } from "./wording";
 import { t } from "../../texts";
 
 type List = components["schemas"]["IdentificationList"];

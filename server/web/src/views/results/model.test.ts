@@ -1,8 +1,9 @@
 import { describe, expect, it } from "vitest";
+import { change } from "../../ui/format";
 import { added, candidates, jointRows, limitGroups, overall, shifts } from "./model";
 import { type Report, readReport } from "./report";
 import content from "./report.fixture.json";
-import { change, follows, readable, title, unit } from "./wording";
+import { follows, readable, title, unit } from "./wording";
 
 const report = (): Report => readReport(structuredClone(content)) as Report;
 
@@ -161,7 +162,12 @@ describe("words", () => {
       /, and turns its sign with the direction of motion$/,
     );
     expect(follows({ ...law, only_while: "negative" })).toMatch(/, only while the speed of the joint is negative$/);
-    expect([change(-65.2), change(5.34), change(0.01), change(null)]).toEqual(["−65 %", "+5.3 %", "0 %", "–"]);
+    expect([change(-65.2), change(5.34), change(0.01), change(null)]).toEqual([
+      "−65\u202f%",
+      "+5.3\u202f%",
+      "0.0\u202f%",
+      "–",
+    ]);
     expect(title({ id: "position_dependent_friction", joint: null }, report())).toContain(
       "depends on the piston position",
     );

@@ -39,7 +39,7 @@ describe("a result", () => {
       expect(screen.getByRole("region", { name })).toBeTruthy();
     const errors = screen.getByRole("region", { name: "Error of each joint" });
     expect(errors.textContent).toContain("joint2");
-    expect(errors.textContent).toContain("0.6 % of the measured effort (before: 1.6 %)");
+    expect(errors.textContent).toContain("0.640\u202f% of the measured effort (before: 1.56\u202f%)");
     // On the first screen, and in the table.
     expect(screen.getAllByRole("img", { name: /^joint2: before 5\.30, after 1\.86/ }).length).toBe(2);
     for (const question of ["What was missing?", "How sure is that?", "How much better is it?", "What to do?"])
@@ -112,7 +112,7 @@ describe("a result", () => {
       ended: null,
     };
     fake.show(<ResultPage id="idn-1" />);
-    expect(await screen.findByText(/25 % checking/)).toBeTruthy();
+    expect(await screen.findByText(/25.% checking/)).toBeTruthy();
     expect(screen.queryByText(/^The model lacked/)).toBeNull();
   });
 

@@ -1,6 +1,6 @@
 /** Names, units and changes of reports as a person reads them. */
 import type { NoticeKind } from "../../ui/controls";
-import { DASH, number, spelt } from "../../ui/format";
+import { number } from "../../ui/format";
 import type { Candidate, Law, Named, Report, Verdict } from "./report";
 import { t } from "../../texts";
 import { said } from "../../texts/report";
@@ -57,13 +57,6 @@ export function follows(law: Law): string {
 
 export function capital(text: string): string {
   return text.slice(0, 1).toUpperCase() + text.slice(1);
-}
-
-/** A change in percent with its sign: `−74 %`, `+5.3 %`. */
-export function change(percent: number | null | undefined): string {
-  if (percent === null || percent === undefined || !Number.isFinite(percent)) return DASH;
-  const text = Math.abs(percent).toFixed(Math.abs(percent) >= 10 ? 0 : 1);
-  return Number(text) === 0 ? "0 %" : `${percent < 0 ? "−" : "+"}${spelt(text)} %`;
 }
 
 /** The sizes of effects: a number with its unit. */

@@ -1,1 +1,0 @@
-import{B as e,H as t,W as n}from"./controls-DEXgx4Ym.js";function r(r){let i=t(null),[a,o]=n(r);return e(()=>{let e=i.current;if(e===null)return;let t=()=>{e.clientWidth>0&&o(e.clientWidth)};t();let n=new ResizeObserver(t);return n.observe(e),()=>n.disconnect()},[]),[i,a]}export{r as t};
