@@ -384,13 +384,6 @@ def chance(probability: object, language: Language = ENGLISH) -> str:
     return f" ({as_chance(probability, language)})" if isinstance(probability, float) else ""
 
 
-def doubtful(entry: Mapping[str, Any]) -> bool:
-    """Whether what is in no catalogue is more probable than an effect of the report and its rivals together."""
-    rivals = [r.get("probability") for r in entry.get("indistinguishable_from") or [] if isinstance(r, Mapping)]
-    own = entry.get("probability")
-    return isinstance(own, float) and own + sum(p for p in rivals if isinstance(p, float)) < 0.5
-
-
 def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
     parts = [
@@ -458,14 +451,12 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
     laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
     if not effects and not laws:
         return []
-    certain = [e for e in effects if not e.get("indistinguishable_from") and not doubtful(e)]
-    sentences = [_doubted(e, titles, language) for e in effects if doubtful(e)]
+    certain = [e for e in effects if not e.get("indistinguishable_from")]
+    sentences: list[str] = []
     if certain:
         named = [at(e, language, how_large(e, language)) for e in certain]
         sentences.append(language.say("the model lacked {}", language.listed(named)))
-    sentences += [
-        _one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from") and not doubtful(e)
-    ]
+    sentences += [_one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from")]
     if laws:
         sentences.append(_unexplained(laws, titles, language))
     gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)], language)
@@ -477,7 +468,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
 
 def _added(effects: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], count: int) -> str:
     """What was added to the model, in a word or two."""
-    if any(e.get("indistinguishable_from") and not doubtful(e) for e in effects):
+    if any(e.get("indistinguishable_from") for e in effects):
         return "the first of them added" if len(effects) == 1 else "the first of each added"
     if laws and not effects:
         return "the measured law added as such" if len(laws) == 1 else "the measured laws added as such"
@@ -488,14 +479,6 @@ def _named(entry: Mapping[str, Any], titles: Mapping[str, str], language: Langua
     """An effect by its own title, or by that of its id."""
     own = title(entry, language) if entry.get("title") else titles.get(str(entry["id"]))
     return language.lower(own or title(entry, language))
-
-
-def _doubted(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:
-    return language.say(
-        "{} takes a part of what is missing {}, but something that is in no catalogue is more probable",
-        _named(effect, titles, language),
-        place(effect.get("joint"), language),
-    )
 
 
 def _one_of_a_set(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:

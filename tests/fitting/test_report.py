@@ -749,20 +749,6 @@ def test_a_law_that_a_known_effect_may_be_says_so() -> None:
     assert "and no known effect explains it for certain; it may be a gas spring (74" in said
 
 
-@pytest.mark.parametrize(("own", "rivals", "doubtful"), [(0.2, 0.1, True), (0.2, 0.6, False), (0.001, 0.0, True)])
-def test_a_name_that_is_less_probable_than_what_is_in_no_catalogue_says_so(
-    own: float, rivals: float, doubtful: bool
-) -> None:
-    report = sample_report("effect_added")
-    entry = report["loop"]["effects"][0]
-    rival = {"id": "gas_spring", "joint": entry["joint"], "title": "a gas spring", "probability": rivals}
-    entry |= {"probability": own, "indistinguishable_from": [rival] if rivals else []}
-    said = verdict_sentence(report, {})
-    assert ("takes a part of what is missing" in said) == doubtful
-    assert ("something that is in no catalogue is more probable" in said) == doubtful
-    assert not (doubtful and "The model lacked" in said)
-
-
 def test_a_number_without_a_unit_has_none() -> None:
     assert [unit("1"), unit(None)] == ["", ""]
     assert [unit("N (s/m)^(1/3)"), unit("kg m^2")] == ["N (s/m)\u00b9\u2044\u00b3", "kg m\u00b2"]

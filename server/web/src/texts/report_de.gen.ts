@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 01ff6b6748929b1366835cb167933eac180d40053a3521989863b2f189c48882
+// fitting/report/languages/german.json sha256 1328af42d0bbe8d3d637cf895e61fba16feb7bbbcdc32de019be46b8f9a6b290
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
