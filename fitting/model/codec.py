@@ -247,8 +247,10 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
             json.dumps(term, allow_nan=False)
             terms.append(term_from_json(term))
         except KeyError as error:
-            what = f"{error} is not known here; install the package that has this effect"
-            raise InputError(f"{name}: {place}terms.{number}: {what}") from None
+            at = f"{place}terms.{number}"
+            raise InputError(
+                f"{name}: {at}: {error} is not known here; install the package that has this effect"
+            ) from None
         except (TypeError, ValueError, AttributeError, IndexError):
             raise _damaged(name, f"{place}terms.{number}", "is no effect and no law") from None
     return {

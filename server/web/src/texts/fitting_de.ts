@@ -161,10 +161,10 @@ const MODEL: Record<string, string> = {
     "$1 ist kein JSON ($2); die model.json einer Identifikation angeben",
   "{}: no such file; 'hilfit identify' writes it beside report.json":
     "$1: diese Datei gibt es nicht; „hilfit identify“ schreibt sie neben report.json",
-  "{}: terms: {} is not known here; install the package that has this effect":
-    "$1: terms: $2 ist hier nicht bekannt; das Paket installieren, das diesen Effekt hat",
-  "{}: {}: has shape {}, it must be {}; identify again, the file was changed":
-    "$1: $2: hat die Form $3, sie muss $4 sein; noch einmal identifizieren, die Datei wurde geändert",
+  "{}: sha256: the file was changed after it was written; identify again, or delete this key to use the file as it is":
+    "$1: sha256: Die Datei wurde geändert, nachdem sie geschrieben war; noch einmal identifizieren oder diesen Schlüssel löschen, um sie zu nehmen, wie sie ist",
+  "{}: {}: {} is not known here; install the package that has this effect":
+    "$1: $2: $3 ist hier nicht bekannt; das Paket installieren, das diesen Effekt hat",
   "{}: {}: {}; identify again, the file was changed":
     "$1: $2: $3; noch einmal identifizieren, die Datei wurde geändert",
   "compare: the first model is of '{}' ({}), the second of '{}' ({}); give two models of one machine":
