@@ -137,7 +137,10 @@ def test_recipes_stay_as_they_are() -> None:
     later = ("squeezed_guide", "wiped_film", "lying_rod", "starved_inflow", "shared_gallery", "pilot_line")
     assert RECIPES[3].arms == ("folding", "slewing") and RECIPES[3].outside == first
     assert RECIPES[4].arms == ("folding", "slewing", "excavator", "telescope") and RECIPES[4].outside == first + later
-    assert RECIPE == 4 and set(OUTSIDE) == set(first + later)
+    usual = ("encoder_offset", "linkage_geometry", "encoder_eccentricity", "backlash")
+    assert set(RECIPES[3].kinematic) == set(RECIPES[4].kinematic) == set(usual)
+    assert RECIPE == 5 and set(RECIPES[5].kinematic) > set(usual) and RECIPES[5].outside == first + later
+    assert set(OUTSIDE) == set(first + later)
 
 
 @pytest.mark.slow
