@@ -191,9 +191,9 @@ def test_the_report_says_what_was_ambiguous_what_was_recorded_and_what_it_is_now
     titles = {LOAD.id: "Friction by load", PRESSURE.id: "Friction by pressure"}
     assert resolution({"resolution": [step]}, titles) == [
         {
-            "before": "friction by load at joint2 (53 %) or friction by pressure at joint2 (44 %)",
+            "before": "friction by load at joint2 (53\u202f%) or friction by pressure at joint2 (44\u202f%)",
             "motion": "a staircase of constant speeds of joint2, 60 s",
-            "after": "friction by load at joint2 (97 %)",
+            "after": "friction by load at joint2 (97\u202f%)",
         }
     ]
     assert resolution({}, titles) == []

@@ -104,8 +104,7 @@ class CanPort:
                 return
 
     def take(self, message: can.Message) -> int:
-        """A frame came; when it was taken, monotonic ns."""
-        self.frames += 1
+        """A frame came; when it was taken, monotonic ns. It is counted once it is handed on."""
         now = self._monotonic_ns()
         if self.frames % LOOK_EVERY == 0:
             self.health.look(now)
@@ -125,6 +124,7 @@ class CanPort:
                 self.dispatch(message, at_ns)
             except Exception:  # one frame that a handler cannot take is not the end of the others
                 self.broken += 1
+        self.frames += 1
         return now
 
     @property

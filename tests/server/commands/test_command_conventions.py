@@ -18,7 +18,7 @@ from server.platform.settings import Settings
 
 COMMANDS = dict(cli.every_command())
 #: Prints nothing but JSON as it is.
-ALWAYS_JSON = {"machine schema"}
+ALWAYS_JSON = {"machine schema", "model schema"}
 
 
 def parameters() -> list[Parameter]:
