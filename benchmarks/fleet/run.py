@@ -24,6 +24,7 @@ from typing import IO, Any
 import httpx2
 
 from benchmarks.fleet.namespaces import HERE, NETWORK, Host, hosts
+from benchmarks.service.hosts import wait_until
 from benchmarks.service.postgresql import AbsentError, postgresql_server
 from benchmarks.service.start import cpu_s
 from benchmarks.targets import Check, Outcome, fact, figure
@@ -95,7 +96,7 @@ def _s3(directory: Path) -> Iterator[dict[str, str]]:
     with (directory / "s3.log").open("w") as log:
         process = subprocess.Popen([program, "-H", HERE, "-p", str(S3_PORT)], stdout=log, stderr=log)
     try:
-        _until(lambda: httpx2.put(f"{address}/{BUCKET}", timeout=5).status_code == 200, START_S, "moto")
+        wait_until(lambda: httpx2.put(f"{address}/{BUCKET}", timeout=5).status_code == 200, START_S, "moto")
         yield environment | {"AWS_ENDPOINT_URL": address, "FSSPEC_S3_ENDPOINT_URL": address}
     finally:
         process.terminate()
@@ -163,7 +164,7 @@ class _Site:
     ) -> tuple[list[dict[str, Any]], int]:
         """Order everything; pull the first host's wire while it works, then kill the other again and again."""
         asked = [self._order(client, order) for _ in range(jobs)]
-        _until(lambda: any(self._state(client, job) == "running" for job in asked), START_S, "a job")
+        wait_until(lambda: any(self._state(client, job) == "running" for job in asked), START_S, "a job")
         places[0].connect(False)
         self.say(f"{places[0].name} is cut off for {cut:g} s")
         plugged, killed, kills = time.monotonic() + cut, time.monotonic(), 0
@@ -228,7 +229,7 @@ class _Site:
 
     def _done(self, client: httpx2.Client, asked: list[dict[str, Any]]) -> list[dict[str, Any]]:
         for job in asked:
-            _until(lambda job=job: self._state(client, job) in _ENDED, ONE_S, "an identification")  # type: ignore[misc]
+            wait_until(lambda job=job: self._state(client, job) in _ENDED, ONE_S, "an identification")  # type: ignore[misc]
             assert self._state(client, job) == "done", client.get(f"/jobs/{job['id']}").json()["error"]
         return asked
 
@@ -275,16 +276,3 @@ def _comparable(report: Any) -> Any:
     """A report without when it was made, and with files by their names: where they lie differs from host to host."""
     data = [part | {"file": Path(part["file"]).name} for part in report["data"]]
     return report | {"created": None, "data": data}
-
-
-def _until(good: Callable[[], bool], seconds: float, what: str) -> None:
-    end = time.monotonic() + seconds
-    while True:
-        try:
-            if good():
-                return
-        except httpx2.HTTPError:
-            pass
-        if time.monotonic() > end:
-            raise RuntimeError(f"{what} was not there within {seconds:g} s")
-        time.sleep(0.05)
