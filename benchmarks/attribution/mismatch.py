@@ -14,7 +14,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.judging import Said, recordings_of
@@ -23,6 +22,7 @@ from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, draw_quality
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.targets import Check, rate
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.residual.kinematics import checkable, gap_rows
 from fitting.selection.gaps import GapPosterior, gap_posterior
@@ -44,7 +44,6 @@ from sim_backends.undeclared import (
     obstacle,
 )
 
-FloatArray = npt.NDArray[np.float64]
 Tables = dict[str, dict[str, FloatArray]]
 
 STEMS = ("unloaded", "train-1", "train-2", "repeat")

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import beyond
@@ -24,7 +25,6 @@ from fitting.model.export import export_model
 from fitting.model.export.functions import identifier, states, swing
 from fitting.model.export.tracing.tracing import tracer_of
 
-FloatArray = npt.NDArray[np.float64]
 #: What was asked, to what was answered, (N, n) each.
 Answers = dict[str, FloatArray]
 

@@ -15,15 +15,13 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from benchmarks.targets import Check
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier
-
-FloatArray = npt.NDArray[np.float64]
 
 COMPILER, MACHINE = "arm-none-eabi-gcc", "qemu-system-arm"
 _FLAGS = ("-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16", "-O2", "-std=c11")

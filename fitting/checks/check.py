@@ -13,7 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import HilfitError
 from daq.machine.machine_file import Machine
@@ -45,7 +44,6 @@ from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
-FloatArray = npt.NDArray[np.float64]
 _log = logging.getLogger(__name__)
 
 #: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
@@ -18,8 +17,6 @@ from fitting.arm.linkage import joint_position
 from fitting.checks.findings import Finding
 from fitting.signals.filters import filter_bank
 from fitting.signals.position_sensors import position_channel
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Correlation from which a speed is that of the position; share that its size may be off; and that joints agree within.
 _ALIKE, _OFF, _AGREE = 0.9, 0.1, 0.1

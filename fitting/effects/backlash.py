@@ -8,11 +8,11 @@ from typing import ClassVar
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import (
     SITES,
     DriveView,
     Effect,
-    FloatArray,
     Parameter,
     Parity,
     Shape,

@@ -31,18 +31,17 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import ndimage
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arrays import FloatArray
 from fitting.regression.drive import expected_power, expected_sign
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import PositionNoise, Segment
 from fitting.signals.quiet_motion import quiet_motion
 
-FloatArray = npt.NDArray[np.float64]
 Shape = Mapping[str, float]
 Level = Literal["cylinder", "joint", "measurement"]
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_gravity_regressor
-from fitting.effects.base import BodyColumn, DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import BodyColumn, DriveView, Effect, Parameter, Parity, Shape
 
 
 class BaseTilt(Effect):

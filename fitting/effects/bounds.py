@@ -17,11 +17,9 @@ from functools import cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,8 @@ import yaml
 from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.linkage import lever_arm, piston_motion
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 from fitting.regression.design import build_design
 from fitting.residual.views import Views, build_views
 from fitting.signals.filters import filter_bank

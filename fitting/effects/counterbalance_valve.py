@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class CounterbalanceValve(Effect):

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 #: Standard deviations from which on a part counts as having a sign: a right line loses its name one time in a hundred.
 SURE = 2.5

@@ -7,16 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import (
-    DriveView,
-    Effect,
-    FloatArray,
-    Parameter,
-    Parity,
-    Shape,
-    has_both_positions,
-    position_change,
-)
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_both_positions, position_change
 from fitting.signals.corrections import Corrections
 
 

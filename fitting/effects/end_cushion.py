@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class EndCushion(Effect):

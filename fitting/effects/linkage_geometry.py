@@ -10,7 +10,8 @@ import numpy as np
 from daq.machine.linkages import Linkage, Polynomial, reduced
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import lever_arm_derivatives, parameter_derivatives, parameter_names, with_parameter
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_both_positions
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_both_positions
 from fitting.signals.corrections import Corrections
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.effects.base import BodyColumn, DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import BodyColumn, DriveView, Effect, Parameter, Parity, Shape
 
 
 class Payload(Effect):

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 #: Powers of the position: a bore that is worn where the piston works most has a flat bottom and two steep sides.
 ORDER = 5

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_pressures
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_pressures
 
 
 class PressureDependentFriction(Effect):

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.machine.machine_file import Machine
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape, has_pressures
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_pressures
 
 
 class PressureGain(Effect):

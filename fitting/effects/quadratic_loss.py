@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class QuadraticLoss(Effect):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class SensorLatency(Effect):

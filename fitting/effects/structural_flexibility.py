@@ -6,17 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.effects.base import (
-    SITES,
-    DriveView,
-    Effect,
-    FloatArray,
-    Parameter,
-    Parity,
-    Shape,
-    gap_lever,
-    has_both_positions,
-)
+from fitting.arrays import FloatArray
+from fitting.effects.base import SITES, DriveView, Effect, Parameter, Parity, Shape, gap_lever, has_both_positions
 from fitting.signals.corrections import Corrections
 
 

@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from fitting.effects.base import DriveView, Effect, FloatArray, FoundBy, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, FoundBy, Parameter, Parity, Shape
 
 
 class SupplyRipple(Effect):

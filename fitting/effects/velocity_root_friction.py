@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.arrays import FloatArray
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class VelocityRootFriction(Effect):

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.loop.residual_loop import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import Weighed, weighed
@@ -25,7 +25,6 @@ from fitting.residual.findings import Accepted, Attribution, Candidate
 from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections
 
-FloatArray = npt.NDArray[np.float64]
 Errors = tuple[FloatArray, ...]
 
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
 from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis
 from fitting.residual.kinematics import (
-    FloatArray,
     GapLaw,
     GapRows,
     GapScore,

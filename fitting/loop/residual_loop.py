@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects import effect, effects, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Options, Prepared, Session
@@ -36,7 +36,6 @@ from fitting.selection.search import Search, attribute
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 _REBUILDS = 4

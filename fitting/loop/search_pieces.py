@@ -31,11 +31,9 @@ import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.signals.filters import FilterBank, lag_between
 from fitting.signals.position_sensors import position_channel
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 #: Samples of a piece in samples that filters lose at its ends: so a tenth is lost.
 _LOSSES = 10

@@ -52,8 +52,6 @@ from fitting.signals.preparation import (
 from fitting.signals.rods import with_rods_as_said
 from fitting.signals.spectrum import unit_whitening
 
-FloatArray = npt.NDArray[np.float64]
-
 #: Roles that parameters are fitted on. `validate` is never among them.
 FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
 #: s for which a joint has to move without a rest: noise alone passes for less.

@@ -12,14 +12,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.effects.base import Effect
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import folded
 from fitting.residual.terms import Model, Term, extra_columns, late_terms
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Shapes that are moments, s: searched by steps, not by factors.
 _MOMENTS = frozenset({"t_0"})

@@ -24,8 +24,8 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows
 from fitting.regression.design import Extra
 from fitting.regression.prior import Prior
@@ -33,7 +33,6 @@ from fitting.regression.solving import Fit, WhiteRows
 from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
 from fitting.residual.terms import Model, fit_model
 
-FloatArray = npt.NDArray[np.float64]
 Weights = Literal["whitened", "equal"]
 
 #: Training error of the whitened fit over that of least squares up to which its weights are believed.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect, Ranges
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.residual_loop import delays
@@ -25,8 +26,6 @@ from fitting.residual.views import RodLaw
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, filter_bank
 from fitting.signals.preparation import PositionNoise
-
-FloatArray = npt.NDArray[np.float64]
 
 #: The number of a recording that the identification has not seen.
 FOREIGN = -2

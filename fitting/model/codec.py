@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from daq.errors import HilfitError, InputError
@@ -22,6 +21,7 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording_files import replacing
 from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
+from fitting.arrays import FloatArray
 from fitting.effects.base import Ranges
 from fitting.loop.residual_loop import term_from_json, term_to_json
 from fitting.model import motion
@@ -29,8 +29,6 @@ from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen
 from fitting.model.tails import Tail
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import PositionNoise
-
-FloatArray = npt.NDArray[np.float64]
 
 SCHEMA = "hilfit/model/1"
 #: Its name beside a report.

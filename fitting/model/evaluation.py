@@ -13,14 +13,13 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.model.arm_model import ArmModel, Pass
 from fitting.regression.design import Design, Extra, build_design, predicted_effort
 from fitting.residual.terms import extra_columns
 from fitting.residual.views import recording_starts, rod_pressures, views_of_segment
 from fitting.signals.preparation import Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Share of the recorded positions and speeds by which a motion may be outside them.
 _MARGIN = 0.02

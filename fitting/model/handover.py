@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import HilfitError
+from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows
 from fitting.loop.session import Session
 from fitting.loop.weighting import weighed
@@ -25,8 +25,6 @@ from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns, fit_model
 from fitting.residual.views import RodLaw, Views, build_views, rod_laws
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Seconds of each recording that what is usual is learnt from.
 _LEARN_S = 600.0

@@ -16,14 +16,13 @@ from scipy.stats import qmc
 
 from daq.errors import InputError
 from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.arrays import FloatArray
 from fitting.model.arm_model import FOREIGN, ArmModel, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Most steps of the search for accelerations, and the share of the largest at which it ends.
 _STEPS, _CLOSE = 60, 1e-12

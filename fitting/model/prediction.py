@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from daq.errors import RecordingError
@@ -15,15 +14,13 @@ from daq.recordings.column_map import load_map
 from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import write_table
 from fitting.arm.joint_side import at_joints
+from fitting.arrays import BoolArray, FloatArray
 from fitting.model.arm_model import ArmModel, phase_unknown
 from fitting.model.evaluation import Evaluated, beyond, evaluate, narrow, without
 from fitting.regression.design import effort_errors
 from fitting.regression.error_sizes import measured_efforts, sizes
 from fitting.signals.preparation import segments_of
 from fitting.signals.rods import with_rods_as_said
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Standard deviations on each side of a normal variable's 95 % band.
 BAND = 1.959963984540054

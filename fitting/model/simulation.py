@@ -18,12 +18,12 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from daq.errors import HilfitError, InputError
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.python import Compiled, compiled
 from fitting.model.export.tracing.tracing import Tracer
 
-FloatArray = npt.NDArray[np.float64]
 #: Joint efforts (n,) at a time, position and speed.
 Efforts = Callable[[float, FloatArray, FloatArray], npt.ArrayLike]
 #: Integrators of scipy.

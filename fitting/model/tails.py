@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
-
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Share of the samples below the level above which peaks count.
 _LEVEL = 0.95

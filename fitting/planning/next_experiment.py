@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
 from fitting.effects.base import Effect
@@ -29,8 +28,6 @@ from fitting.planning.separation import Separation
 from fitting.regression.prior import Prior
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Chance of a single name from which on an experiment is worth making.
 ENOUGH = 0.8

@@ -10,8 +10,9 @@ from functools import partial
 
 import numpy as np
 
+from fitting.arrays import FloatArray
 from fitting.report.languages import ENGLISH, Language
-from fitting.report.model import Course, FloatArray, FrictionCurve, JointDiagnostics, Scatter
+from fitting.report.model import Course, FrictionCurve, JointDiagnostics, Scatter
 from fitting.report.plot import (
     AFTER,
     BEFORE,

@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Parity
 from fitting.regression.design import effort_residual, full_residual
 from fitting.regression.drive import UNITS, drive_columns, effort_unit
@@ -19,8 +19,6 @@ from fitting.residual.simple_formulas import nearest_formula
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.signals.splines import evaluate
-
-FloatArray = npt.NDArray[np.float64]
 
 _GRID = 61
 _ROWS = 7  # of a surface, over its second signal

@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.report.text import fixed, scientific
-
-FloatArray = npt.NDArray[np.float64]
 
 INK, MUTED, RULE = "var(--ink)", "var(--muted)", "var(--rule)"
 BEFORE, AFTER, LAW = "var(--before)", "var(--after)", "var(--law)"

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from fitting.arrays import FloatArray
 from fitting.report import wording
 from fitting.report.languages import ENGLISH, Language, codes, language
-from fitting.report.model import Figures, FloatArray, FrictionCurve, JointDiagnostics, Scatter
+from fitting.report.model import Figures, FrictionCurve, JointDiagnostics, Scatter
 
 #: Points of a cloud at most: a structure that a person can see is there with fewer.
 POINTS = 400

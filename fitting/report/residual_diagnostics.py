@@ -11,14 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy import signal
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import effort_residual
 from fitting.report.model import JointDiagnostics
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Longest lag, s, and most lags.
 LONGEST_S, LAGS = 4.0, 60

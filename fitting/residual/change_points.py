@@ -33,12 +33,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import BoolArray, FloatArray
 from fitting.regression.design import Design, NoiseModel
 from fitting.regression.solving import Fit
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 #: ``once``: from a moment to the end of its recording; ``lasting``: in all later recordings too; ``every``: from the
 #: same moment on in every recording, as a program that picks something up does.
 Kind = Literal["once", "lasting", "every"]

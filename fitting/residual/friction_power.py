@@ -15,15 +15,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect, Parity
 from fitting.regression.solving import Fit
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Edges of the bins as shares of the fastest speed, and the share of the moving samples that a bin needs.
 _EDGES = np.array([0.0, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.8, 1.0])

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy import linalg, ndimage
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has_both_positions
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
@@ -26,8 +26,6 @@ from fitting.signals.corrections import Corrections
 from fitting.signals.position_sensors import rounded_noise
 from fitting.signals.spectrum import Whitening, whitening
 from fitting.signals.splines import evaluate, spline_basis, spline_knots
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Steps of a fit by chords; it ends once one takes less than this of a chi-square of one.
 _CHORDS, _LEAST_GAIN = 12, 0.01

@@ -14,11 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, has_pressures
 from fitting.residual.views import Views
 from fitting.signals.splines import evaluate, spline_knots
-
-FloatArray = npt.NDArray[np.float64]
 
 #: signal name -> (unit, getter)
 OWN: dict[str, tuple[str, Callable[[DriveView], FloatArray]]] = {

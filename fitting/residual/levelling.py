@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, full_residual
 from fitting.regression.noise import Pairing
-
-FloatArray = npt.NDArray[np.float64]
 
 #: A part shorter than this has too few bins to know a background by.
 LEAST_SAMPLES = 256

@@ -24,9 +24,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft, special, stats
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra
 from fitting.regression.noise import Pairing
 from fitting.residual.levelling import (
@@ -41,8 +41,6 @@ from fitting.residual.levelling import (
     sine_fit,
     without_line,
 )
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Chance that a machine without lines is given one.
 ALARM = 1e-3

@@ -17,15 +17,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.regression.design import predicted_effort
 from fitting.residual.terms import Model
 from fitting.signals.preparation import Segment, shortest
 
-FloatArray = npt.NDArray[np.float64]
 #: Standard deviation of each position channel's noise, by channel name, SI.
 PositionStd = Mapping[str, float]
 

@@ -20,13 +20,12 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.scratch import ScratchArrays
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.effects.bounds import inside
 from fitting.residual.laws import laws
 from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Chi-square that one more parameter has to bring to be worth it.
 PARAMETER_PRICE = 6.0

@@ -17,9 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from fitting.arrays import FloatArray
 from fitting.signals.splines import evaluate
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Shapes that are tried of every family before the best is searched between its neighbours.
 _SHAPES = 40

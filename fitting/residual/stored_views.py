@@ -11,15 +11,14 @@ from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.scratch import Place, Scratch
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Ranges
 from fitting.regression.design import Design, Extra
 from fitting.regression.stored import in_memory
 from fitting.residual.views import RodLaw, recording_starts, rod_laws, rod_pressures, views_of_segment
 
-FloatArray = npt.NDArray[np.float64]
 #: Samples that rod pressures are learnt from: thirty coefficients a joint.
 _LEARNT = 40_000
 

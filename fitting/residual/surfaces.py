@@ -13,14 +13,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, Law
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 _OWN = ("piston_position", "piston_speed", "piston_acceleration", "cylinder_force")
 _NEIGHBOUR = ("joint_position", "piston_speed")

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
 from fitting.regression.design import Design, Extra, NoiseModel, Parameters, whitened
 from fitting.regression.prior import Late, Prior, with_prior
@@ -17,8 +17,6 @@ from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
 from fitting.residual.stored_views import StoredViews, stored_columns
 from fitting.residual.views import LaterViews, Views, build_views
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Share of a direction's information that has to come from the data for the data to tell it.
 _TOLD = 1e-8

@@ -8,15 +8,14 @@ from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Ranges
 from fitting.regression.design import Design, Extra, predicted_effort
 from fitting.regression.drive import expected_sign
 from fitting.signals.preparation import Segment
 from fitting.signals.splines import evaluate, spline_knots
 
-FloatArray = npt.NDArray[np.float64]
 #: ``views[segment][joint]``
 Views = Sequence[tuple[DriveView, ...]]
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.confirmation import OnValidate, worse_joint
 from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut
@@ -25,8 +25,6 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.evidence import curve_precision, least_gain
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

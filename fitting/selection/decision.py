@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import optimize
 from scipy.special import expit
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
 from fitting.selection.rated import Rated
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def by_formula(rated: Sequence[Rated]) -> list[Rated]:

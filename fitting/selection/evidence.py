@@ -27,9 +27,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from fitting.arrays import FloatArray
 from fitting.selection import priors
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Squared share of a column's norm below which what the base leaves of it is rounding.
 DEAD = 1e-8

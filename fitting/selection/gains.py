@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum, named_evidence, whitened_parts
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0

@@ -16,14 +16,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
+from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws
 from fitting.selection import priors
 from fitting.selection.evidence import curve_evidence, curve_roots, log_mean, log_sum, whitened_parts
 from fitting.selection.posterior import MOST_NAMED
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
 _NEAR = 6

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.simple_formulas import simple_curves
@@ -15,8 +15,6 @@ from fitting.selection.evidence import curve_evidence, curve_roots, formula_gain
 from fitting.selection.rated import Rated
 from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class RatedLaws:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import block_diag
 
+from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect, Parity
 from fitting.effects.bounds import limits
 from fitting.residual.scoring import Candidates, Score
@@ -27,9 +27,6 @@ from fitting.selection.gains import averaged, orders, plausible
 from fitting.selection.rated import Family, Rated
 from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 #: Share of a curve that the base has to leave for it to tell of anything.
 FAINT = 0.01

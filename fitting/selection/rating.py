@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.laws import Law
@@ -23,8 +23,6 @@ from fitting.selection.rated_laws import RatedLaws
 from fitting.selection.rated_names import RatedNames, is_series
 from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Rating:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.confirmation.draws import Draws
@@ -34,7 +34,6 @@ from fitting.selection.rated import Rated, family
 from fitting.selection.rating import Rating
 from fitting.selection.resolution import resolved
 
-FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[float, str], None]
 
 #: Explanations whose followers are looked at, and log odds that one has to have for that.

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.gains import efforts
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Sizes:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.scoring import Candidates, Score
@@ -15,8 +15,6 @@ from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import whitened_parts
 from fitting.selection.gains import biased_gain, known_bias, scatter, shares
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Trust:

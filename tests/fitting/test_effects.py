@@ -17,8 +17,9 @@ from synthetic_arm import exact_views, injected, make_session, planar_machine, t
 import fitting.effects
 from daq.machine.machine_file import Machine
 from daq.seams import EFFECTS
+from fitting.arrays import FloatArray
 from fitting.effects import effect, effects
-from fitting.effects.base import DriveView, Effect, FloatArray, Parameter, Parity, Shape
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 from fitting.effects.conformance import check_effect
 from fitting.loop.residual_loop import run_attribution
 from fitting.residual.findings import Attribution

@@ -7,11 +7,8 @@ every other joint's position, speed and acceleration beside it.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Shares of the usual speed and acceleration at which a saturating coupling bends.
 _KNEES = (0.1, 0.3, 1.0)

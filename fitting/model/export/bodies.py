@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from daq.errors import InputError
@@ -19,6 +18,7 @@ from daq.machine.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine.machine_file import Cylinder
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arrays import FloatArray
 from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import states
@@ -26,8 +26,6 @@ from fitting.model.export.words import per_joint
 from fitting.regression.body_prior import pseudo_inertia
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.regression.streamed import triangle
-
-FloatArray = npt.NDArray[np.float64]
 
 #: How much the model's own base parameters count against the choice of links: so much that only those are left.
 _EXACT = 1e4

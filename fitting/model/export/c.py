@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording_files import replacing
 from fitting.model.arm_model import ArmModel
@@ -29,8 +28,6 @@ from fitting.model.export.printing import Dialect, curves_of
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading, require_folder
-
-FloatArray = npt.NDArray[np.float64]
 
 #: States of the self-test, and the largest difference that passes, as a share of the largest effort.
 _STATES = 24

@@ -10,16 +10,14 @@ from typing import Any
 
 import jinja2
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.moment import Efforts
 from fitting.model.export.tracing.tracing import Past, Tracer
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Letter of the variables of each array that a function takes; other arguments are single numbers.
 ARRAYS = {"q": "q", "qd": "v", "qdd": "a", "memory": "m"}

@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import RegularGridInterpolator
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Error of linear interpolation that grids are refined to, as a share of the table's largest value.
 TOLERANCE = 1e-3

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording_files import replacing
 from fitting.arm.expected import expected_power
@@ -20,8 +19,6 @@ from fitting.model.export.tracing.graph import Curve, Node
 from fitting.model.export.tracing.moment import State
 from fitting.model.export.tracing.tracing import Tracer, tracer_of
 from fitting.model.export.words import Written, heading
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Noise widths beyond which :func:`fitting.arm.expected.expected_power` takes its asymptotic series.
 _FAR = 6.0

@@ -6,18 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.linkages import Rack, ThreePin, reduced
 from daq.recordings.recording_files import replacing
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.bodies import Bodies, bodies_of, not_in_bodies, tendon_of
 from fitting.model.export.functions import rendered
 from fitting.model.export.words import Written, said_of
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def write_urdf(model: ArmModel, path: Path, *, possible: bool = False) -> Written:

@@ -12,16 +12,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import without
 from fitting.model.export.grids import ROUNDING, Quantity
 
-FloatArray = npt.NDArray[np.float64]
 _TRIALS = 40
 
 

@@ -7,18 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
 from daq.errors import InputError
+from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import narrow
 
 if TYPE_CHECKING:
     from fitting.model.export.tracing.tracing import Tracer
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

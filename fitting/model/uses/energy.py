@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated, evaluate, without
 from fitting.model.prediction import on_recording
 from fitting.model.uses.feedforward import Trajectory
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

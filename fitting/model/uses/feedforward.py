@@ -7,17 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.recordings.recording_files import write_table
+from fitting.arrays import FloatArray
 from fitting.excitation.motion import Motion, read_motion
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,20 +19,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.signal import savgol_coeffs
 
 from daq.errors import RecordingError
 from daq.recordings.recording import Recording
 from fitting.arm.expected import expected_sign
+from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated
 from fitting.model.prediction import on_recording, require_arm
 from fitting.model.tails import Tail, excursions, tail_of
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import PositionNoise
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Seconds that a parabola is laid through.
 SPAN_S = 0.12

@@ -10,17 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.recordings.recording import Recording
 from fitting.arm.dynamics import rigid_body_regressor
+from fitting.arrays import BoolArray, FloatArray
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import Evaluated
 from fitting.model.prediction import on_recording
 from fitting.regression.design import effort_residual
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Seconds of motion that an estimate is made of.
 WINDOW_S = 10.0

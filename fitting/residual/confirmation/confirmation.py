@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import effort_errors, full_residual, moving_rows, whitened
 from fitting.regression.noise import Pairing
 from fitting.regression.solving import Fit
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
 
 _BLOCK_SECONDS = 3.0
 _DRAWS = 1000

@@ -20,12 +20,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray, IntArray
 from fitting.regression.solving import WhiteRows
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.intp]
 
 BLOCK_SECONDS = 6.0
 GUARD_SECONDS = 1.0

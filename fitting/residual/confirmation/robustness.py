@@ -20,14 +20,12 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.estimators.covariance import autoregression
 from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.cross_validation import solve_gram, unit_columns
 from fitting.residual.terms import Model
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Squared share of a column's norm below which what the others leave of it is rounding.
 _DEAD = 1e-8

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from fitting.arrays import FloatArray
 from fitting.regression.prior import Prior
 from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate
@@ -16,8 +14,6 @@ from fitting.residual.confirmation.cross_validation import HeldOut, held_out_gai
 from fitting.residual.confirmation.robustness import inflation
 from fitting.residual.null import Null
 from fitting.residual.terms import Model, Term
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def mirrored_gain(other_way: Model, moved: Model) -> float:

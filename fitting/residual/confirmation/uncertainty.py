@@ -24,10 +24,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
 from daq.recordings.recording_checks import runs
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.estimators.covariance import series_scores
 from fitting.regression.design import Extra
@@ -36,8 +36,6 @@ from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, extra_columns
 from fitting.signals.filters import FilterBank
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Relative step of a shape's numerical derivative, and what is known of a shape beforehand, relative.
 _STEP, _SHAPE_STD = 0.004, 0.5

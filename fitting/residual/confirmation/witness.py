@@ -25,9 +25,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Level
-
-FloatArray = npt.NDArray[np.float64]
 
 Verdict = Literal["both", "different", "gone_unloaded", "only_unloaded", "silent", "neither"]
 

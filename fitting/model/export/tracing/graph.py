@@ -14,10 +14,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.interpolate import PPoly
 
-FloatArray = npt.NDArray[np.float64]
+from fitting.arrays import FloatArray
 
 #: Operations that any language has a word for, and what they do to numbers.
 UNARY: dict[str, Callable[[float], float]] = {

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.linkages import Direct, Linkage, Polynomial, Rack, ThreePin, reduced
+from fitting.arrays import FloatArray
 from fitting.model.export.tracing.moment import Value
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def linkage_of(linkage: Linkage, q: Value) -> tuple[Value, Value, Value]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from fitting.arm.geometry import geometry_of
+from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel, Pass
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
 from fitting.model.export.tracing.linkage_nodes import linkage_of
@@ -16,8 +16,6 @@ from fitting.model.export.tracing.recursion import newton_euler
 from fitting.model.export.tracing.traced_arrays import power, sign
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import Segment
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class MachineNodes:

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from fitting.arm.geometry import Geometry
+from fitting.arrays import FloatArray
 from fitting.model.export.tracing.graph import Graph, Node
 from fitting.model.export.tracing.moment import State, Value
 
-FloatArray = npt.NDArray[np.float64]
 Vector = tuple[Value, Value, Value]
 
 

@@ -16,10 +16,10 @@ from types import SimpleNamespace
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.linkages import FourBar, reduced
+from fitting.arrays import FloatArray
 from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import beyond, without
@@ -35,7 +35,6 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 from fitting.signals.preparation import Segment
 
-FloatArray = npt.NDArray[np.float64]
 #: What terms with a history say: nothing (settled), what they say at a motion's first moment, or at a later one.
 Past = Literal["settled", "first", "later"]
 
