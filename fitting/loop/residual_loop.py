@@ -283,10 +283,12 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate, base = signals.prepared(()).validate, signals.refit(())
     search = Search(base, effects(), validate, signals, 0, ())
-    if search.nothing < 0.5:
+    nothing = search.rate_nothing()
+    if nothing < 0.5:
         # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
         search.draws = Draws(signals, session.options.bootstrap)
-    return () if search.nothing >= 0.5 else (search.open[0].term.family,)
+        nothing = search.rate_nothing()
+    return () if nothing >= 0.5 else (search.open[0].term.family,)
 
 
 def _leading(model: Model, number: int) -> int:

@@ -465,9 +465,8 @@ class Search:
         asked = [slot.place for slot in self.slots]
         return (*asked, *left) if asked or left else (open_place(self.open),)
 
-    @property
-    def nothing(self) -> float:
-        """Probability that nothing more is missing than is there, as the candidates say beside the model."""
+    def rate_nothing(self) -> float:
+        """Rate all candidates beside the model: the probability that nothing more is missing than is there."""
         self.left = Leftover.of(self.model)
         self.open = self._open(self._rated(self.model))
         return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
