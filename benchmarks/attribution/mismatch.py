@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.judging import Said, recordings_of
 from benchmarks.attribution.making import TrueEffect
-from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, draw_quality
+from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, TARGETS, draw_quality
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.targets import Check, rate
 from daq.machine.machine_file import Machine
@@ -65,7 +65,6 @@ _LARGEST = {"encoder_offset": 0.1, "encoder_eccentricity": 0.03, "linkage_geomet
 _MOST_MOVED = 0.005
 #: Share of the time that a play spends on either side: on one side alone it is an offset, on neither a compliance.
 _LEAST_CROSSED = 0.05
-_MISMATCH = (2.0, 100.0)
 _DRAWS = 200
 
 
@@ -171,7 +170,7 @@ def _specs(
         else:
             pool = (*GEOMETRY, "backlash", *MISMATCH)
             ids = (pool[int(rng.integers(len(pool)))],)
-        targets = np.exp(rng.uniform(np.log(_MISMATCH[0]), np.log(_MISMATCH[1]), size=len(ids)))
+        targets = np.exp(rng.uniform(*np.log(TARGETS["kinematic"]), size=len(ids)))
         rng.bit_generator.random_raw()  # once a seed of shapes: cases of a seed stay the same
         described = plan.machine.joints[joint]
         if any(obstacle(UNDECLARED[own], described) is not None for own in ids):
