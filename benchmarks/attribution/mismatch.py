@@ -170,7 +170,8 @@ def _specs(
         else:
             pool = (*GEOMETRY, "backlash", *MISMATCH)
             ids = (pool[int(rng.integers(len(pool)))],)
-        targets = np.exp(rng.uniform(*np.log(TARGETS["kinematic"]), size=len(ids)))
+        low, high = TARGETS["kinematic"]
+        targets = np.exp(rng.uniform(np.log(low), np.log(high), size=len(ids)))
         rng.bit_generator.random_raw()  # once a seed of shapes: cases of a seed stay the same
         described = plan.machine.joints[joint]
         if any(obstacle(UNDECLARED[own], described) is not None for own in ids):
