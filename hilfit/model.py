@@ -135,10 +135,10 @@ class Model:
         With ``return_std`` the standard deviation of a measured effort as well: what parameters and what the fit left
         of its recordings make together.
         """
-        found = motion.moving(self.content, q, qd, qdd, t, temperature=temperature, external=external)
-        return (found.effort, found.std) if return_std else found.effort
+        found = motion.on_motion(self.content, q, qd, qdd, t, temperature=temperature, external=external)
+        return (found.joint_effort(0), found.joint_std(0)) if return_std else found.joint_effort(0)
 
-    @_with_sections_of(motion.pressures)
+    @_with_sections_of(motion.on_motion)
     def pressures(
         self,
         q: npt.ArrayLike,
@@ -148,17 +148,23 @@ class Model:
         *,
         rod: npt.ArrayLike | None = None,
         temperature: npt.ArrayLike | None = None,
+        external: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder."""
-        return motion.pressures(self.content, q, qd, qdd, t, rod=rod, temperature=temperature)
+        """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder.
 
-    def gravity(self, q: npt.ArrayLike) -> FloatArray:
-        """Joint efforts (N, n) that hold the arm still: the effort at rest."""
-        return motion.gravity(self.content, q)
+        ``rod`` is the rod pressure that the machine keeps, (N, n), (n,) or one, Pa; the one that the recordings show at
+        such a motion and force if None (NaN where it was not measured).
+        """
+        found = motion.on_motion(self.content, q, qd, qdd, t, temperature=temperature, external=external)
+        return motion.pressures_of(found, rod)
 
-    def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
-        """Joint efforts (N, n) that change their sign with the speed's."""
-        return motion.friction(self.content, q, qd)
+    def gravity(self, q: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
+        """Joint efforts (N, n) that hold the arm still: the effort at rest; the oil's ``temperature`` in K."""
+        return motion.gravity(self.content, q, temperature=temperature)
+
+    def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
+        """Joint efforts (N, n) that change their sign with the speed's; the oil's ``temperature`` in K."""
+        return motion.friction(self.content, q, qd, temperature=temperature)
 
     def inertia_matrix(self, q: npt.ArrayLike) -> FloatArray:
         """Inertia (N, n, n) of links, pistons and drives: joint efforts per joint acceleration, at rest."""
@@ -173,13 +179,16 @@ class Model:
         effort: npt.ArrayLike | None = None,
         head: npt.ArrayLike | None = None,
         rod: npt.ArrayLike | None = None,
+        temperature: npt.ArrayLike | None = None,
         possible: bool = False,
     ) -> FloatArray:
         """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa.
 
         ``possible`` takes the nearest model whose drives have no inertia below zero.
         """
-        return motion.forward(self.content, q, qd, effort=effort, head=head, rod=rod, possible=possible)
+        return motion.forward(
+            self.content, q, qd, effort=effort, head=head, rod=rod, temperature=temperature, possible=possible
+        )
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
@@ -204,7 +213,8 @@ def simulate(
     seconds: float,
     rate_hz: float | None = None,
     friction_speed: float | None = None,
-    method: simulation.Method = "LSODA",
+    method: simulation.Method = "BDF",
+    temperature: float | None = None,
     possible: bool = False,
     within_s: float = 60.0,
 ) -> simulation.Simulated:
@@ -218,12 +228,15 @@ def simulate(
         rate_hz=rate_hz,
         friction_speed=friction_speed,
         method=method,
+        temperature=temperature,
         possible=possible,
         within_s=within_s,
     )
 
 
 @_with_sections_of(simulation.tracking)
-def tracking(model: Model, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0) -> simulation.Efforts:
+def tracking(
+    model: Model, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0, temperature: float | None = None
+) -> simulation.Efforts:
     """A controller for :func:`simulate`: the model's efforts along a motion, and what pulls back to it."""
-    return simulation.tracking(model.content, t, q, bandwidth_hz=bandwidth_hz)
+    return simulation.tracking(model.content, t, q, bandwidth_hz=bandwidth_hz, temperature=temperature)

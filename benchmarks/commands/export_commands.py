@@ -42,11 +42,11 @@ def model(
 def uses(
     show: Show,
     seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
-    minutes: Annotated[
-        float, typer.Option(help="Minutes of motion and rest in turn that false alarms are counted in.", min=1)
-    ] = 60.0,
+    hours: Annotated[
+        float, typer.Option(help="Hours of motion and rest in turn that false alarms are counted in.", min=0.02)
+    ] = 24.0,
 ) -> Outcome:
     """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
     from benchmarks.exports.uses import run
 
-    return run(seed, minutes, show)
+    return run(seed, hours, show)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from benchmarks.exports.structured_text import Library
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import beyond
 from fitting.model.export import export_model
-from fitting.model.export.functions import identifier, states, swing
+from fitting.model.export.functions import identifier, program_of, states, swing
 from fitting.model.export.tracing.tracing import tracer_of
+from fitting.model.simulation import simulate
 
 #: What was asked, to what was answered, (N, n) each.
 Answers = dict[str, FloatArray]
+#: ``q, qd, qdd, t``.
+Moved = tuple[npt.NDArray[np.floating[Any]], ...]
 
 #: Settings under which the C has to compile without a word.
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O2")
 #: What has to be installed for a format to be run, and how.
 NEEDS: dict[str, tuple[Callable[[], bool], str]] = {
     "python": (lambda: True, ""),
+    "st": (lambda: True, ""),
     "c": (lambda: shutil.which("cc") is not None, "there is no C compiler (apt-get install gcc)"),
     "matlab": (lambda: octave() is not None, "there is no GNU Octave (apt-get install octave)"),
     "fmu": (
@@ -41,6 +46,8 @@ NEEDS: dict[str, tuple[Callable[[], bool], str]] = {
     ),
 }
 _MOMENTS, _STEPS = 200, 150
+#: Seconds of a motion from efforts.
+_FORWARD_S = 0.2
 
 
 def octave() -> str | None:
@@ -54,31 +61,35 @@ class Conformance:
     Attributes
     ----------
     moments, moved : ``q, qd, qdd, t``: moments without order, and a motion in even steps
-    remembers : whether the exports of the model have a memory
+    memory : how many numbers the exports of the model keep from moment to moment
+    oil : temperature of the oil, K
+    arguments : of every function of the exports, in their order
     right : what the model answers: the functions of one moment with histories settled; ``walk.*`` in the motion
     """
 
-    def __init__(self, model: ArmModel, folder: Path) -> None:
+    def __init__(self, model: ArmModel, folder: Path, oil: float | None = None) -> None:
         self.model, self.folder = model, folder
-        tracer = tracer_of(model)
-        carried, self.remembers = tracer.carried, bool(tracer.memory)
+        program = program_of(model)
+        carried, self.memory = program.tracer.carried, program.memory
         settled = motion.at_rest(carried)
         self.moments, self.moved = states(model, _MOMENTS), swing(model, _STEPS)
+        self.oil = model.usual_oil if oil is None else oil
+        self.arguments = {own.name: own.arguments for own in program.functions}
         q, qd, _, _ = self.moments
         self.right: Answers = {
-            "gravity": motion.gravity(settled, q),
-            "friction": motion.friction(settled, q, qd),
-            "beyond": beyond(model, motion.on_motion(settled, *self.moments).design.segments[0]).astype(float),
-            **_of(settled, self.moments),
+            "gravity": motion.gravity(settled, q, temperature=self.oil),
+            "friction": motion.friction(settled, q, qd, temperature=self.oil),
+            "beyond": self._beyond(settled, self.moments),
+            **self._of(settled, self.moments),
         }
-        if self.remembers:
+        if self.memory:
             names = {
                 "tau": "inverse_dynamics",
                 "force": "drive_efforts",
                 "head": "head_pressures",
                 "rod": "rod_pressures",
             }
-            self.right |= {f"walk.{what}": own for what, own in _of(carried, self.moved, names).items()}
+            self.right |= {f"walk.{what}": own for what, own in self._of(carried, self.moved, names).items()}
         self.name, self.joints = identifier(model.machine.name), q.shape[1]
 
     def differences(self, to: str) -> dict[str, float]:
@@ -88,6 +99,22 @@ class Conformance:
             f"{kind} {what}": float(np.max(np.abs(found - right)) / max(np.max(np.abs(right)), 1e-300))
             for kind, own in answers.items()
             for what, (found, right) in self._paired(own).items()
+        }
+
+    def given(self, function: str, moved: Sequence[Any] | None = None, memory: Any = None) -> list[Any]:
+        """Arguments of a function in their order: rows, or one row; those of the moments if None."""
+        q, qd, qdd, t = self.moments if moved is None else moved
+        known = {"q": q, "qd": qd, "qdd": qdd, "t": 0.0 * t if function == "friction" else t, "memory": memory}
+        known |= {"dt": 1.0 / self.model.machine.rate_hz, "temperature": self.oil + 0.0 * t}
+        return [known[word] for word in self.arguments[function]]
+
+    @property
+    def _functions(self) -> dict[str, list[str]]:
+        """What is asked of one moment, function by function: the names of its answers."""
+        return {
+            name: ["head_pressures", "rod_pressures"] if name == "pressures" else [name]
+            for name in self.arguments
+            if name not in ("init", "step")
         }
 
     def _paired(self, answers: Answers) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -106,17 +133,15 @@ class Conformance:
         export_model(self.model, "python", self.folder / "arm.py")
         own: dict[str, Any] = {}
         exec((self.folder / "arm.py").read_text(encoding="utf-8"), own)
-        q, qd, qdd, t = self.moments
-        found = {what: own[what](q, qd, qdd, t) for what in ("inverse_dynamics", "drive_efforts")}
-        found |= {"gravity": own["gravity"](q), "friction": own["friction"](q, qd, np.zeros(len(t)))}
-        found["beyond"] = own["beyond"](q, qd)
-        for what in ("head_pressures", "rod_pressures"):
-            found |= {what: own[what](q, qd, qdd, t)} if what in own else {}
-        if not self.remembers:
+        found = {
+            what: own[what](*self.given(function)) for function, whats in self._functions.items() for what in whats
+        }
+        if not self.memory:
             return found
-        rows, dt, kept = [], 1.0 / self.model.machine.rate_hz, None
-        for row in zip(*self.moved, strict=True):
-            *said, kept = own["init"](*row, dt) if kept is None else own["step"](*row, dt, kept)
+        rows, kept = [], None
+        for k, row in enumerate(zip(*self.moved, strict=True)):
+            name = "step" if k else "init"
+            *said, kept = own[name](*self.given(name, row, kept))
             rows.append(said)
         return found | self._walked(rows)
 
@@ -128,40 +153,61 @@ class Conformance:
         _run([str(folder / "selftest")], folder)
         _run(["cc", *STRICT, "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], folder)
         library, array = ctypes.CDLL(str(folder / "arm.so")), ctypes.c_double * n
-        q, qd, qdd, t = self.moments
 
-        def asked(function: str, given: list[FloatArray], outputs: int) -> list[FloatArray]:
-            results = []
-            for row in zip(*given, strict=True):
-                out = [array() for _ in range(outputs)]
-                inputs = [array(*own) if np.ndim(own) else ctypes.c_double(own) for own in row]
-                getattr(library, f"{name}_{function}")(*inputs, *out)
-                results.append([list(own) for own in out])
-            return list(np.array(results).transpose(1, 0, 2))
+        def called(function: str, given: Sequence[Any], outputs: int) -> list[list[float]]:
+            out = [array() for _ in range(outputs)]
+            inputs = [own if own is memory else array(*own) if np.ndim(own) else ctypes.c_double(own) for own in given]
+            if function == "init":
+                out.append(memory)
+            getattr(library, f"{name}_{function}")(*inputs, *out)
+            return [list(own) for own in out[:outputs]]
 
-        found = {what: asked(what, [q, qd, qdd, t], 1)[0] for what in ("inverse_dynamics", "drive_efforts")}
-        found |= {"gravity": asked("gravity", [q], 1)[0], "friction": asked("friction", [q, qd, 0.0 * t], 1)[0]}
-        found["beyond"] = asked("beyond", [q, qd], 1)[0]
-        if "head_pressures" in self.right:
-            found["head_pressures"], found["rod_pressures"] = asked("pressures", [q, qd, qdd, t], 2)
-        if not self.remembers:
+        memory = (ctypes.c_double * self.memory)() if self.memory else None
+        found: Answers = {}
+        for function, whats in self._functions.items():
+            rows = [called(function, row, len(whats)) for row in zip(*self.given(function), strict=True)]
+            found |= dict(zip(whats, np.array(rows).transpose(1, 0, 2), strict=True))
+        if not self.memory:
             return found
-        memory = (ctypes.c_double * len(tracer_of(self.model).memory))()
-        dt, rows = ctypes.c_double(1.0 / self.model.machine.rate_hz), []
-        for k, row in enumerate(zip(*self.moved, strict=True)):
-            out = [array() for _ in range(sum(what.startswith("walk.") for what in self.right))]
-            given = [*(array(*own) for own in row[:3]), ctypes.c_double(row[3]), dt]
-            if k == 0:
-                getattr(library, f"{name}_init")(*given, *out, memory)
-            else:
-                getattr(library, f"{name}_step")(*given, memory, *out)
-            rows.append([list(own) for own in out])
-        return found | self._walked(rows)
+        outputs = sum(what.startswith("walk.") for what in self.right)
+        walked = [
+            called("step" if k else "init", self.given("step" if k else "init", row, memory), outputs)
+            for k, row in enumerate(zip(*self.moved, strict=True))
+        ]
+        return found | self._walked(walked)
 
     def _walked(self, rows: list[Any]) -> Answers:
         """Answers of a motion, moment by moment: efforts of joints and drives, pressures."""
         names = [what for what in self.right if what.startswith("walk.")]
         return dict(zip(names, np.array(rows).transpose(1, 0, 2), strict=True))
+
+    def st(self) -> Answers:
+        """The text, moment by moment, by an interpreter of the language's grammar."""
+        export_model(self.model, "st", self.folder / "arm.st")
+        library = Library((self.folder / "arm.st").read_text(encoding="utf-8"))
+        words, memory = {"t": "t_s", "dt": "dt_s"}, [0.0] * self.memory
+
+        def called(block: Any, function: str, given: Sequence[Any], walks: bool = False) -> list[Any]:
+            named = dict(zip(self.arguments[function], given, strict=True)) | ({"memory": memory} if walks else {})
+            plain = {
+                words.get(word, word): own.tolist() if isinstance(own, np.ndarray) else own
+                for word, own in named.items()
+            }
+            return list(block(**plain).values())
+
+        found: Answers = {}
+        for function, whats in self._functions.items():
+            block = library.block(f"{self.name}_{function}")
+            rows = [called(block, function, row) for row in zip(*self.given(function), strict=True)]
+            found |= dict(zip(whats, np.array(rows).transpose(1, 0, 2), strict=True))
+        if not self.memory:
+            return found
+        said = []
+        blocks = {name: library.block(f"{self.name}_{name}") for name in ("init", "step")}
+        for k, row in enumerate(zip(*self.moved, strict=True)):
+            name = "step" if k else "init"
+            said.append(called(blocks[name], name, self.given(name, row, memory), walks=True))
+        return found | self._walked(said)
 
     def matlab(self) -> Answers:
         """The function file under GNU Octave."""
@@ -171,22 +217,20 @@ class Conformance:
         for file, rows in (("moments", self.moments), ("moved", self.moved)):
             np.savetxt(self.folder / f"{file}.csv", np.column_stack(rows), delimiter=",", fmt="%.17g")
         split = [f"m(:, {k * n + 1}:{(k + 1) * n})" for k in range(3)]
-        asked = {
-            "inverse_dynamics": ("inverse_dynamics", "q, qd, qdd, t"),
-            "drive_efforts": ("drive_efforts", "q, qd, qdd, t"),
-            "gravity": ("gravity", "q"),
-            "friction": ("friction", "q, qd"),
-            "beyond": ("beyond", "q, qd"),
-        }
         lines = ["m = csvread('moments.csv');", f"q = {split[0]}; qd = {split[1]}; qdd = {split[2]};"]
-        lines += [f"t = m(:, {3 * n + 1});"]
-        lines += [f"out.{what} = {self.name}('{function}', {given});" for what, (function, given) in asked.items()]
-        if "head_pressures" in self.right:
-            lines += [f"[out.head_pressures, out.rod_pressures] = {self.name}('pressures', q, qd, qdd, t);"]
+        lines += [f"t = m(:, {3 * n + 1}); temperature = {self.oil!r} + 0 * t;"]
+        for function, whats in self._functions.items():
+            words = ", ".join(
+                "0 * t" if (word, function) == ("t", "friction") else word for word in self.arguments[function]
+            )
+            lines += [f"[{', '.join(f'out.{what}' for what in whats)}] = {self.name}('{function}', {words});"]
         walk = [what.removeprefix("walk.") for what in self.right if what.startswith("walk.")]
         if walk:
             own, rate = ", ".join(walk), self.model.machine.rate_hz
-            row = f"m(k, 1:{n}), m(k, {n + 1}:{2 * n}), m(k, {2 * n + 1}:{3 * n}), m(k, {3 * n + 1}), 1 / {rate!r}"
+            row = f"m(k, 1:{n}), m(k, {n + 1}:{2 * n}), m(k, {2 * n + 1}:{3 * n}), m(k, {3 * n + 1}), "
+            row += (
+                "".join(f"{self.oil!r}, " for word in self.arguments["init"] if word == "temperature") + f"1 / {rate!r}"
+            )
             lines += ["m = csvread('moved.csv');", "for k = 1:rows(m)", "if k == 1"]
             lines += [f"[{own}, memory] = {self.name}('init', {row});", "else"]
             lines += [f"[{own}, memory] = {self.name}('step', {row}, memory);", "end"]
@@ -202,9 +246,51 @@ class Conformance:
         done = export_model(self.model, "fmu", self.folder / "fmu")
         return {
             f"FMI {version} {kind}": self._unit(path, kind)
-            for path, version in zip(done.files, (3, 2), strict=True)
+            for path, version in zip(done.files[:2], (3, 2), strict=True)
             for kind in ("CoSimulation", "ModelExchange")
         }
+
+    def forward(self) -> dict[str, float]:
+        """Motions under held efforts, in C and as units: largest difference from the simulation's positions and speeds.
+
+        As a share of what each goes through; of a model that can move.
+        """
+        model, n, folder = motion.nearest_possible(self.model), self.joints, self.folder / "forward"
+        middle = model.limits.mean(axis=0)
+        held = motion.gravity(model, middle, temperature=self.oil)[0]
+        rest = motion.inertia_matrix(model, middle)[0].diagonal()
+        rub = motion.friction(model, middle, 0.1 + 0.0 * middle, temperature=self.oil)[0]
+        effort = held + (4.0 * np.abs(rest) + 1.2 * np.abs(rub)) * np.sin(1.0 + np.arange(n))
+        right = simulate(model, lambda *_: effort, middle, seconds=_FORWARD_S, temperature=self.oil, within_s=600.0)
+        ends, through = np.concatenate([right.q[-1], right.qd[-1]]), np.ptp(np.hstack([right.q, right.qd]), axis=0)
+        export_model(model, "c", folder)
+        name, array = f"{self.name}_forward", ctypes.c_double * n
+        _run(["cc", *STRICT, "-fPIC", "-shared", "-o", "forward.so", f"{name}.c", "-lm"], folder)
+        library, state = ctypes.CDLL(str(folder / "forward.so")), (ctypes.c_double * (2 * n + 1))()
+        getattr(library, f"{name}_init")(array(*middle), array(), state)
+        oil = [ctypes.c_double(self.oil)] if motion.heated(program_of(model).tracer.carried) else []
+        now, ahead = ctypes.c_double(0.0), ctypes.c_double(_FORWARD_S)
+        getattr(library, f"{name}_step")(state, array(*effort), now, *oil, ahead)
+        found = {"C": np.array(state[: 2 * n])}
+        for path in export_model(model, "fmu", folder).files if NEEDS["fmu"][0]() else ():
+            if "_forward_" in path.name:
+                found[path.stem.rpartition("_")[2]] = self._moved_unit(path, middle, effort)
+        return {what: float(np.max(np.abs(own - ends) / through)) for what, own in found.items()}
+
+    def _moved_unit(self, path: Path, start: FloatArray, effort: FloatArray) -> FloatArray:
+        from fmpy import simulate_fmu
+
+        given = {
+            f"{word}[{k + 1}]": own
+            for word, row in (("q_start", start), ("effort", effort))
+            for k, own in enumerate(row)
+        }
+        names = [f"{word}[{k + 1}]" for word in ("q", "qd") for k in range(self.joints)]
+        step = 1.0 / self.model.machine.rate_hz
+        found = simulate_fmu(
+            str(path), start_values=given, output=names, stop_time=_FORWARD_S, output_interval=step, step_size=step
+        )
+        return np.array([found[name][-1] for name in names])
 
     def _unit(self, path: Path, kind: str) -> Answers:
         from fmpy import simulate_fmu
@@ -216,13 +302,14 @@ class Conformance:
         inputs["time"] = t
         for own, values in zip(names, np.column_stack([q, qd, qdd]).T, strict=True):
             inputs[own] = values
-        outputs = ["effort", "drive", "gravity", *(["head", "rod"] if "head_pressures" in self.right else [])]
+        outputs = ["effort", "drive", "gravity", "beyond", *(["head", "rod"] if "head_pressures" in self.right else [])]
         step = 1.0 / self.model.machine.rate_hz
         found = simulate_fmu(
             str(path),
             fmi_type=kind,
             input=inputs,
             output=[*names, *(f"{word}[{k + 1}]" for word in outputs for k in range(self.joints))],
+            start_values={word: self.oil for own in self.arguments.values() for word in own if word == "temperature"},
             start_time=0.0,
             stop_time=float(t[-1]),
             output_interval=step,
@@ -241,21 +328,23 @@ class Conformance:
             "head": "head_pressures",
             "rod": "rod_pressures",
         }
-        right = _of(carried, given, named)
-        right["gravity"] = motion.gravity(carried, given[0])
+        right = self._of(carried, given, named)
+        right["gravity"] = motion.gravity(motion.at_rest(carried), given[0], temperature=self.oil)
+        right["beyond"] = self._beyond(carried, given)
         answers = {word: columns(word) for word in outputs}
         return answers | {f"right.{word}": right[word] for word in outputs}
 
+    def _of(self, model: ArmModel, moved: Moved, names: Mapping[str, str] | None = None) -> Answers:
+        """Efforts and pressures of a motion by the model, under the names of the functions or of the outputs."""
+        found = motion.on_motion(model, *moved, temperature=self.oil)
+        head, rod = motion.pressures_of(found)
+        says = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}
+        says |= {"head_pressures": head, "rod_pressures": rod} if np.isfinite(head).all() else {}
+        return says if names is None else {name: says[what] for name, what in names.items() if what in says}
 
-def _of(
-    model: ArmModel, moved: tuple[npt.NDArray[np.floating[Any]], ...], names: Mapping[str, str] | None = None
-) -> Answers:
-    """Efforts and pressures of a motion by the model, under the names of the functions or of the outputs."""
-    found = motion.on_motion(model, *moved)
-    head, rod = motion.pressures(model, *moved)
-    says = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}
-    says |= {"head_pressures": head, "rod_pressures": rod} if np.isfinite(head).all() else {}
-    return says if names is None else {name: says[what] for name, what in names.items() if what in says}
+    def _beyond(self, model: ArmModel, moved: Moved) -> FloatArray:
+        segment = motion.on_motion(model, *moved, temperature=self.oil).design.segments[0]
+        return beyond(self.model, segment).astype(float)
 
 
 def _run(command: list[str], folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
@@ -104,7 +105,7 @@ class Seen:
     error: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays are not compared: a model is itself
 class ArmModel:
     """A corrected model of an arm.
 
@@ -130,6 +131,7 @@ class ArmModel:
     coverage : (n,) share of the moving samples of those in the 95 % band; not a number where nothing moved
     rests : fits without terms that some formats cannot hold
     seen : moments of the validation recordings
+    temperature : coldest and warmest oil of the recordings of the fit, K; None where nobody measured it
     filters : other filters than those of the identification; None: those
     """
 
@@ -150,6 +152,7 @@ class ArmModel:
     coverage: FloatArray | None = None
     rests: tuple[ArmModel, ...] = field(default=(), repr=False)
     seen: Seen | None = field(default=None, repr=False)
+    temperature: tuple[float, float] | None = None
     filters: FilterBank | None = field(default=None, repr=False)
 
     @property
@@ -216,10 +219,36 @@ class ArmModel:
         """Units of the drives' efforts: N of a piston, the joint's own where there is none."""
         return tuple("N" if joint.cylinder is not None else joint.effort_unit for joint in self.arm.joints)
 
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Units of the joints' efforts, N m or N."""
+        return tuple(joint.effort_unit for joint in self.machine.joints)
+
+    @property
+    def limits(self) -> FloatArray:
+        """Lowest and highest positions (2, n) of the joints, rad or m."""
+        return np.array([joint.limits.position for joint in self.machine.joints], dtype=float).T
+
+    @property
+    def usual_oil(self) -> float:
+        """The middle of the oil's temperatures that were recorded, K; 0 where nobody measured it."""
+        return 0.0 if self.temperature is None else sum(self.temperature) / 2
+
+    def drive_values(self, joint: int) -> dict[str, float]:
+        """Parameters of a joint's drive by name."""
+        values = self.theta[self.parameters.drive_slice(joint)].tolist()
+        return dict(zip(self.parameters.drive[joint], values, strict=True))
+
     @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of all parameters (p,): ``joint1.f_c``, a base parameter's expression, ``joint2.stribeck.f``."""
         return (*self.parameters.names, *(name for term in self.terms for name in term.names(self.joints)))
+
+    @cached_property
+    def term_slices(self) -> tuple[slice, ...]:
+        """Places of every term's parameters in :attr:`theta`."""
+        widths = [len(term.names(self.joints)) for term in self.terms]
+        return tuple(slice(*ends) for ends in pairwise(accumulate(widths, initial=len(self.parameters))))
 
     @cached_property
     def delays(self) -> tuple[dict[str, float], frozenset[str]]:

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, reported, show_table, working
+from fitting.model.export import export_model, format_names
 
 if TYPE_CHECKING:
+    from daq.recordings.recording import Recording
+    from fitting.model.arm_model import ArmModel
     from fitting.model.prediction import Predicted
 
 ModelPath = Annotated[Path, typer.Argument(help="model.json, or the folder of a report that holds it.")]
@@ -33,6 +36,15 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="model")
 
 
+def opened(model: Path, recording: Path, columns: Path | None, resample: bool) -> tuple[ArmModel, Recording]:
+    """A model and a recording of its arm, by the options of the commands."""
+    from fitting.model.codec import load_model
+    from fitting.model.prediction import load_recording
+
+    loaded = load_model(model)
+    return loaded, load_recording(loaded, recording, columns=columns, resample=resample)
+
+
 def predict(
     model: ModelPath,
     recording: RecordingPath,
@@ -42,12 +54,10 @@ def predict(
     json: Json = False,
 ) -> None:
     """Predict the efforts in a recording; residual and 95 % band."""
-    from fitting.model.codec import load_model
-    from fitting.model.prediction import load_recording, predict, write_predicted
+    from fitting.model.prediction import predict, write_predicted
 
     with working("predicting", show=not json):
-        loaded = load_model(model)
-        found = predict(loaded, load_recording(loaded, recording, columns=columns, resample=resample))
+        found = predict(*opened(model, recording, columns, resample))
     if output is not None:
         write_predicted(output, found)
     if json:
@@ -80,11 +90,10 @@ def compare(
 
     from fitting.model.codec import load_model
     from fitting.model.comparison import compare
-    from fitting.model.prediction import load_recording
 
-    one, other = load_model(first), load_model(second)
     with working("comparing", show=not json):
-        found = compare(one, other, load_recording(one, recording, columns=columns, resample=resample))
+        one, seen = opened(first, recording, columns, resample)
+        found = compare(one, load_model(second), seen)
     summaries = [_summary(own) for own in (found.first, found.second)]
     if json:
         shifts = [asdict(shift) for shift in found.shifts]
@@ -140,7 +149,7 @@ def schema() -> None:
 
 def export(
     model: ModelPath,
-    to: Annotated[str, typer.Option("--to", help="Format: python, c, fmu, matlab, csv, urdf, mjcf.")],
+    to: Annotated[str, typer.Option("--to", help=f"Format: {', '.join(format_names())}.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="File or folder to write.")],
     possible: Annotated[
         bool, typer.Option("--possible", help="Links nearest to the model's where no bodies can have its parameters.")
@@ -149,7 +158,6 @@ def export(
 ) -> None:
     """Write a model for another program; what the format does not carry is said."""
     from fitting.model.codec import load_model
-    from fitting.model.export import export_model
 
     with working(f"writing {to}", show=not json):
         done = export_model(load_model(model), to, output, possible=possible)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine
@@ -36,8 +36,21 @@ MODEL_FILE = "model.json"
 #: Share of a covariance's own size by which it may fall short of being one.
 _ROUNDED = 1e-6
 
+
+def _rows(values: list[list[Any]]) -> FloatArray:
+    """Rows of one length as an array; ``None`` is infinite."""
+    if len({len(row) for row in values}) > 1:
+        raise ValueError("rows have different lengths")
+    return np.array([[np.inf if v is None else v for v in row] for row in values], dtype=float)
+
+
+# Lists in the file, arrays once they are read; what is not known is no number.
 Size = Annotated[float, Field(ge=0)]
-Rows = list[list[float]]
+Values = Annotated[list[float], AfterValidator(np.array)]
+Sizes = Annotated[list[Size], AfterValidator(np.array)]
+Known = Annotated[list[Size | None], AfterValidator(lambda values: np.array(values, dtype=float))]
+Numbers = Annotated[list[Annotated[int, Field(ge=0)]], AfterValidator(lambda own: np.array(own, dtype=np.intp))]
+Rows = Annotated[list[list[float]], AfterValidator(_rows)]
 
 
 class _Part(BaseModel):
@@ -51,27 +64,27 @@ class _Filter(_Part):
 
 
 class _Base(_Part):
-    independent: list[Annotated[int, Field(ge=0)]]
+    independent: Numbers
     regrouping: Rows
-    names: list[str]
-    expressions: list[str]
-    units: list[str]
-    standard_names: list[str]
+    names: tuple[str, ...]
+    expressions: tuple[str, ...]
+    units: tuple[str, ...]
+    standard_names: tuple[str, ...]
     standard_count: int = Field(ge=0)
-    vanished: list[str]
+    vanished: tuple[str, ...]
     gap: tuple[float, float]
 
 
 class _Rod(_Part):
-    knots: Rows
-    coefficients: list[float]
+    knots: tuple[Values, ...]
+    coefficients: Values
     speed_noise: Size
 
 
 class _Pass(_Part):
-    theta: list[float]
+    theta: Values
     ranges: tuple[Ranges, ...]
-    rods: list[_Rod | None]
+    rods: tuple[_Rod | None, ...]
 
 
 class _Seen(_Part):
@@ -87,12 +100,12 @@ class _Fit(_Part):
 
     terms: list[dict[str, Any]]
     passes: list[_Pass] = Field(min_length=1)
-    covariance: list[list[float | None]]
-    told: list[bool]
-    residual_std: list[Size]
-    hidden: list[Size] | None = None
-    errors: list[Size | None] | None = None
-    coverage: list[Size | None] | None = None
+    covariance: Annotated[list[list[float | None]], AfterValidator(_rows)]
+    told: Annotated[list[bool], AfterValidator(lambda values: np.array(values, dtype=bool))]
+    residual_std: Sizes
+    hidden: Sizes | None = None
+    errors: Known | None = None
+    coverage: Known | None = None
 
 
 class _File(_Fit):
@@ -106,6 +119,7 @@ class _File(_Fit):
     tails: tuple[Tail, ...] | None = None
     rests: list[_Fit] = []
     seen: _Seen | None = None
+    temperature: tuple[Size, Size] | None = None
     sha256: str | None = None
 
 
@@ -134,6 +148,7 @@ def model_to_json(model: ArmModel) -> dict[str, Any]:
         "tails": None if model.tails is None else [asdict(own) for own in model.tails],
         "rests": [_fit_to_json(own) for own in model.rests],
         "seen": None if model.seen is None else asdict(model.seen),
+        "temperature": model.temperature,
     }
     plain: dict[str, Any] = _plain(content)
     return plain | {"sha256": checksum(plain)}
@@ -193,27 +208,16 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
         raise _damaged(name, ".".join(map(str, first["loc"])) or "machine", in_words(first)) from None
     except ArithmeticError as error:
         raise _damaged(name, "machine", f"cannot be calculated with ({error.args[-1]})") from None
-    base = file.base
     model = ArmModel(
         machine=machine,
         steps=tuple(file.corrections),
-        base=BaseParameters(
-            independent=np.array(base.independent, dtype=np.intp),
-            regrouping=_rows(base.regrouping, name, "base.regrouping"),
-            standard_count=base.standard_count,
-            gap=base.gap,
-            **{
-                key: tuple(getattr(base, key))
-                for key in ("names", "expressions", "units", "standard_names", "vanished")
-            },
-        ),
+        base=BaseParameters(**vars(file.base)),
         bandwidth_hz=file.filter.bandwidth_hz,
         noise=file.position_noise,
         provenance=file.provenance,
         tails=file.tails,
-        seen=None
-        if file.seen is None
-        else Seen(**{key: _rows(rows, name, f"seen.{key}") for key, rows in file.seen.model_dump().items()}),
+        temperature=file.temperature,
+        seen=None if file.seen is None else Seen(**vars(file.seen)),
         **_fit_from_json(file, name, ""),
     )
     rests = tuple(replace(model, **_fit_from_json(own, name, f"rests.{k}.")) for k, own in enumerate(file.rests))
@@ -229,13 +233,6 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
 
 def _damaged(name: str, place: str, what: str) -> InputError:
     return InputError(f"{name}: {place}: {what}; identify again, the file was changed")
-
-
-def _rows(values: list[list[Any]], name: str, place: str) -> FloatArray:
-    """Rows of one length as an array; ``None`` is infinite."""
-    if len({len(row) for row in values}) > 1:
-        raise _damaged(name, place, "has rows of different lengths")
-    return np.array([[np.inf if v is None else v for v in row] for row in values], dtype=float)
 
 
 def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
@@ -254,24 +251,10 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
     return {
         "terms": tuple(terms),
         "passes": tuple(
-            Pass(
-                np.array(own.theta),
-                own.ranges,
-                tuple(
-                    None
-                    if rod is None
-                    else RodLaw(tuple(map(np.array, rod.knots)), np.array(rod.coefficients), rod.speed_noise)
-                    for rod in own.rods
-                ),
-            )
+            Pass(**vars(own) | {"rods": tuple(None if rod is None else RodLaw(**vars(rod)) for rod in own.rods)})
             for own in file.passes
         ),
-        "covariance": _rows(file.covariance, name, f"{place}covariance"),
-        "told": np.array(file.told, dtype=bool),
-        "residual_std": np.array(file.residual_std),
-        "hidden": None if file.hidden is None else np.array(file.hidden),
-        "errors": None if file.errors is None else np.array(file.errors, dtype=float),
-        "coverage": None if file.coverage is None else np.array(file.coverage, dtype=float),
+        **{key: getattr(file, key) for key in ("covariance", "told", "residual_std", "hidden", "errors", "coverage")},
     }
 
 
@@ -297,8 +280,8 @@ def _require_sound(model: ArmModel, name: str, place: str) -> None:
         alike = np.allclose(scaled, scaled.T, atol=_ROUNDED)
         if not alike or (len(own) and np.linalg.eigvalsh(scaled).min() < -_ROUNDED * len(own)):
             raise wrong
-        middle = [np.mean(joint.limits.position) for joint in model.machine.joints]
-        if not np.isfinite(motion.gravity(model, [middle])).all():
+        held = motion.gravity(model, model.limits.mean(axis=0), temperature=model.usual_oil)
+        if not np.isfinite(held).all():
             raise _damaged(name, f"{place}passes", "makes efforts that are not finite")
     except (
         HilfitError,
@@ -323,28 +306,23 @@ def _require_shapes(model: ArmModel, name: str, place: str) -> None:
             )
     joints, count, base, n = len(model.joints), len(model.parameter_names), model.base, len(model.base.independent)
     standard = len(base.standard_names)
-    wanted: dict[str, tuple[tuple[int, ...], tuple[int, ...]]] = {
-        "base.regrouping": (base.regrouping.shape, (n, standard)),
-        **{f"base.{key}": ((len(getattr(base, key)),), (n,)) for key in ("names", "expressions", "units")},
-        f"{place}covariance": (model.covariance.shape, (count, count)),
-        f"{place}told": (model.told.shape, (count,)),
-        "position_noise": ((len(model.noise),), (joints,)),
-        f"{place}residual_std": (model.residual_std.shape, (joints,)),
-        f"{place}hidden": ((count if model.hidden is None else len(model.hidden),), (count,)),
-        f"{place}errors": ((joints if model.errors is None else len(model.errors),), (joints,)),
-        f"{place}coverage": ((joints if model.coverage is None else len(model.coverage),), (joints,)),
-        "tails": ((joints if model.tails is None else len(model.tails),), (joints,)),
+    wanted: dict[str, tuple[Any, tuple[int, ...]]] = {
+        "base.regrouping": (base.regrouping, (n, standard)),
+        **{f"base.{key}": (getattr(base, key), (n,)) for key in ("names", "expressions", "units")},
+        **{key: (own, (joints,)) for key, own in (("position_noise", model.noise), ("tails", model.tails))},
+        f"{place}covariance": (model.covariance, (count, count)),
+        **{f"{place}{key}": (getattr(model, key), (count,)) for key in ("told", "hidden")},
+        **{f"{place}{key}": (getattr(model, key), (joints,)) for key in ("residual_std", "errors", "coverage")},
     }
     for number, own in enumerate(model.passes):
         first = len(model.passes) > 1 and number == 0
-        wanted[f"{place}passes.{number}.theta"] = (own.theta.shape, (len(model.parameters) if first else count,))
-        wanted[f"{place}passes.{number}.ranges"] = ((len(own.ranges),), (joints,))
-        wanted[f"{place}passes.{number}.rods"] = ((len(own.rods),), (joints,))
-    seen: dict[str, FloatArray] = {} if model.seen is None else vars(model.seen)
-    for key, rows in seen.items():
-        wanted[f"seen.{key}"] = (rows.shape, (len(seen["q"]), joints))
-    for key, (found, right) in wanted.items():
-        if found != right:
+        wanted[f"{place}passes.{number}.theta"] = own.theta, (len(model.parameters) if first else count,)
+        wanted |= {f"{place}passes.{number}.{key}": (getattr(own, key), (joints,)) for key in ("ranges", "rods")}
+    if model.seen is not None:
+        wanted |= {f"seen.{key}": (rows, (len(model.seen.q), joints)) for key, rows in vars(model.seen).items()}
+    for key, (own, right) in wanted.items():
+        found = getattr(own, "shape", None) or (len(own or ()),)
+        if own is not None and found != right:
             raise _damaged(name, key, f"has shape {found}, it must be {right}")
     if n and max(base.independent) >= standard:
         raise _damaged(name, "base.independent", f"names column {max(base.independent)} of {standard}")

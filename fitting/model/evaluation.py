@@ -9,20 +9,22 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
-from fitting.model.arm_model import ArmModel, Pass
+from fitting.model.arm_model import FOREIGN, ArmModel, Pass
 from fitting.regression.design import Design, Extra, build_design, predicted_effort
 from fitting.residual.terms import extra_columns
 from fitting.residual.views import recording_starts, rod_pressures, views_of_segment
 from fitting.signals.preparation import Segment
 
-#: Share of the recorded positions and speeds by which a motion may be outside them.
-_MARGIN = 0.02
+#: Share of the recorded positions and speeds by which a motion may be outside them, and kelvins of the oil.
+_MARGIN, _WARMER = 0.02, 1.0
 #: Shares in a 95 % band between which it holds what it says.
 _HOLDS = 0.92, 0.98
 
@@ -58,6 +60,14 @@ class Evaluated:
     def parameter_std(self, index: int) -> FloatArray:
         """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""
         return np.stack([self._spread(self._columns(joint, index)) for joint in range(len(self.design.blocks))], axis=1)
+
+    def std(self, index: int) -> FloatArray:
+        """That of measured efforts of the drives (N, n): of the parameters, and what the fit left of the recordings."""
+        return np.hypot(self.parameter_std(index), self.model.residual_std)
+
+    def joint_std(self, index: int) -> FloatArray:
+        """The same of the joints' efforts (N, n), N m or N."""
+        return np.abs(self.design.segments[index].r) * self.std(index)
 
     def sum_variance(self, index: int, weights: FloatArray) -> FloatArray:
         """Variances (n,) that the parameters' covariance makes of sums over the drives' efforts with weights (N, n)."""
@@ -110,12 +120,58 @@ def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[
     return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
 
 
+def segment_of(
+    model: ArmModel,
+    moved: Sequence[Any],
+    t: Any,
+    *,
+    temperature: Any = None,
+    external: FloatArray | None = None,
+) -> Segment:
+    """A motion that no recording has, as a segment: numbers, or expressions in their place.
+
+    Parameters
+    ----------
+    moved : ``q, qd, qdd``, (N, n) each
+    """
+    pistons = [own.copy() for own in moved]
+    levers = np.ones_like(moved[0])
+    for number, joint in enumerate(model.arm.joints):
+        if joint.cylinder is not None:
+            q, qd, qdd = (own[:, number] for own in moved)
+            for own, values in zip(pistons, piston_motion(joint.cylinder.linkage, q, qd, qdd), strict=True):
+                own[:, number] = values
+            levers[:, number] = lever_arm(joint.cylinder.linkage, q)
+    unknown, rest = np.full(np.shape(moved[0]), np.nan), np.zeros(np.shape(moved[0]), dtype=bool)
+    named = dict(zip(("q", "qd", "qdd", "x", "v", "a"), (*moved, *pistons), strict=True)) | {"r": levers}
+    named |= {"p1": unknown, "p2": unknown, "gap": unknown, "effort": 0.0 * moved[0], "rest": rest}
+    return Segment(
+        recording=FOREIGN,
+        role="operation",
+        start=0,
+        t=t,
+        loaded=True,
+        temperature=temperature,
+        external=external,
+        **named,
+    )
+
+
 def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
-    """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known."""
+    """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known.
+
+    And all joints where the oil is colder or warmer, if the model knows its temperature and the motion has one. What is
+    not a number is beyond.
+    """
     low, high, fast = np.array([(*own.x, own.v) for own in model.passes[-1].ranges]).T
     margin = _MARGIN * (high - low)
-    outside = np.maximum(segment.x < low - margin, segment.x > high + margin)
-    return np.asarray(np.maximum(outside, np.abs(segment.v) > (1.0 + _MARGIN) * fast))
+    inside = np.minimum(segment.x >= low - margin, segment.x <= high + margin)
+    inside = np.minimum(inside, np.abs(segment.v) <= (1.0 + _MARGIN) * fast)
+    if model.temperature is not None and segment.temperature is not None:
+        cold, warm = model.temperature
+        oil = segment.temperature[:, None]
+        inside = np.minimum(inside, np.minimum(oil >= cold - _WARMER, oil <= warm + _WARMER))
+    return np.asarray(np.less(inside, 1.0))
 
 
 def narrow(model: ArmModel) -> list[str]:
@@ -133,13 +189,9 @@ def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
     """The model without some of its terms; the parameters of the others are not fitted again."""
     if not numbers:
         return model
-    first = len(model.parameters)
-    kept, place = list(range(first)), first
-    for number, term in enumerate(model.terms):
-        width = len(term.names(model.joints))
-        if number not in numbers:
-            kept += range(place, place + width)
-        place += width
+    kept = list(range(len(model.parameters)))
+    for number, own in enumerate(model.term_slices):
+        kept += [] if number in numbers else range(own.start, own.stop)
     return replace(
         model,
         terms=tuple(term for number, term in enumerate(model.terms) if number not in numbers),

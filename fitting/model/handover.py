@@ -52,6 +52,7 @@ def hand_over(
         base=session.base,
         bandwidth_hz=final.design.bank.bandwidth_hz,
         noise=session.position_noise,
+        temperature=_temperature(final),
         provenance=Provenance(
             created=report["created"],
             software=dict(report["software"]),
@@ -61,12 +62,20 @@ def hand_over(
         **_fit(final),
     )
     rests = []
-    for lost in {untraced(model), motion.histories(model)} - {frozenset()}:
+    for lost in {untraced(model), motion.histories(model) | motion.heated(model)} - {frozenset()}:
         terms = [term for number, term in enumerate(final.terms) if number not in lost]
         own = weighed(fit_model(final.design, final.noise, final.fitted, terms, session.prior), session.prior).model
         rests.append(replace(model, **_fit(own)))
     seen, coverage = _seen(final), _coverage(model, final)
     return replace(model, rests=tuple(rests), seen=seen, coverage=coverage, tails=_tails(model, session))
+
+
+def _temperature(final: Model) -> tuple[float, float] | None:
+    """Coldest and warmest oil of the recordings of the fit, K."""
+    oil = [final.design.segments[index].temperature for index in final.fitted]
+    known = [own[np.isfinite(own)] for own in oil if own is not None]
+    values = np.concatenate(known) if known else np.empty(0)
+    return (float(values.min()), float(values.max())) if len(values) else None
 
 
 def _fit(final: Model) -> dict[str, Any]:
@@ -97,8 +106,7 @@ def _coverage(model: ArmModel, final: Model) -> FloatArray:
     found, inside, count = Evaluated(model, final.design, final.extra, {}), np.zeros(len(model.joints)), 0
     for index in final.design.indices("validate"):
         segment = final.design.segments[index]
-        band = BAND * np.hypot(found.parameter_std(index), model.residual_std)
-        held = np.abs(segment.effort - found.drive_effort(index)) <= band
+        held = np.abs(segment.effort - found.drive_effort(index)) <= BAND * found.std(index)
         inside = inside + np.sum(held & ~segment.rest, axis=0)
         count = count + np.sum(~segment.rest, axis=0)
     return np.asarray(inside / np.where(count, count, np.nan))

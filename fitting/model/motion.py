@@ -8,6 +8,7 @@ What sensors do to a reading (an offset, a gain, a drift, a delay) is no force o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,55 +16,22 @@ import numpy.typing as npt
 from scipy.stats import qmc
 
 from daq.errors import InputError
-from fitting.arm.linkage import lever_arm, piston_motion
+from fitting.arm.linkage import lever_arms
 from fitting.arrays import FloatArray
 from fitting.model.arm_model import FOREIGN, ArmModel, of_sensors, over_time, phase_unknown
-from fitting.model.evaluation import Evaluated, evaluate, without
+from fitting.model.evaluation import Evaluated, evaluate, segment_of, without
 from fitting.residual.laws import Law
-from fitting.residual.terms import Term
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import Segment
 
 #: Most steps of the search for accelerations, and the share of the largest at which it ends.
 _STEPS, _CLOSE = 60, 1e-12
 #: Poses over the limits at which a mass matrix is looked at (a power of two), and the least eigenvalue of one with
 #: units on its diagonal that is taken for positive.
-_POSES, _DEFINITE = 8, 1e-9
+_POSES, DEFINITE = 8, 1e-9
+#: Share of the largest speed that was recorded below which a sign of speed is always smooth, to be integrated.
+_LEAST_WIDTH = 1e-4
 #: By what share steps of time may differ and be even.
 _EVEN = 1e-3
-
-
-@dataclass(frozen=True)
-class Moving:
-    """A motion that a model was evaluated on: arrays (N, n).
-
-    Attributes
-    ----------
-    effort : joint efforts, N m or N
-    parameter_std : their standard deviation that the parameters' makes
-    std : that of a measured effort: parameters, and what the fit left of the recordings
-    """
-
-    effort: FloatArray
-    parameter_std: FloatArray
-    std: FloatArray
-
-
-def moving(
-    model: ArmModel,
-    q: npt.ArrayLike,
-    qd: npt.ArrayLike,
-    qdd: npt.ArrayLike,
-    t: npt.ArrayLike | None = None,
-    *,
-    temperature: npt.ArrayLike | None = None,
-    external: npt.ArrayLike | None = None,
-) -> Moving:
-    """Joint efforts of a motion with their standard deviations; arguments as :func:`on_motion` has them."""
-    found = on_motion(model, q, qd, qdd, t, temperature=temperature, external=external)
-    lever = np.abs(found.design.segments[0].r)
-    own = lever * found.parameter_std(0)
-    return Moving(found.joint_effort(0), own, np.hypot(own, lever * model.residual_std))
 
 
 def on_motion(
@@ -91,18 +59,43 @@ def on_motion(
     InputError
         If shapes do not fit, or a term needs what is not given.
     """
-    kept = without(model, left_out(model))
-    return _evaluated(kept if t is None else in_steps(kept, t), q, qd, qdd, t, temperature, external)
+    n, kept = len(model.joints), without(model, left_out(model))
+    motion = [_rows(values, n, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
+    count = len(motion[0])
+    if any(len(values) != count for values in motion):
+        raise InputError(f"q, qd and qdd have {', '.join(str(len(m)) for m in motion)} rows; they must be as many")
+    past = next((term.id for term in kept.terms if t is None and over_time(term)), None)
+    if past is not None:
+        raise InputError(f"{past} needs the motion before each moment; give t=, s since it began")
+    if temperature is None and heated(kept):
+        raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
+    time = np.broadcast_to(np.asarray(0.0 if t is None else t, dtype=float), (count,))
+    heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
+    outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
+    kept = kept if t is None else in_steps(kept, t)
+    return evaluate(kept, [segment_of(model, motion, time, temperature=heat, external=outside)], {FOREIGN: 0.0})
 
 
-def at_rest(model: ArmModel) -> ArmModel:
-    """The model of one moment: forces of the machine, with the memory of its terms settled."""
-    return without(model, left_out(model) | histories(model))
+def at_rest(model: ArmModel, *, cold: bool = False) -> ArmModel:
+    """The model of one moment: forces of the machine, with the memory of its terms settled.
+
+    ``cold`` leaves laws of the oil's temperature out, for what they do not change: inertias, differences of efforts.
+    """
+    return without(model, left_out(model) | histories(model) | (heated(model) if cold else frozenset()))
 
 
 def histories(model: ArmModel) -> frozenset[int]:
     """Numbers of the machine's terms that need the motion before a moment."""
     return frozenset(n for n, term in enumerate(model.terms) if over_time(term) and not of_sensors(term))
+
+
+def heated(model: ArmModel) -> frozenset[int]:
+    """Numbers of the terms that are laws of the oil's temperature."""
+    return frozenset(
+        number
+        for number, term in enumerate(model.terms)
+        if isinstance(term.content, Law) and any(signal == "oil_temperature" for signal, _ in term.content.signals)
+    )
 
 
 def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
@@ -129,54 +122,29 @@ def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
     return replace(model, filters=filter_bank(1.0 / float(steps.mean()), model.bandwidth_hz))
 
 
-def _evaluated(
-    model: ArmModel,
-    q: npt.ArrayLike,
-    qd: npt.ArrayLike,
-    qdd: npt.ArrayLike,
-    t: npt.ArrayLike | None = None,
-    temperature: npt.ArrayLike | None = None,
-    external: npt.ArrayLike | None = None,
-) -> Evaluated:
-    """A model on rows, with all terms that it has."""
-    n = len(model.joints)
-    motion = [_rows(values, n, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
-    count = len(motion[0])
-    if any(len(values) != count for values in motion):
-        raise InputError(f"q, qd and qdd have {', '.join(str(len(m)) for m in motion)} rows; they must be as many")
-    time = np.zeros(count) if t is None else np.broadcast_to(np.asarray(t, dtype=float), (count,))
-    past = next((term.id for term in model.terms if t is None and over_time(term)), None)
-    if past is not None:
-        raise InputError(f"{past} needs the motion before each moment; give t=, s since it began")
-    heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
-    if heat is None and any(_warm(term) for term in model.terms):
-        raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
-    outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
-    return evaluate(model, [_segment(model, motion, time, heat, outside)], {FOREIGN: 0.0})
-
-
 def left_out(model: ArmModel) -> frozenset[int]:
     """Numbers of the terms that are no force of the machine, or whose phase belongs to single recordings."""
     return frozenset(n for n, term in enumerate(model.terms) if of_sensors(term) or phase_unknown(term, FOREIGN))
 
 
-def gravity(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
+def gravity(model: ArmModel, q: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
     """Joint efforts (N, n) that hold the arm still, N m or N: the effort at rest, springs and offsets included."""
-    position = _rows(q, len(model.joints), "q")
-    still = np.zeros_like(position)
-    return _evaluated(at_rest(model), position, still, still).joint_effort(0)
+    still = np.zeros(np.shape(q))
+    return on_motion(at_rest(model), q, still, still, temperature=temperature).joint_effort(0)
 
 
-def friction(model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike) -> FloatArray:
+def friction(
+    model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None
+) -> FloatArray:
     """Joint efforts (N, n) that change their sign with the speed's: friction and damping of drives and effects.
 
     ``(effort(q, qd, 0) - effort(q, -qd, 0)) / 2``; forces of inertia and gravity are even in speed.
     """
-    n = len(model.joints)
-    position, speed = _rows(q, n, "q"), _rows(qd, n, "qd")
-    rows = np.vstack([position, position]), np.vstack([speed, -speed]), np.zeros((2 * len(position), n))
-    both = _evaluated(at_rest(model), *rows).joint_effort(0)
-    return np.asarray((both[: len(position)] - both[len(position) :]) / 2)
+    speed, still = np.asarray(qd, dtype=float), np.zeros(np.shape(q))
+    there, back = (
+        on_motion(at_rest(model), q, way, still, temperature=temperature).joint_effort(0) for way in (speed, -speed)
+    )
+    return np.asarray((there - back) / 2)
 
 
 def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
@@ -186,34 +154,21 @@ def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
     count = len(position)
     units = np.repeat(np.vstack([np.zeros(n), np.eye(n)]), count, axis=0)
     rows = np.tile(position, (n + 1, 1))
-    efforts = _evaluated(at_rest(model), rows, np.zeros_like(rows), units).joint_effort(0).reshape(n + 1, count, n)
+    moved = on_motion(at_rest(model, cold=True), rows, np.zeros_like(rows), units)
+    efforts = moved.joint_effort(0).reshape(n + 1, count, n)
     return np.asarray((efforts[1:] - efforts[0]).transpose(1, 2, 0))
 
 
-def pressures(
-    model: ArmModel,
-    q: npt.ArrayLike,
-    qd: npt.ArrayLike,
-    qdd: npt.ArrayLike,
-    t: npt.ArrayLike | None = None,
-    *,
-    rod: npt.ArrayLike | None = None,
-    temperature: npt.ArrayLike | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder.
+def pressures_of(found: Evaluated, rod: npt.ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
+    """Head and rod pressures (N, n) that a motion takes (:func:`on_motion`), Pa; NaN of a joint without a cylinder.
 
-    The force says one thing of two pressures. The other is the rod pressure: as given, or as the recordings show it at
-    such a motion and force (NaN where it was not measured).
-
-    Parameters
-    ----------
-    rod : (N, n), (n,) or one; Pa
+    The force says one thing of two pressures. The other is the rod pressure: as given ((N, n), (n,) or one; Pa), or as
+    the recordings show it at such a motion and force (NaN where it was not measured).
     """
-    found = on_motion(model, q, qd, qdd, t, temperature=temperature)
     forces = found.drive_effort(0)
     expected = found.views(0)[0].rod_pressures() if rod is None else np.broadcast_to(rod, forces.shape)
     head, second = np.full_like(forces, np.nan), np.full_like(forces, np.nan)
-    for joint, own in enumerate(model.arm.joints):
+    for joint, own in enumerate(found.model.arm.joints):
         if own.cylinder is not None:
             second[:, joint] = expected[:, joint]
             head[:, joint] = (forces[:, joint] + second[:, joint] * own.cylinder.rod_area) / own.cylinder.head_area
@@ -228,6 +183,7 @@ def forward(
     effort: npt.ArrayLike | None = None,
     head: npt.ArrayLike | None = None,
     rod: npt.ArrayLike | None = None,
+    temperature: npt.ArrayLike | None = None,
     possible: bool = False,
 ) -> FloatArray:
     """Joint accelerations (N, n) from joint efforts, or from chamber pressures in Pa.
@@ -252,23 +208,52 @@ def forward(
         effort = levers(model, position) * force
     wanted = np.broadcast_to(np.asarray(effort, dtype=float), position.shape)
     model = at_rest(nearest_possible(model) if possible else model)
-    inertia, found = inertia_matrix(model, position), np.zeros_like(position)
+    inertia = inertia_matrix(model, position)
     wrong = worst_pose(model, position, inertia)
     if wrong is not None:
         raise InputError(
             f"forward: {wrong.text}; no acceleration follows from an effort there, possible=True takes the "
             "nearest model that has none below zero"
         )
+
+    def solve(efforts: FloatArray) -> FloatArray:
+        return np.asarray(np.linalg.solve(inertia, efforts[:, :, None])[:, :, 0])
+
+    def needed(qdd: FloatArray) -> FloatArray:
+        return on_motion(model, position, speed, qdd, temperature=temperature).joint_effort(0)
+
+    return settled(solve, needed, wanted)
+
+
+def settled(
+    solve: Callable[[FloatArray], FloatArray],
+    effort: Callable[[FloatArray], FloatArray],
+    wanted: FloatArray,
+    *,
+    once: bool = False,
+) -> FloatArray:
+    """Accelerations (..., n) whose joint efforts are the wanted ones.
+
+    Parameters
+    ----------
+    solve : gives what efforts (..., n) accelerate by the mass matrices alone
+    effort : gives joint efforts (..., n) of accelerations (..., n)
+    once : one step, which is exact where no effect depends on the drives' forces
+
+    Raises
+    ------
+    InputError
+        If they do not settle.
+    """
     # What the whole effort would accelerate: an arm that is held has no acceleration but the rounding of its efforts.
-    scale = float(np.max(np.abs(np.linalg.solve(inertia, wanted[:, :, None]))))
-    for _ in range(_STEPS):  # one step where no effect holds a force; else each leaves a share of the one before
-        missing = wanted - _evaluated(model, position, speed, found).joint_effort(0)
-        step = np.linalg.solve(inertia, missing[:, :, None])[:, :, 0]
+    found, scale = np.zeros_like(wanted), 0.0 if once else float(np.max(np.abs(solve(wanted))))
+    for _ in range(_STEPS):  # each step leaves a share of the one before
+        step = solve(wanted - effort(found))
         found = found + step
-        if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
+        if once or np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
             return found
     raise InputError(
-        "forward: accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
+        "accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
     )
 
 
@@ -302,7 +287,7 @@ def indefinite(model: ArmModel, q: npt.ArrayLike | None = None) -> Indefinite | 
     """
     n = len(model.joints)
     if q is None:
-        low, high = np.array([joint.limits.position for joint in model.arm.joints], dtype=float).T
+        low, high = model.limits
         q = low + (high - low) * qmc.Sobol(n, scramble=False).random_base2(_POSES)
     position = _rows(q, n, "q")
     return worst_pose(model, position, inertia_matrix(model, position))
@@ -314,11 +299,11 @@ def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinit
     symmetric = (inertia + inertia.transpose(0, 2, 1)) / 2 / (size[:, :, None] * size[:, None, :])
     values, vectors = np.linalg.eigh(symmetric)
     worst = int(np.argmin(values[:, 0]))
-    if values[worst, 0] > _DEFINITE:
+    if values[worst, 0] > DEFINITE:
         return None
     joint = model.joints[int(np.argmax(np.abs(vectors[worst, :, 0])))]
-    values_of = dict(zip(model.parameters.names, model.theta.tolist(), strict=False))
-    return Indefinite(q[worst], joint, tuple(name for name in model.joints if values_of.get(f"{name}.J", 0.0) < 0))
+    below = tuple(name for k, name in enumerate(model.joints) if model.drive_values(k).get("J", 0.0) < 0)
+    return Indefinite(q[worst], joint, below)
 
 
 def nearest_possible(model: ArmModel) -> ArmModel:
@@ -339,6 +324,16 @@ def nearest_possible(model: ArmModel) -> ArmModel:
     return replace(model, passes=(*model.passes[:-1], replace(model.passes[-1], theta=theta)))
 
 
+def integrable(model: ArmModel, friction_speed: float = 0.0) -> ArmModel:
+    """The model with signs of speed that an integrator can follow: over so many m/s of a piston at least.
+
+    Never over less than 1e-4 of the largest speed that was recorded.
+    """
+    least = [max(friction_speed, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
+    noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
+    return replace(model, noise=noise)
+
+
 def price(model: ArmModel, other: ArmModel) -> float | None:
     """By what share the error of all joints on the validation recordings is larger with other parameters.
 
@@ -347,8 +342,8 @@ def price(model: ArmModel, other: ArmModel) -> float | None:
     seen = model.seen
     if seen is None:
         return None
-    moved = at_rest(model), at_rest(other)
-    before, after = (_evaluated(own, seen.q, seen.qd, seen.qdd).joint_effort(0) for own in moved)
+    moved = at_rest(model, cold=True), at_rest(other, cold=True)
+    before, after = (on_motion(own, seen.q, seen.qd, seen.qdd).joint_effort(0) for own in moved)
     squares = [np.mean(own**2, axis=0) for own in (seen.error, seen.error + before - after)]
     there = squares[0] > 0
     return float(np.sqrt(np.mean(squares[1][there] / squares[0][there])) - 1.0)
@@ -356,16 +351,7 @@ def price(model: ArmModel, other: ArmModel) -> float | None:
 
 def levers(model: ArmModel, q: FloatArray) -> FloatArray:
     """Lever arms (N, n) of all joints, 1 of a joint without a cylinder."""
-    columns = [
-        np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, number])
-        for number, joint in enumerate(model.arm.joints)
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _warm(term: Term) -> bool:
-    """Whether a term is a law of the oil's temperature."""
-    return isinstance(term.content, Law) and any(signal == "oil_temperature" for signal, _ in term.content.signals)
+    return lever_arms(model.arm, q)
 
 
 def _rows(values: npt.ArrayLike, joints: int, name: str) -> FloatArray:
@@ -375,40 +361,3 @@ def _rows(values: npt.ArrayLike, joints: int, name: str) -> FloatArray:
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds a value that is not finite")
     return array
-
-
-def _segment(
-    model: ArmModel,
-    motion: list[FloatArray],
-    t: FloatArray,
-    temperature: FloatArray | None,
-    external: FloatArray | None,
-) -> Segment:
-    q, qd, qdd = motion
-    x, v, a = q.copy(), qd.copy(), qdd.copy()
-    for number, joint in enumerate(model.arm.joints):
-        if joint.cylinder is not None:
-            moved = piston_motion(joint.cylinder.linkage, q[:, number], qd[:, number], qdd[:, number])
-            x[:, number], v[:, number], a[:, number] = moved
-    unknown = np.full_like(q, np.nan)
-    return Segment(
-        recording=FOREIGN,
-        role="operation",
-        start=0,
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        x=x,
-        v=v,
-        a=a,
-        r=levers(model, q),
-        effort=np.zeros_like(q),
-        p1=unknown,
-        p2=unknown,
-        rest=np.zeros(q.shape, dtype=bool),
-        loaded=True,
-        temperature=temperature,
-        gap=unknown,
-        external=external,
-    )

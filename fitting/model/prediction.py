@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -139,18 +139,13 @@ def predict(model: ArmModel, recording: Recording) -> Predicted:
     design, indices = found.design, range(len(found.design.segments))
     errors = effort_errors(design, found.model.theta, indices, found.extra)
     of = sizes("std", errors, measured_efforts(design, indices))
-    levers = [np.abs(segment.r) for segment in design.segments]
-
-    def joined(parts: Sequence[FloatArray]) -> FloatArray:
-        return np.concatenate(list(parts))
-
     return Predicted(
         joints=model.joints,
-        units=tuple(joint.effort_unit for joint in design.machine.joints),
-        t=joined([segment.t for segment in design.segments]),
-        measured=joined([segment.r * segment.effort for segment in design.segments]),
-        predicted=joined([found.joint_effort(i) for i in indices]),
-        std=joined([levers[i] * np.hypot(found.parameter_std(i), model.residual_std) for i in indices]),
+        units=model.joint_units,
+        t=np.concatenate([segment.t for segment in design.segments]),
+        measured=np.concatenate([segment.r * segment.effort for segment in design.segments]),
+        predicted=np.concatenate([found.joint_effort(i) for i in indices]),
+        std=np.concatenate([found.joint_std(i) for i in indices]),
         moving=np.concatenate([~segment.rest for segment in design.segments]),
         beyond=np.concatenate([beyond(model, segment) for segment in design.segments]),
         errors=errors,
@@ -170,18 +165,18 @@ def write_predicted(path: Path, found: Predicted) -> None:
     RecordingError
         If the suffix is another one or the place cannot be written.
     """
-    columns: dict[str, FloatArray] = {"time": found.t}
-    low, high = found.predicted - BAND * found.std, found.predicted + BAND * found.std
-    for number, name in enumerate(found.joints):
-        for key, values in (
-            ("measured", found.measured),
-            ("predicted", found.predicted),
-            ("residual", found.residual),
-            ("std", found.std),
-            ("low", low),
-            ("high", high),
-            ("moving", found.moving.astype(float)),
-            ("beyond", found.beyond.astype(float)),
-        ):
-            columns[f"{name}.{key}"] = values[:, number]
-    write_table(path, pa.table(columns))
+    parts = {key: getattr(found, key) for key in ("measured", "predicted", "residual", "std")}
+    parts |= {"low": found.predicted - BAND * found.std, "high": found.predicted + BAND * found.std}
+    parts |= {key: getattr(found, key).astype(float) for key in ("moving", "beyond")}
+    write_joints(path, found.t, found.joints, parts)
+
+
+def write_joints(path: Path, t: FloatArray, joints: Sequence[str], parts: Mapping[str, FloatArray]) -> None:
+    """Write a table of ``time`` (s) and of each joint the columns (N, n) of some values that are there."""
+    columns = {
+        f"{name}.{key}": values[:, k]
+        for k, name in enumerate(joints)
+        for key, values in parts.items()
+        if not np.isnan(values[:, k]).any()
+    }
+    write_table(path, pa.table({"time": t} | columns))

@@ -8,20 +8,22 @@ creeps, slower than that width; :attr:`Simulated.friction_speed` says how slow.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from daq.errors import HilfitError, InputError
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.python import Compiled, compiled
+from fitting.model.export.scalar import compiled
 from fitting.model.export.tracing.tracing import Tracer
 
 #: Joint efforts (n,) at a time, position and speed.
@@ -29,10 +31,7 @@ Efforts = Callable[[float, FloatArray, FloatArray], npt.ArrayLike]
 #: Integrators of scipy.
 Method = Literal["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"]
 
-#: Share of the largest speed that was recorded below which a sign of speed is always smooth.
-_LEAST_WIDTH = 1e-4
-_RELATIVE, _ABSOLUTE = 1e-7, 1e-9
-_STEPS, _CLOSE = 60, 1e-10
+_RELATIVE, _ABSOLUTE = 1e-6, 1e-8
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,8 @@ def simulate(
     seconds: float,
     rate_hz: float | None = None,
     friction_speed: float | None = None,
-    method: Method = "LSODA",
+    method: Method = "BDF",
+    temperature: float | None = None,
     possible: bool = False,
     within_s: float = 60.0,
     clock: Callable[[], float] = time.monotonic,
@@ -82,6 +82,7 @@ def simulate(
     friction_speed : least width, m/s of a piston, over which signs of speed are smooth; the noise of the measured speed
         if None, and never less than 1e-4 of the largest speed that was recorded
     method : one of :func:`scipy.integrate.solve_ivp`'s
+    temperature : of the oil, K, for laws of it
     possible : take the nearest model whose drives have no inertia below zero
     within_s : s of ``clock`` after which it gives up
 
@@ -98,15 +99,10 @@ def simulate(
         raise InputError(f"simulate: q and qd must be {n} finite numbers each, one per joint")
     if not seconds > 0:
         raise InputError(f"simulate: {seconds:g} s is no time; give seconds above 0")
-    model = motion.nearest_possible(model) if possible else model
-    wrong = motion.indefinite(model)
-    if wrong is not None:
-        raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
-    ends = clock() + within_s
-    least = [max(friction_speed or 0.0, _LEAST_WIDTH * own.v) for own in model.passes[-1].ranges]
-    noise = tuple(replace(own, speed=max(own.speed, width)) for own, width in zip(model.noise, least, strict=True))
-    tracer = Tracer(replace(model, noise=noise))
-    plant = _Plant(model, compiled(tracer), n, any(term.uses_model for term in motion.at_rest(tracer.carried).terms))
+    plant, ends = _plant(model, friction_speed or 0.0, possible), clock() + within_s
+    if plant.heated and temperature is None:
+        raise InputError("simulate: a law of the oil's temperature is part of this model; give temperature= in K")
+    oil = (temperature,) if plant.heated and temperature is not None else ()
 
     def slope(t: float, state: FloatArray) -> FloatArray:
         if clock() > ends:
@@ -114,7 +110,9 @@ def simulate(
                 f"simulate: at {t:.3g} s after {within_s:g} s of calculating; give within_s=, or smaller efforts"
             )
         position, speed = state[:n], state[n:]
-        return np.concatenate([speed, plant.acceleration(t, position, speed, np.asarray(effort(t, position, speed)))])
+        return np.concatenate(
+            [speed, plant.acceleration(t, position, speed, np.asarray(effort(t, position, speed)), oil)]
+        )
 
     rate = rate_hz or model.machine.rate_hz
     times = np.arange(round(seconds * rate) + 1) / rate
@@ -127,40 +125,61 @@ def simulate(
         t=times,
         q=positions,
         qd=speeds,
-        qdd=np.array([plant.acceleration(*row) for row in zip(times, positions, speeds, efforts, strict=True)]),
+        qdd=np.array([plant.acceleration(*row, oil) for row in zip(times, positions, speeds, efforts, strict=True)]),
         effort=efforts,
-        friction_speed=np.array([own.speed for own in noise]),
-        left_out=tuple(tracer.left_out),
+        friction_speed=np.array([own.speed for own in plant.model.noise]),
+        left_out=plant.left_out,
     )
 
 
 @dataclass(frozen=True)
 class _Plant:
-    """The model as an equation of motion; ``holds_force`` where effects depend on the drives' forces."""
+    """The model as an equation of motion.
+
+    Attributes
+    ----------
+    model : with signs of speed that can be integrated
+    functions : ``effort`` and ``inertia`` of a moment
+    holds_force, heated : whether effects depend on the drives' forces, or on the oil's temperature
+    """
 
     model: ArmModel
-    functions: Compiled
-    joints: int
+    functions: Mapping[str, Callable[..., list[float]]]
     holds_force: bool
+    heated: bool
+    left_out: tuple[str, ...]
 
-    def acceleration(self, t: float, q: FloatArray, qd: FloatArray, effort: FloatArray) -> FloatArray:
-        """Joint accelerations (n,) under joint efforts (n,)."""
+    def acceleration(
+        self, t: float, q: FloatArray, qd: FloatArray, effort: FloatArray, oil: tuple[float, ...]
+    ) -> FloatArray:
+        """Joint accelerations (n,) under joint efforts (n,), the oil's temperature if there is a law of it."""
         position, speed = q.tolist(), qd.tolist()
-        inertia = np.array(self.functions.inertia(position)).reshape(self.joints, self.joints).T
-        wrong = motion.worst_pose(self.model, q[None], inertia[None])
-        if wrong is not None:  # beyond the limits of the joints
-            raise InputError(f"simulate: {wrong.text}; no motion follows from efforts there")
-        found = np.zeros(self.joints)
-        for _ in range(_STEPS if self.holds_force else 1):
-            missing = effort - np.array(self.functions.effort(position, speed, found.tolist(), t))
-            step = np.linalg.solve(inertia, missing)
-            found = found + step
-            if np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), 1e-6):
-                break
-        return found
+        inertia = np.array(self.functions["inertia"](position, t, *oil)).reshape(len(q), len(q))
+        factor, failed = dpotrf(inertia)
+        if failed or np.any(np.diagonal(factor) ** 2 < motion.DEFINITE * np.diagonal(inertia)):
+            wrong = motion.worst_pose(self.model, q[None], inertia[None])  # beyond the limits of the joints
+            raise InputError(f"simulate: {'' if wrong is None else wrong.text}; no motion follows from efforts there")
+
+        def needed(found: FloatArray) -> FloatArray:
+            return np.array(self.functions["effort"](position, speed, found.tolist(), t, *oil))
+
+        return motion.settled(lambda own: dpotrs(factor, own)[0], needed, effort, once=not self.holds_force)
 
 
-def tracking(model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0) -> Efforts:
+@lru_cache(maxsize=8)  # tracing and the look at all poses cost as much as a second of motion
+def _plant(model: ArmModel, friction_speed: float, possible: bool) -> _Plant:
+    model = motion.nearest_possible(model) if possible else model
+    wrong = motion.indefinite(model)
+    if wrong is not None:
+        raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
+    tracer = Tracer(motion.integrable(model, friction_speed))
+    holds_force = any(term.uses_model for term in motion.at_rest(tracer.carried).terms)
+    return _Plant(tracer.model, compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
+
+
+def tracking(
+    model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0, temperature: float | None = None
+) -> Efforts:
     """A controller that follows a motion: the model's own efforts, and what pulls back to the motion.
 
     ``effort(q_r, q_r', q_r'') + M(q_r) (w^2 (q_r - q) + 2 w (q_r' - q'))``, ``w`` the bandwidth: critically damped.
@@ -168,6 +187,7 @@ def tracking(model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_h
     Parameters
     ----------
     t, q : (N,) s from 0, (N, n) positions; between them a cubic spline, at rest at both ends
+    temperature : of the oil, K, for laws of it
     """
     times, path = np.asarray(t, dtype=float), np.asarray(q, dtype=float)
     if times.ndim != 1 or path.shape != (len(times), len(model.joints)) or np.any(np.diff(times) <= 0):
@@ -176,7 +196,10 @@ def tracking(model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_h
         )
     spline = CubicSpline(times, path, bc_type="clamped")
     grid = np.linspace(times[0], times[-1], max(round((times[-1] - times[0]) * model.machine.rate_hz), 1) + 1)
-    first = motion.on_motion(model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0]).joint_effort(0)
+    moved = motion.on_motion(
+        model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0], temperature=temperature
+    )
+    first = moved.joint_effort(0)
     forward, inertia = CubicSpline(grid, first), CubicSpline(times, motion.inertia_matrix(model, path))
     w = 2 * np.pi * bandwidth_hz
 

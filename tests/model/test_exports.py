@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
@@ -16,12 +17,15 @@ from daq.errors import InputError
 from fitting.effects import effects
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export import FORMATS, export_model
+from fitting.model.codec import save_model
+from fitting.model.export import export_model, format_names, formats
 from fitting.model.export.functions import identifier
 from fitting.model.export.tracing.tracing import tracer_of
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
+from server.commands.command_line import main
 
+CONTRIBUTING = Path(__file__).parents[2] / "CONTRIBUTING.md"
 #: Effects of one moment whose formula asks for numbers, so that no expression can be made of it.
 UNTRACED = {"linkage_geometry"}
 COMPILER = shutil.which("cc")
@@ -159,5 +163,40 @@ def test_a_folder_that_is_a_file_is_refused(model: ArmModel, tmp_path: Path) -> 
 def test_every_format_is_listed_in_the_help() -> None:
     from fitting.model.cli import export
 
-    help_text = str(export.__annotations__["to"])
-    assert all(name in help_text for name in FORMATS)
+    (option,) = get_type_hints(export, include_extras=True)["to"].__metadata__
+    assert option.help == "Format: c, csv, fmu, matlab, mjcf, python, st, urdf."
+
+
+def test_a_format_of_its_own_is_one_module(
+    model: ArmModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Added as CONTRIBUTING says, and nothing else touched: the command line offers it and writes it."""
+    text = """from fitting.model.export.functions import program_of, written
+
+def write(model, path, possible=False):
+    program = program_of(model)
+    asked = ", ".join(own.name for own in program.functions)
+    return written(path.parent, {path.name: asked}, program.tracer.left_out)
+"""
+    (tmp_path / "formats").mkdir()
+    (tmp_path / "formats" / "names.py").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path / "formats")])
+    save_model(tmp_path / "model.json", model)
+    with pytest.raises(SystemExit) as ended:
+        main(["model", "export", str(tmp_path / "model.json"), "--to", "names", "-o", str(tmp_path / "names.txt")])
+    assert not ended.value.code, capsys.readouterr().err
+    assert "inverse_dynamics, drive_efforts" in (tmp_path / "names.txt").read_text(encoding="utf-8")
+    with pytest.raises(InputError, match="there is no format 'name'; use one of c, csv, fmu"):
+        export_model(model, "name", tmp_path / "x")
+
+
+def test_contributing_names_every_file_of_a_format() -> None:
+    (row,) = (line for line in CONTRIBUTING.read_text(encoding="utf-8").splitlines() if line.startswith("| an export"))
+    named = [word for word in re.findall(r"`([^` ]+)`", row) if "/" in word]
+    assert named[0] == "fitting/model/export/formats/my_format.py"
+    there = [word for word in named[1:] if (CONTRIBUTING.parent / word).exists()]
+    assert there == named[1:] and "benchmarks/exports/conformance.py" in there
+    own = CONTRIBUTING.parent / "fitting" / "model" / "export"
+    names = "|".join(re.escape(name) for name in format_names())
+    texts = [path.read_text(encoding="utf-8") for path in (own / "__init__.py", own.parent / "cli.py")]
+    assert not [text for text in texts if re.search(f'"({names})"', text)]  # no second list of formats

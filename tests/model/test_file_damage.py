@@ -113,7 +113,7 @@ def test_rests_and_what_was_seen_come_back() -> None:
 def test_an_unknown_format_is_refused_in_one_line(tmp_path: Path) -> None:
     from fitting.model.export import export_model
 
-    with pytest.raises(InputError, match="there is no format 'magic'; use one of python, c"):
+    with pytest.raises(InputError, match="there is no format 'magic'; use one of c, csv, fmu"):
         export_model(MODEL, "magic", tmp_path / "x")
 
 

@@ -19,7 +19,7 @@ from daq.errors import InputError
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
-from fitting.model.export.fmu import binary_place
+from fitting.model.export.formats.fmu import binary_place
 
 __all__ = ["model"]
 
@@ -46,7 +46,7 @@ def units(model: ArmModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_units_are_valid(units: Path) -> None:
     from fmpy.validation import validate_fmu
 
-    assert [validate_fmu(str(unit)) for unit in units.glob("*.fmu")] == [[], []]
+    assert [validate_fmu(str(unit)) for unit in sorted(units.glob("*.fmu"))] == [[]] * 4
 
 
 @pytest.mark.slow
@@ -56,7 +56,7 @@ def test_units_hold_sources_and_without_a_compiler_say_so(
     monkeypatch.setattr(shutil, "which", lambda name: None)
     done = export_model(model, "fmu", tmp_path)
     assert "no C compiler" in done.left_out[-1]
-    for path, version in zip(done.files, (3, 2), strict=True):
+    for path, version in zip(done.files, (3, 2, 3, 2), strict=True):
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
             assert "modelDescription.xml" in names and "sources/fmi.c" in names
@@ -68,9 +68,8 @@ def test_units_hold_sources_and_without_a_compiler_say_so(
 @pytest.mark.slow
 @needs_compiler
 def test_the_units_sources_compile_without_a_warning(units: Path, tmp_path: Path) -> None:
-    for version in (3, 2):
-        (unit,) = units.glob(f"*_fmi{version}.fmu")
-        folder = tmp_path / str(version)
+    for unit in units.glob("*.fmu"):
+        folder = tmp_path / unit.stem
         with zipfile.ZipFile(unit) as archive:
             archive.extractall(folder)
         strict = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-fsyntax-only"]

@@ -145,7 +145,7 @@ def test_a_fault_of_a_sensor_makes_no_simulation_iterate(monkeypatch: pytest.Mon
     plant = simulation._Plant
 
     def noted(*given: object) -> object:
-        made.append(bool(given[-1]))
+        made.append(bool(given[2]))
         return plant(*given)  # type: ignore[arg-type]
 
     monkeypatch.setattr(simulation, "_Plant", noted)

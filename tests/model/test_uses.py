@@ -15,8 +15,8 @@ from synthetic_arm import force, make_motion, sample, truth
 
 from daq import write_recording
 from daq.errors import InputError
+from daq.motion_files import Motion, write_motion
 from daq.recordings.recording import Recording
-from fitting.excitation.motion import Motion, write_motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json, save_model
 from fitting.model.handover import hand_over
@@ -24,7 +24,7 @@ from fitting.model.prediction import on_recording
 from fitting.model.tails import Tail, excursions, tail_of
 from fitting.model.uses.energy import energy_of_motion, energy_of_recording
 from fitting.model.uses.feedforward import feedforward, path_of, write_feedforward
-from fitting.model.uses.overload import delay_s, learn, overloads, quick, thresholds
+from fitting.model.uses.overload import alarms_in, delay_s, learn, overloads, quick, scores_of, thresholds
 from fitting.model.uses.payload import payload_signal, weighed
 from server.commands.command_line import main
 
@@ -131,8 +131,24 @@ def test_a_hit_is_found_within_a_tenth_of_a_second_and_nothing_else(model: ArmMo
     assert found.joint == 1 and 0.0 < found.found - seen.time[0] - 6.0 <= 0.1
     assert found.seconds == pytest.approx(0.3, abs=0.1)
     assert abs(found.score) > found.threshold == limits[1]
+    assert abs(found.residual) > found.limit == pytest.approx(found.threshold * found.residual / found.score)
     assert delay_s(quick(model)) == pytest.approx(0.06)
     assert np.all(thresholds(model.tails, 10.0) < limits)
+
+
+def test_a_threshold_is_another_effort_in_another_pose(model: ArmModel) -> None:
+    """Scores have no unit: what they are multiplied by is the band at the piston, by the lever arm of the pose."""
+    assert model.tails is not None
+    (seen,) = [own for own in SESSION.recordings if own.role == "validate"][:1]
+    (part,) = scores_of(quick(model), seen)
+    np.testing.assert_allclose(np.abs(part.residual), np.abs(part.scores) * part.unit, rtol=1e-9, atol=1e-9)
+    assert np.all(np.quantile(part.unit, 0.95, axis=0) > 1.05 * np.quantile(part.unit, 0.05, axis=0))
+    hit = struck(seen, "joint2", 5.0 * float(thresholds(model.tails, 1.0)[1] * model.residual_std[1]), 6.0, 0.3)
+    for stated in (0.1, 1.0, 10.0):
+        limits = thresholds(model.tails, stated)
+        (alarm,) = alarms_in(model, scores_of(quick(model), hit), limits)
+        (same,) = overloads(model, hit, limits)
+        assert alarm == same and alarm.limit < abs(alarm.residual)
 
 
 def test_tails_are_saved_with_the_model_and_files_without_them_are_read(model: ArmModel) -> None:

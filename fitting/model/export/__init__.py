@@ -1,45 +1,44 @@
-"""The model in other programs' formats; :func:`export_model` writes one."""
+"""The model in other programs' formats; :func:`export_model` writes one.
+
+A format is a module of :mod:`fitting.model.export.formats`, with the name of the format.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
+from typing import TYPE_CHECKING
 
 from daq.errors import InputError
-from fitting.model.arm_model import ArmModel
-from fitting.model.export.words import Written
+from fitting.model.export import formats
 
-__all__ = ["FORMATS", "Written", "export_model"]
+if TYPE_CHECKING:
+    from fitting.model.arm_model import ArmModel
+    from fitting.model.export.words import Written
 
-#: Formats, and where the function is that writes each.
-FORMATS = {
-    "python": "fitting.model.export.python:write_python",
-    "c": "fitting.model.export.c:write_c",
-    "fmu": "fitting.model.export.fmu:write_fmu",
-    "matlab": "fitting.model.export.matlab:write_matlab",
-    "csv": "fitting.model.export.tables:write_csv",
-    "urdf": "fitting.model.export.simulators:write_urdf",
-    "mjcf": "fitting.model.export.simulators:write_mjcf",
-}
-#: Those of links with masses and inertias.
-BODIES = ("urdf", "mjcf")
+__all__ = ["export_model", "format_names"]
+
+
+def format_names() -> list[str]:
+    """Formats that a model can be written in."""
+    return sorted(module.name for module in iter_modules(formats.__path__))
 
 
 def export_model(model: ArmModel, to: str, path: Path, *, possible: bool = False) -> Written:
-    """Write a model in one of :data:`FORMATS`.
+    """Write a model in one of :func:`format_names`.
 
     Parameters
     ----------
-    possible : where a format has bodies and none have the model's base parameters, take the nearest that can exist
+    possible : where a format has bodies or a motion, and none have the model's parameters, take the nearest that can
+        exist; other formats pass over it
 
     Raises
     ------
     InputError
         If there is no such format, it cannot hold this model, or the place cannot be written.
     """
-    if to not in FORMATS:
-        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(FORMATS)}")
-    module, name = FORMATS[to].split(":")
-    write: Callable[..., Written] = getattr(import_module(module), name)
-    return write(model, path, possible=possible) if to in BODIES else write(model, path)
+    if to not in format_names():
+        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(format_names())}")
+    written: Written = import_module(f"{formats.__name__}.{to}").write(model, path, possible)
+    return written

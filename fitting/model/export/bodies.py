@@ -17,7 +17,7 @@ from daq.errors import InputError
 from daq.machine.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine.machine_file import Cylinder
 from fitting.arm.base_parameters import BaseParameters, base_regressor
-from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arm.geometry import Geometry, geometry_of, link_frames
 from fitting.arrays import FloatArray
 from fitting.effects.base import BodyColumn, Effect
 from fitting.model.arm_model import ArmModel
@@ -133,13 +133,11 @@ def gravity_of(model: ArmModel) -> FloatArray:
 
 def _tilts(model: ArmModel) -> dict[int, tuple[Sequence[BodyColumn], list[float]]]:
     """By number the terms that are fields of gravity for all links, with their values."""
-    result, place = {}, len(model.parameters)
+    result = {}
     for number, term in enumerate(model.terms):
-        values = model.theta[place : place + len(term.names(model.joints))].tolist()
-        place += len(values)
         columns = term.content.body_columns(model.arm, term.shape) if isinstance(term.content, Effect) else None
         if columns and all(own.links is None and own.since is None for own in columns):
-            result[number] = columns, values
+            result[number] = columns, model.theta[model.term_slices[number]].tolist()
     return result
 
 
@@ -155,16 +153,15 @@ def _possible(standard: FloatArray, joints: int) -> bool:
 
 
 def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
-    links, before = [], np.eye(4)
+    links, before, frames = [], np.eye(4), link_frames(geometry, np.zeros(geometry.joints))
     for i, row in enumerate(standard):
-        turn, slide = _about_z(geometry.theta[i]), _along(0.0, geometry.d[i])
-        across = _along(geometry.a[i], 0.0) @ _about_x(geometry.sin_alpha[i], geometry.cos_alpha[i])
-        revolute = bool(geometry.revolute[i])
-        if geometry.modified:
-            place, frame, before = across @ turn @ slide, np.eye(4), np.eye(4)
-        else:  # the table's frame is at the link's end; a slide is before a prismatic joint
-            place = before @ turn @ (np.eye(4) if revolute else slide)
-            frame = before = (slide if revolute else np.eye(4)) @ across
+        revolute, own, joint = bool(geometry.revolute[i]), frames[i + 1], frames[i + 1]
+        if not geometry.modified:  # the table's frame is at the link's end; a slide is before a prismatic joint
+            axis, across = frames[i, :3, 2], own[:3, 0]
+            joint = np.eye(4)
+            joint[:3, :3] = np.column_stack([across, np.cross(axis, across), axis])
+            joint[:3, 3] = frames[i, :3, 3] + (0.0 if revolute else geometry.d[i]) * axis
+        place, frame, before = np.linalg.inv(before) @ joint, np.linalg.inv(joint) @ own, joint
         mass, first = row[0], row[1:4] / row[0]
         about = np.zeros((3, 3))
         about[np.triu_indices(3)] = row[4:]
@@ -174,24 +171,6 @@ def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
         centre = rotation @ first + frame[:3, 3]
         links.append(Body(geometry.names[i], revolute, place, float(mass), centre, rotation @ central @ rotation.T))
     return links
-
-
-def _about_z(angle: float) -> FloatArray:
-    out = np.eye(4)
-    out[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    return out
-
-
-def _about_x(sine: float, cosine: float) -> FloatArray:
-    out = np.eye(4)
-    out[1:3, 1:3] = [[cosine, -sine], [sine, cosine]]
-    return out
-
-
-def _along(x: float, z: float) -> FloatArray:
-    out = np.eye(4)
-    out[0, 3], out[2, 3] = x, z
-    return out
 
 
 def tendon_of(cylinder: Cylinder) -> bool:
@@ -222,9 +201,8 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -
         name = term.content.title if isinstance(term.content, Effect) else "a law"
         lines.append(f"{name} at {model.place(term)}")
     if bodies.apart is not None:
-        units = [joint.effort_unit for joint in model.machine.joints]
         lines.append(
             "the model's very base parameters: no bodies have them. The links are representative of the base "
-            f"parameters; on another motion their efforts are apart by {per_joint(model, bodies.apart, units)}"
+            f"parameters; on another motion their efforts are apart by {per_joint(model, bodies.apart)}"
         )
     return tuple(lines)

@@ -3,25 +3,41 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import jinja2
 import numpy as np
 
+from daq.errors import InputError
+from daq.recordings.recording_files import replacing
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.printing import Dialect, statements
+from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.moment import Efforts
-from fitting.model.export.tracing.tracing import Past, Tracer
+from fitting.model.export.tracing.moment import State
+from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
+from fitting.model.export.words import Written
 
 #: Letter of the variables of each array that a function takes; other arguments are single numbers.
-ARRAYS = {"q": "q", "qd": "v", "qdd": "a", "memory": "m"}
+ARRAYS = {"q": "q", "qd": "v", "qdd": "a", "memory": "m", "head": "h", "rod": "p"}
+_LETTERS = {letter: name for name, letter in ARRAYS.items()}
+#: Arguments that are single numbers, and variables of the graph.
+NUMBERS = ("t", "dt", "temperature")
 _KEYWORDS = {"int", "float", "double", "long", "short", "char", "void", "for", "do", "if", "else", "while", "main"}
+
+#: What stands for an entry of an array; ``None`` asks for the word of a single number.
+Word = Callable[[str, int | None], str]
+
+
+def indexed(name: str, place: int | None) -> str:
+    """The word of most languages."""
+    return name if place is None else f"{name}[{place}]"
 
 
 @dataclass(frozen=True)
@@ -31,7 +47,8 @@ class Function:
     Attributes
     ----------
     name : its name
-    arguments : what it takes: ``q``, ``qd``, ``qdd`` (a number per joint), ``t``, ``dt`` (s), ``memory``
+    arguments : what it takes: ``q``, ``qd``, ``qdd`` (a number per joint), ``t``, ``dt`` (s), ``temperature`` (K),
+        ``memory``
     outputs : nodes by name; ``memory`` is what is kept for the next call
     """
 
@@ -44,29 +61,140 @@ class Function:
         """All outputs in a row."""
         return [node for own in self.outputs.values() for node in own]
 
-    def variables(self, word: Callable[[str, int], str]) -> dict[str, str]:
-        """What stands for each variable of its nodes; ``word`` gives that of an array's entry."""
+    def variables(self, word: Word) -> dict[str, str]:
+        """What stands for each variable of its nodes."""
         asked = [str(node.value) for node in needed(self.nodes) if node.operation == "variable"]
-        arrays = {letter: name for name, letter in ARRAYS.items()}
-        return {own: own if own in ("t", "dt") else word(arrays[own[0]], int(own[1:])) for own in asked}
+        return {own: word(own, None) if own in NUMBERS else word(_LETTERS[own[0]], int(own[1:])) for own in asked}
 
-    def body(self, dialect: Dialect, word: Callable[[str, int], str]) -> tuple[list[str], dict[str, list[str]]]:
+    def body(self, dialect: Dialect, word: Word) -> tuple[list[str], dict[str, list[str]]]:
         """Statements of a language, and by output the expression of each of its numbers; see :meth:`variables`."""
         targets = {f"{output}{k}": node for output, nodes in self.outputs.items() for k, node in enumerate(nodes)}
         lines, words = statements(targets, dialect, self.variables(word), "")
         return lines, {output: [words[f"{output}{k}"] for k in range(len(own))] for output, own in self.outputs.items()}
 
+    def assignments(self, dialect: Dialect, word: Word = indexed) -> list[str]:
+        """Statements of a language that set every output number by number: what is kept is read before it is set."""
+
+        def kept(name: str, place: int | None) -> str:
+            return f"kept_{place}" if name == "memory" else word(name, place)
+
+        lines, results = self.body(dialect, kept)
+        reads = [(kept("memory", int(v[1:])), word("memory", int(v[1:]))) for v in self.variables(kept) if v[0] == "m"]
+        sets = [(word(output, k), found) for output, words in results.items() for k, found in enumerate(words)]
+        first = [f"{dialect.declare}{name} {dialect.assign} {found}{dialect.end}" for name, found in reads]
+        return [*first, *lines, *(f"{name} {dialect.assign} {found}{dialect.end}" for name, found in sets)]
+
+
+@dataclass(frozen=True)
+class Program:
+    """A model as functions, to be printed in a language.
+
+    Attributes
+    ----------
+    name : of the machine, as languages take it
+    tracer : where they are from
+    functions : of the program
+    """
+
+    name: str
+    tracer: Tracer
+    functions: tuple[Function, ...]
+
+    @property
+    def joints(self) -> int:
+        """How many joints the machine has."""
+        return len(self.tracer.model.joints)
+
+    @property
+    def memory(self) -> int:
+        """How many numbers are kept from moment to moment."""
+        return len(self.tracer.memory) if any("memory" in own.outputs for own in self.functions) else 0
+
+    @cached_property
+    def nodes(self) -> list[Node]:
+        """All that the functions are made of, arguments first."""
+        return needed([node for own in self.functions for node in own.nodes])
+
+    @property
+    def used(self) -> set[str]:
+        """Helpers that they ask for: operations, and ``root`` or ``any_power`` for signed powers."""
+        roots = {float(node.arguments[2]) == 1 / 3 for node in self.nodes if node.operation == "signed_power"}
+        return {node.operation for node in self.nodes} | {"root" if root else "any_power" for root in roots}
+
+    @property
+    def curves(self) -> list[dict[str, Any]]:
+        """Piecewise cubics that they ask for: ``number``, ``breaks`` and ``pieces``."""
+        return [{"number": k, **vars(self.tracer.graph.curves[k])} for k in curves_of(self.nodes)]
+
+    def sizes(self, own: Function) -> dict[str, int]:
+        """Numbers of a function's arrays by name: as many as an output has, or a value per joint."""
+        return dict.fromkeys(ARRAYS, self.joints) | {word: len(nodes) for word, nodes in own.outputs.items()}
+
+
+def program_of(model: ArmModel) -> Program:
+    """The functions of a model, or of the fit without what no format has.
+
+    Raises
+    ------
+    InputError
+        If the machine has something that no format has.
+    """
+    tracer = tracer_of(model)
+    return Program(identifier(model.machine.name), tracer, tuple(functions_of(tracer)))
+
+
+def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tuple[str, ...]]:
+    """What a motion under efforts follows from, as :func:`fitting.model.simulation.simulate` has it; lines on it.
+
+    Of a model without what no format has. None where the mass matrix has no inverse somewhere, and the nearest model
+    that has one is not asked for.
+    """
+    try:
+        model, said = moving_model(model, possible)
+    except InputError as error:
+        return None, (f"forward dynamics: {str(error).removeprefix('export: ')}",)
+    tracer = Tracer(motion.integrable(model))
+    state = tracer.variables()
+    head, rod = ([tracer.graph.variable(f"{ARRAYS[word]}{k}") for k in range(len(state.q))] for word in ("head", "rod"))
+    pressed = Function("pressed", ("q", "head", "rod"), {"tau": tracer.pressed(state, head, rod)})
+    name = f"{identifier(model.machine.name)}_forward"
+    settled = ("what remembers is settled in it",) if tracer.memory else ()
+    lines = tuple(f"forward dynamics: {line}" for line in (*said, *settled))
+    return Program(name, tracer, (*moving_functions(tracer), pressed)), lines
+
+
+def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, ...]]:
+    """The model, or if asked for the nearest that can move, and what that costs; refused where it cannot."""
+    wrong = motion.indefinite(model)
+    if wrong is None:
+        return model, ()
+    if not possible:
+        raise InputError(f"export: {wrong.text}; --possible writes the nearest model that can move")
+    own = motion.nearest_possible(model)
+    price = motion.price(model, own)
+    cost = "" if price is None else f"; the error on another motion is {100 * price:+.1f} % of the model's own"
+    return own, (f"the drives' inertias as they were found: none is below zero here{cost}",)
+
+
+def written(folder: Path, texts: Mapping[str, str], left_out: Sequence[str]) -> Written:
+    """Write files by name, each whole or not at all."""
+    for name, text in texts.items():
+        with replacing(folder / name) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    return Written(tuple(folder / name for name in texts), tuple(left_out))
+
 
 def functions_of(tracer: Tracer) -> list[Function]:
     """What an exported model can be asked."""
-    state, moment = tracer.variables(), ("q", "qd", "qdd", "t")
-    found = _said(tracer.efforts(state))
+    state, moment = tracer.variables(), ("q", "qd", "qdd", "t", *tracer.oil)
+    known = () if tracer.model.temperature is None else ("temperature",)
+    found = tracer.efforts(state)
     result = [
         Function("inverse_dynamics", moment, {"tau": found["tau"]}),
         Function("drive_efforts", moment, {"force": found["force"]}),
-        Function("gravity", ("q",), {"tau": tracer.gravity(state.q)}),
-        Function("friction", ("q", "qd", "t"), {"tau": tracer.friction(state)}),
-        Function("beyond", ("q", "qd"), {"flag": tracer.beyond(state)}),
+        Function("gravity", ("q", *tracer.oil), {"tau": tracer.gravity(state.q)}),
+        Function("friction", ("q", "qd", "t", *tracer.oil), {"tau": tracer.friction(state)}),
+        Function("beyond", ("q", "qd", *known), {"flag": tracer.beyond(state)}),
     ]
     if "head" in found:
         result.append(Function("pressures", moment, {"head": found["head"], "rod": found["rod"]}))
@@ -76,15 +204,23 @@ def functions_of(tracer: Tracer) -> list[Function]:
     )
     for name, past, arguments in pasts if tracer.memory else ():
         kept = tuple(own.start if past == "first" else own.after for own in tracer.memory)
-        result.append(Function(name, arguments, _said(tracer.efforts(state, past)) | {"memory": kept}))
+        result.append(Function(name, arguments, tracer.efforts(state, past) | {"memory": kept}))
     return result
 
 
-def _said(found: Efforts) -> dict[str, tuple[Node, ...]]:
-    """Efforts of joints and drives, and the pressures where all are known."""
-    result = {"tau": found.joint, "force": found.drive}
-    head, rod = (tuple(node for node in own if node is not None) for own in (found.head, found.rod))
-    return result | ({"head": head, "rod": rod} if len(head) == len(rod) == len(found.joint) else {})
+def moving_functions(tracer: Tracer) -> list[Function]:
+    """What a motion follows from: efforts of a moment, and the mass matrix (n x n, symmetric) in a row."""
+    state, n = tracer.variables(), len(tracer.model.joints)
+    still = [0.0] * n
+    rest, columns = tracer.efforts(State(state.q, still, still, state.t))["tau"], list[Node]()
+    for joint in range(n):
+        unit = [1.0 if k == joint else 0.0 for k in range(n)]
+        pushed = tracer.efforts(State(state.q, still, unit, state.t))["tau"]
+        columns += [a - b for a, b in zip(pushed, rest, strict=True)]
+    return [
+        Function("effort", ("q", "qd", "qdd", "t", *tracer.oil), {"tau": tracer.efforts(state)["tau"]}),
+        Function("inertia", ("q", "t", *tracer.oil), {"matrix": tuple(columns)}),
+    ]
 
 
 def identifier(name: str) -> str:
@@ -113,7 +249,7 @@ def states(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatAr
     """States within the limits of the machine, the same at each call: ``q, qd, qdd`` (count, n) and ``t`` (count,)."""
     rng = np.random.default_rng(0)
     limits = [joint.limits for joint in model.machine.joints]
-    low, high = np.array([own.position for own in limits]).T
+    low, high = model.limits
     shape = (count, len(limits))
     q = rng.uniform(low, high, shape)
     qd = rng.uniform(-1, 1, shape) * np.array([own.velocity for own in limits])
@@ -125,7 +261,7 @@ def states(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatAr
 def swing(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """A motion in even steps within the limits, as :func:`states` has it: every joint to and fro, each at its time."""
     limits = [joint.limits for joint in model.machine.joints]
-    low, high = np.array([own.position for own in limits]).T
+    low, high = model.limits
     t = np.arange(count) / model.machine.rate_hz
     half = 0.5 * (high - low)
     w = np.array([own.velocity for own in limits]) / half
@@ -134,6 +270,9 @@ def swing(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def expected(tracer: Tracer, moved: Sequence[FloatArray], *, settled: bool = False) -> FloatArray:
-    """Joint efforts (N, n) that a program has to say of ``q, qd, qdd, t``: of moments alone, or one after the other."""
+    """Joint efforts (N, n) that a program has to say of ``q, qd, qdd, t``: of moments alone, or one after the other.
+
+    The oil is at its usual temperature.
+    """
     carried = motion.at_rest(tracer.carried) if settled else tracer.carried
-    return motion.on_motion(carried, *moved).joint_effort(0)
+    return motion.on_motion(carried, *moved, temperature=carried.usual_oil).joint_effort(0)

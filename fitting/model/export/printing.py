@@ -21,6 +21,7 @@ class Dialect:
     Attributes
     ----------
     declare : what stands before a temporary's name
+    assign : sign between a name and its value
     end : what ends a statement
     functions : names of functions and, with ``{0}``, patterns of operations
     suffix : of numbers
@@ -28,6 +29,7 @@ class Dialect:
     """
 
     declare: str = ""
+    assign: str = "="
     end: str = ""
     functions: Mapping[str, str] = field(default_factory=dict)
     suffix: str = ""
@@ -38,8 +40,25 @@ class Dialect:
         text = repr(float(value))
         if text in ("nan", "inf", "-inf"):
             raise ValueError("a model's numbers are finite")
-        text = text if any(c in text for c in ".e") else f"{text}.0"
+        digits, exponent, power = text.partition("e")
+        text = digits + ("" if "." in digits else ".0") + exponent + power
         return f"{text}{self.suffix}" if value >= 0 else f"({text}{self.suffix})"
+
+
+#: Words of Python with numpy's functions.
+PYTHON = Dialect(
+    functions={
+        "abs": "np.abs",
+        "max": "maximum",
+        "min": "minimum",
+        "above": "above",
+        "at_least": "at_least",
+        "sign": "sign",
+        "power": "({0} ** {1})",
+        "signed_power": "signed_power",
+        "curve": "curve({0}, *CURVES[{1}])",
+    }
+)
 
 
 def statements(
@@ -59,7 +78,7 @@ def statements(
         text, depth = _word(node, words, dialect, variables)
         if node.operation not in ("number", "variable") and (counts[node.number] > 1 or depth >= _DEEPEST):
             name = f"u{len(lines)}"
-            lines.append(f"{indent}{dialect.declare}{name} = {text}{dialect.end}")
+            lines.append(f"{indent}{dialect.declare}{name} {dialect.assign} {text}{dialect.end}")
             text, depth = name, 0
         words[node.number] = text, depth
     return lines, {name: words[node.number][0] for name, node in outputs.items()}

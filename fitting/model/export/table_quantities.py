@@ -8,7 +8,7 @@ rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,18 +46,26 @@ def _links(model: ArmModel) -> ArmModel:
 
 def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
     """What acts at rest beside the links."""
-    return Quantity(
-        f"held_{model.joints[joint]}",
-        f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs",
-        model.machine.joints[joint].effort_unit,
-        tuple(_position(model, k) for k in range(len(model.joints))),
-        lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint],
+    says = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
+    return _at_rest(
+        model, joint, "held", says, lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint]
     )
+
+
+def _own_gravity(model: ArmModel, joint: int) -> Quantity:
+    says = f"effort of {model.joints[joint]} that holds the links still"
+    return _at_rest(model, joint, "gravity", says, lambda q: motion.gravity(model, q)[:, joint])
+
+
+def _at_rest(model: ArmModel, joint: int, what: str, says: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
+    """A joint's effort over all joint positions."""
+    positions = tuple(_position(model, k) for k in range(len(model.joints)))
+    return Quantity(f"{what}_{model.joints[joint]}", says, model.joint_units[joint], positions, value)
 
 
 def _link_quantities(model: ArmModel) -> list[Quantity]:
     """Gravity of links along parallel axes over the link's angle, of other joints over joint positions."""
-    limits = np.array([joint.limits.position for joint in model.machine.joints])
+    limits = model.limits.T
     result: list[Quantity] = []
     for chain in parallel_axes(model):
         last = chain[-1]
@@ -103,7 +111,7 @@ def _alone(model: ArmModel, chain: Sequence[int]) -> bool:
     rng, n = np.random.default_rng(1), len(model.joints)
     if not geometry_of(model.arm).revolute[chain[0]]:
         return False
-    limits = np.array([joint.limits.position for joint in model.machine.joints])
+    limits = model.limits.T
     q = rng.uniform(limits[:, 0], limits[:, 1], (_TRIALS, n))
     other = rng.uniform(limits[:, 0], limits[:, 1], (_TRIALS, n))
     efforts = motion.gravity(model, q)
@@ -118,17 +126,6 @@ def _alone(model: ArmModel, chain: Sequence[int]) -> bool:
     return True
 
 
-def _own_gravity(model: ArmModel, joint: int) -> Quantity:
-    unit = model.machine.joints[joint].effort_unit
-    return Quantity(
-        f"gravity_{model.joints[joint]}",
-        f"effort of {model.joints[joint]} that holds the links still",
-        unit,
-        tuple(_position(model, k) for k in range(len(model.joints))),
-        lambda q: motion.gravity(model, q)[:, joint],
-    )
-
-
 def _position(model: ArmModel, joint: int) -> tuple[str, str, float, float]:
     described = model.machine.joints[joint]
     unit = "rad" if described.type == "revolute" else "m"
@@ -138,7 +135,7 @@ def _position(model: ArmModel, joint: int) -> tuple[str, str, float, float]:
 def friction_quantities(model: ArmModel) -> list[Quantity]:
     """Friction of every drive over its own speed, and whatever else it depends on."""
     n, result = len(model.joints), []
-    levers = motion.levers(model, np.array([[np.mean(j.limits.position) for j in model.machine.joints]]))[0]
+    levers = motion.levers(model, model.limits.mean(axis=0, keepdims=True))[0]
     for joint, described in enumerate(model.arm.joints):
         fastest = model.passes[-1].ranges[joint].v or abs(levers[joint]) * described.limits.velocity
         turns = described.cylinder is None and described.type == "revolute"

@@ -32,7 +32,7 @@ def require_folder(path: Path) -> None:
 
 def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     """The model's card in lines: machine, data, range, error, effects, calibration; and what is not in the file."""
-    made, units = model.provenance, [joint.effort_unit for joint in model.machine.joints]
+    made = model.provenance
     lines = [
         f"Model of {model.machine.name}, identified {made.created} ({made.verdict}), exported by hilfit.",
         f"Joints: {', '.join(model.joints)}. SI units: rad or m, s, N m or N, Pa.",
@@ -43,7 +43,7 @@ def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
         for name, own in zip(model.joints, model.passes[-1].ranges, strict=True)
     ]
     errors = model.errors
-    lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors, units)}."]
+    lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors)}."]
     lines += [f"{line[0].upper()}{line[1:]}." for line in narrow(model)]
     effects = ", ".join(f"{term.id} at {model.place(term)}" for term in model.terms)
     lines += [f"Effects: {effects or 'none'}."]
@@ -51,24 +51,31 @@ def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     return [*lines, *(f"Not in this file: {line}." for line in left_out)]
 
 
-def per_joint(model: ArmModel, values: FloatArray, units: Sequence[str]) -> str:
+def per_joint(model: ArmModel, values: FloatArray) -> str:
     """A number of each joint with its unit."""
-    return ", ".join(f"{n} {v:.3g} {u}" for n, v, u in zip(model.joints, values.tolist(), units, strict=True))
+    return ", ".join(
+        f"{n} {v:.3g} {u}" for n, v, u in zip(model.joints, values.tolist(), model.joint_units, strict=True)
+    )
 
 
 def refitted(model: ArmModel, rest: ArmModel) -> list[str]:
     """A line that says what a fit without some terms costs."""
     if model.errors is None or rest.errors is None:
         return []
-    units = [joint.effort_unit for joint in model.machine.joints]
-    whole, without = per_joint(model, model.errors, units), per_joint(model, rest.errors, units)
+    whole, without = per_joint(model, model.errors), per_joint(model, rest.errors)
     return [f"the rest was fitted again without it; error on another motion: {without}; of the whole model: {whole}"]
 
 
-def heading(tracer: Tracer) -> list[str]:
-    """Lines at the beginning of an exported program."""
-    return [
+def heading(tracer: Tracer, *, remembers: bool = True) -> list[str]:
+    """Lines at the beginning of an exported program; ``remembers`` where it has what the model does."""
+    lines = [
         *said_of(tracer.model, tracer.left_out),
         "Signs of speeds are smooth: their expectation under the noise of the measured speed.",
         "t: seconds since the motion began.",
     ]
+    if tracer.memory and remembers:
+        lines.append(
+            f"init sets {len(tracer.memory)} numbers of memory at a motion's first moment, step at each later one, "
+            "seconds (dt) after the one before; otherwise what has a history is settled."
+        )
+    return lines

@@ -10,12 +10,12 @@ import typer
 
 from daq.console import print_json, reported
 from daq.errors import InputError
-from fitting.model.cli import Columns, Json, ModelPath, RecordingPath, Resample, print_table
+from fitting.model.cli import Columns, Json, ModelPath, RecordingPath, Resample, opened, print_table
 
 if TYPE_CHECKING:
-    from daq.recordings.recording import Recording
     from fitting.model.uses.energy import Energy
 
+Temperature = Annotated[float | None, typer.Option(help="Temperature of the oil, K, for laws of it.", min=0.0)]
 Table = Annotated[Path | None, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")]
 
 
@@ -32,6 +32,7 @@ def feedforward(
     rod_pressure: Annotated[
         float | None, typer.Option(help="Rod pressure that the machine keeps, Pa; as recorded if absent.", min=0.0)
     ] = None,
+    temperature: Temperature = None,
     json: Json = False,
 ) -> None:
     """Write the efforts and pressures that a motion takes, for the arm's controller to add."""
@@ -39,7 +40,7 @@ def feedforward(
     from fitting.model.uses.feedforward import feedforward, read_path, write_feedforward
 
     loaded = load_model(model)
-    found = feedforward(loaded, read_path(loaded, motion), rod_pressure)
+    found = feedforward(loaded, read_path(loaded, motion), rod_pressure, temperature=temperature)
     write_feedforward(output, found)
     largest = {name: float(abs(found.effort[:, k]).max()) for k, name in enumerate(found.joints)}
     if json:
@@ -55,22 +56,22 @@ def feedforward(
 def energy(
     model: ModelPath,
     motion: Annotated[Path, typer.Argument(help="Motion file, or a recording.")],
+    temperature: Temperature = None,
     columns: Columns = None,
     resample: Resample = False,
     json: Json = False,
 ) -> None:
     """Work of the drives in a motion: put in, given back, taken by friction."""
-    from fitting.excitation.motion import SCHEMA
+    from daq.motion_files import SCHEMA
     from fitting.model.codec import load_model
-    from fitting.model.prediction import load_recording
     from fitting.model.uses.energy import energy_of_motion, energy_of_recording
     from fitting.model.uses.feedforward import read_path
 
-    loaded = load_model(model)
     if _begins(motion, f"# {SCHEMA}"):
-        found = energy_of_motion(loaded, read_path(loaded, motion))
+        loaded = load_model(model)
+        found = energy_of_motion(loaded, read_path(loaded, motion), temperature)
     else:
-        found = energy_of_recording(loaded, load_recording(loaded, motion, columns=columns, resample=resample))
+        found = energy_of_recording(*opened(model, motion, columns, resample))
     rows = _energy_rows(found)
     if json:
         print_json({"seconds": found.seconds, "joints": rows})
@@ -111,20 +112,15 @@ def overload(
     json: Json = False,
 ) -> None:
     """Find collisions and overloads in a recording: the residual against its band, sample by sample."""
-    from fitting.model.codec import load_model
-    from fitting.model.prediction import load_recording
     from fitting.model.uses.overload import delay_s, learn, overloads, quick, thresholds
 
-    loaded = load_model(model)
-
-    def read(path: Path) -> Recording:
-        return load_recording(loaded, path, columns=columns, resample=resample)
-
-    tails = learn(loaded, [read(path) for path in usual]) if usual else loaded.tails
+    loaded, seen = opened(model, recording, columns, resample)
+    before = [opened(model, path, columns, resample)[1] for path in usual or ()]
+    tails = learn(loaded, before) if usual else loaded.tails
     if tails is None:
         raise InputError(f"{model}: does not say what is usual; give recordings of the unchanged machine with --usual")
     limits = thresholds(tails, false_alarms)
-    found = overloads(loaded, read(recording), limits)
+    found = overloads(loaded, seen, limits)
     late = delay_s(quick(loaded))
     if json:
         alarms = [asdict(own) | {"joint": loaded.joints[own.joint]} for own in found]
@@ -133,17 +129,13 @@ def overload(
         )
         return
     print(f"{len(found)} alarms; {false_alarms:g} false ones an hour are expected; known {1e3 * late:.0f} ms later")
-    units = [joint.effort_unit for joint in loaded.machine.joints]
+    units = loaded.joint_units
     print_table(
-        ("time in s", "joint", "residual", "unit", "score", "threshold"),
+        ("time in s", "joint", "residual", "threshold there", "unit", "score", "threshold"),
         [
             (
-                f"{o.found:.2f}",
-                loaded.joints[o.joint],
-                f"{o.residual:.4g}",
-                units[o.joint],
-                f"{o.score:.1f}",
-                f"{o.threshold:.1f}",
+                *(f"{o.found:.2f}", loaded.joints[o.joint], f"{o.residual:.4g}", f"{o.limit:.4g}"),
+                *(units[o.joint], f"{o.score:.1f}", f"{o.threshold:.1f}"),
             )
             for o in found
         ],
@@ -163,24 +155,15 @@ def payload(
     import pyarrow as pa
 
     from daq.recordings.recording_files import write_table
-    from fitting.model.codec import load_model
-    from fitting.model.prediction import load_recording
     from fitting.model.uses.payload import payload_signal
 
-    loaded = load_model(model)
-    found = payload_signal(loaded, load_recording(loaded, recording, columns=columns, resample=resample))
+    found = payload_signal(*opened(model, recording, columns, resample))
     if output is not None:
         write_table(output, pa.table({"time": found.t, "payload.mass": found.mass, "payload.std": found.std}))
     known = np.isfinite(found.mass)
     if json:
-        rows = [(t, m, s) for t, m, s, k in zip(found.t, found.mass, found.std, known, strict=True) if k]
-        print_json(
-            {
-                "time": [float(r[0]) for r in rows],
-                "mass": [float(r[1]) for r in rows],
-                "std": [float(r[2]) for r in rows],
-            }
-        )
+        signals = {"time": found.t, "mass": found.mass, "std": found.std}
+        print_json({name: own[known].tolist() for name, own in signals.items()})
         return
     if not known.any():
         print("nothing moves for long enough")

@@ -43,9 +43,9 @@ class Energy:
     measured: FloatArray | None
 
 
-def energy_of_motion(model: ArmModel, path: Trajectory) -> Energy:
-    """Work of a motion as the model has it."""
-    found = motion.on_motion(model, path.q, path.qd, path.qdd, path.t)
+def energy_of_motion(model: ArmModel, path: Trajectory, temperature: float | None = None) -> Energy:
+    """Work of a motion as the model has it; ``temperature`` of the oil in K, for laws of it."""
+    found = motion.on_motion(model, path.q, path.qd, path.qdd, path.t, temperature=temperature)
     return _energy(model, found, measured=False)
 
 
@@ -71,7 +71,7 @@ def _energy(model: ArmModel, found: Evaluated, *, measured: bool) -> Energy:
         pushing = power > 0
         given += dt * np.where(pushing, power, 0.0).sum(axis=0)
         returned -= dt * np.where(pushing, 0.0, power).sum(axis=0)
-        friction = motion.friction(model, segment.q, segment.qd) / segment.r
+        friction = motion.friction(model, segment.q, segment.qd, temperature=segment.temperature) / segment.r
         lost += dt * (friction * segment.v).sum(axis=0)
         own = segment.effort * segment.v
         seen += dt * np.where(own > 0, own, 0.0).sum(axis=0)

@@ -7,15 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
-from daq.recordings.recording_files import write_table
+from daq.motion_files import Motion, read_motion
 from fitting.arrays import FloatArray
-from fitting.excitation.motion import Motion, read_motion
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.prediction import write_joints
 
 
 @dataclass(frozen=True)
@@ -89,25 +88,26 @@ def read_path(model: ArmModel, file: Path) -> Trajectory:
     return path_of(model, read_motion(file, model.machine))
 
 
-def feedforward(model: ArmModel, path: Trajectory, rod: float | None = None) -> Feedforward:
+def feedforward(
+    model: ArmModel, path: Trajectory, rod: float | None = None, *, temperature: float | None = None
+) -> Feedforward:
     """Efforts and pressures of a motion.
 
     Parameters
     ----------
     rod : rod pressure that the machine keeps, Pa; the one that the recordings show at such a motion if None
+    temperature : of the oil, K, for laws of it
     """
-    given = (path.q, path.qd, path.qdd, path.t)
-    found = motion.moving(model, *given)
-    head, second = motion.pressures(model, *given, rod=rod)
-    lever = motion.levers(model, path.q)
+    found = motion.on_motion(model, path.q, path.qd, path.qdd, path.t, temperature=temperature)
+    head, second = motion.pressures_of(found, rod)
     gone = motion.left_out(model)
     return Feedforward(
         joints=model.joints,
-        units=tuple(joint.effort_unit for joint in model.machine.joints),
+        units=model.joint_units,
         path=path,
-        effort=found.effort,
-        std=found.std,
-        force=found.effort / lever,
+        effort=found.joint_effort(0),
+        std=found.joint_std(0),
+        force=found.drive_effort(0),
         head=head,
         rod=second,
         left_out=tuple(
@@ -127,10 +127,6 @@ def write_feedforward(path: Path, found: Feedforward) -> None:
     RecordingError
         If the suffix is another one or the place cannot be written.
     """
-    columns: dict[str, FloatArray] = {"time": found.path.t}
-    for number, name in enumerate(found.joints):
-        parts = {"position": found.path.q, "effort": found.effort, "std": found.std, "force": found.force}
-        if np.isfinite(found.head[:, number]).all():
-            parts |= {"head_pressure": found.head, "rod_pressure": found.rod}
-        columns |= {f"{name}.{key}": values[:, number] for key, values in parts.items()}
-    write_table(path, pa.table(columns))
+    parts = {"position": found.path.q, "effort": found.effort, "std": found.std, "force": found.force}
+    parts |= {"head_pressure": found.head, "rod_pressure": found.rod}
+    write_joints(path, found.path.t, found.joints, parts)

@@ -52,12 +52,14 @@ class Scores:
     t : (N,) s, of the samples that are judged
     scores : (N, n) residual over its band
     lasting : (N, n) the smallest size of a score over the last :data:`LASTS_S`; 0 where the stretch is younger
+    unit : (N, n) joint effort of a score of one in that pose, N m or N: what a threshold is multiplied by
     residual : (N, n) measured minus predicted joint effort, N m or N; of a drive at rest what friction cannot hold
     """
 
     t: FloatArray
     scores: FloatArray
     lasting: FloatArray
+    unit: FloatArray
     residual: FloatArray
 
 
@@ -70,6 +72,7 @@ class Overload:
     found : s, time of the recording at which it can be known
     joint : number of the joint with the largest score over its threshold
     score, threshold : that score, and what it exceeds
+    limit : the effort that the threshold is in that pose, N m or N
     residual : measured minus predicted effort of the joint then, N m or N
     seconds : from the first to the last exceedance
     """
@@ -78,6 +81,7 @@ class Overload:
     joint: int
     score: float
     threshold: float
+    limit: float
     residual: float
     seconds: float
 
@@ -132,7 +136,7 @@ def scores_in(found: Evaluated, index: int) -> Scores:
         band[:, joint] = np.where(rest, band[:, joint], np.hypot(band[:, joint], open_friction))
     scores, rate = error / band, model.bank.rate_hz
     lasting = _lasting(scores, round(LASTS_S * rate), round(QUIET_S * rate))
-    return Scores(segment.t, scores, lasting, segment.r * error)
+    return Scores(segment.t, scores, lasting, np.abs(segment.r) * band, segment.r * error)
 
 
 def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
@@ -145,10 +149,7 @@ def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
 
 def _coulomb(model: ArmModel, joint: int) -> float:
     """Coulomb friction of a drive, N or N m; 0 where the recordings could not tell it."""
-    values = dict(
-        zip(model.parameters.drive[joint], model.theta[model.parameters.drive_slice(joint)].tolist(), strict=True)
-    )
-    return float(abs(values.get("f_c", 0.0)))
+    return abs(model.drive_values(joint).get("f_c", 0.0))
 
 
 def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:
@@ -202,14 +203,18 @@ def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list
         If it has no stretch that is long enough, or its drives carry no arm.
     """
     require_arm(recording)
-    own, found = quick(model), list[Overload]()
-    late, quiet = delay_s(own), round(QUIET_S * model.machine.rate_hz)
-    for part in scores_of(own, recording):
+    return alarms_in(model, scores_of(quick(model), recording), limits)
+
+
+def alarms_in(model: ArmModel, scores: Sequence[Scores], limits: FloatArray) -> list[Overload]:
+    """Alarms in the stretches of a recording, by the scores of the :func:`quick` model and the thresholds (n,)."""
+    late, quiet, found = delay_s(quick(model)), round(QUIET_S * model.machine.rate_hz), list[Overload]()
+    for part in scores:
         share = part.lasting / limits
         for run in excursions(share.max(axis=1) > 1.0, quiet):
             first = run.start
             joint = int(np.argmax(share[first]))
-            score, residual = float(part.scores[first, joint]), float(part.residual[first, joint])
-            seconds = float(part.t[run.stop - 1] - part.t[first])
-            found.append(Overload(float(part.t[first]) + late, joint, score, float(limits[joint]), residual, seconds))
+            score, limit, residual = (float(own[first, joint]) for own in (part.scores, part.unit, part.residual))
+            seconds, most = float(part.t[run.stop - 1] - part.t[first]), float(limits[joint])
+            found.append(Overload(float(part.t[first]) + late, joint, score, most, most * limit, residual, seconds))
     return found

@@ -149,6 +149,8 @@ class Graph:
 
     def signed_power(self, speed: Any, noise: float, exponent: float) -> Node:
         """``E[|v|^p sgn v]`` of a speed with noise: see :func:`fitting.arm.expected.expected_power`."""
+        if self.of(speed).is_number(0.0):
+            return self.number(0.0)
         return self.node("signed_power", (self.of(speed), self.number(noise), self.number(exponent)))
 
     def of(self, value: Any) -> Node:
@@ -162,7 +164,18 @@ class Graph:
             return self.number(UNARY[operation](float(a)))
         if operation == "neg" and a.operation == "neg":
             return a.arguments[0]
+        if operation in ("sin", "cos") and a.operation == "add":
+            for angle, offset in (a.arguments, a.arguments[::-1]):
+                if offset.operation == "number":  # a joint's sine and cosine serve its link and its linkage alike
+                    return self._turned(operation, angle, float(offset))
         return self.node(operation, (a,))
+
+    def _turned(self, operation: str, angle: Node, by: float) -> Node:
+        """Sine or cosine of a sum by those of an angle."""
+        sine, cosine = self.unary("sin", angle), self.unary("cos", angle)
+        if operation == "sin":
+            return self.of(sine * math.cos(by) + cosine * math.sin(by))
+        return self.of(cosine * math.cos(by) - sine * math.sin(by))
 
     def binary(self, operation: str, a: Any, b: Any) -> Node:
         """An operation on two nodes."""

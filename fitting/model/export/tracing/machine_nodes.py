@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from fitting.arm.dynamics import coupled_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel, Pass
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
-from fitting.model.export.tracing.linkage_nodes import linkage_of
 from fitting.model.export.tracing.moment import State, Value
 from fitting.model.export.tracing.recursion import newton_euler
-from fitting.model.export.tracing.traced_arrays import power, sign
+from fitting.model.export.tracing.traced_arrays import sign, traced
+from fitting.regression.drive import drive_columns, known_effort
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import Segment
 
@@ -36,46 +37,18 @@ class MachineNodes:
         standard = self.model.base.standard_example(base)
         g = self.geometry.gravity if gravity is None else gravity
         tau = newton_euler(self.graph, self.geometry, standard[: 10 * n].reshape(n, 10), state, g)
-        if gravity is not None:
+        if gravity is not None or not self.geometry.coupled:
             return tau
         noise = np.array([own.speed for own in self.model.noise])
-        for place, row in enumerate(self.geometry.coupling):
-            f_c, f_v, inertia = standard[10 * n + 3 * place : 10 * n + 3 * place + 3]
-            speed = _dot(row, state.qd)
-            effort = f_c * sign(self.graph, speed, float(np.linalg.norm(noise * row)))
-            effort = effort + f_v * speed + inertia * _dot(row, state.qdd)
-            felt = [0.0 if joint in self.geometry.link_side else float(row[joint]) for joint in range(n)]
-            tau = tuple(self.graph.of(own + share * effort) for own, share in zip(tau, felt, strict=True))
-        return tau
+        qd, qdd = (traced([[self.graph.of(value) for value in own]]) for own in (state.qd, state.qdd))
+        motors = coupled_regressor(self.geometry, qd, qdd, speed_noise=noise)[0] @ standard[10 * n :]
+        return tuple(self.graph.of(own + more) for own, more in zip(tau, motors, strict=True))
 
-    def drive(self, joint: int, theta: FloatArray, x: Value, v: Value, a: Value) -> Value:
+    def drive(self, joint: int, theta: FloatArray, segment: Segment) -> Value:
         """Effort of the drive's own mass, stiffness and friction, the known part included."""
-        names = self.model.parameters.drive[joint]
-        values = theta[self.model.parameters.drive_slice(joint)]
-        noise, graph = self.model.noise[joint].speed, self.graph
-        makers: dict[str, Callable[[], Value]] = {
-            "m": lambda: a,
-            "J": lambda: a,
-            "K": lambda: x,
-            "f_c": lambda: sign(graph, v, noise),
-            "f_v": lambda: v,
-            "f_s": lambda: power(graph, v, noise, 1 / 3),
-            "f_0": lambda: 1.0,
-        }
-        total: Value = graph.number(0.0)
-        for name, value in zip(names, values, strict=True):
-            total = total + float(value) * makers[name]()
-        cylinder = self._arm.joints[joint].cylinder
-        return total if cylinder is None else total + cylinder.damping * v + (cylinder.moving_mass or 0.0) * a
-
-    def piston(self, joint: int, state: State) -> tuple[Value, Value, Value, Value]:
-        """Position, speed and acceleration of the driving element, and the lever arm."""
-        graph, cylinder = self.graph, self._arm.joints[joint].cylinder
-        q, qd, qdd = (graph.of(values[joint]) for values in (state.q, state.qd, state.qdd))
-        if cylinder is None:
-            return q, qd, qdd, graph.number(1.0)
-        x, r, slope = linkage_of(cylinder.linkage, q)
-        return x, r * qd, r * qdd + slope * (qd * qd), graph.of(r)
+        own, x, v, a = self.model.parameters, *(rows[:, joint] for rows in (segment.x, segment.v, segment.a))
+        columns = drive_columns(own.drive[joint], x, v, a, self.model.noise[joint].speed)
+        return (columns @ theta[own.drive_slice(joint)] + known_effort(self._arm.joints[joint], v, a))[0]
 
     def rod(self, law: RodLaw, segment: Segment, joint: int, force: Value) -> Node:
         """Expected rod pressure."""
@@ -90,24 +63,12 @@ class MachineNodes:
         of_sign, of_both = law.coefficients[place : place + 2].tolist()
         return self.graph.of(total + of_sign * way + of_both * (way * force))
 
-    def pressures(
-        self, own: Pass, segment: Segment, drives: Sequence[Node]
-    ) -> tuple[tuple[Node | None, ...], tuple[Node | None, ...]]:
-        head: list[Node | None] = []
-        rod: list[Node | None] = []
+    def pressures(self, own: Pass, segment: Segment, drives: Sequence[Node]) -> dict[str, tuple[Node, ...]]:
+        """Pressures ``head`` and ``rod`` of all joints, Pa; none where one has no cylinder, or none was measured."""
+        rod, head = list[Node](), list[Node]()
         for joint, (law, described) in enumerate(zip(own.rods, self._arm.joints, strict=True)):
             if law is None or described.cylinder is None:
-                head.append(None)
-                rod.append(None)
-                continue
-            second = self.rod(law, segment, joint, drives[joint])
-            head.append((drives[joint] + second * described.cylinder.rod_area) / described.cylinder.head_area)
-            rod.append(second)
-        return tuple(head), tuple(rod)
-
-
-def _dot(row: FloatArray, values: Sequence[Value]) -> Value:
-    total: Value = 0.0
-    for share, value in zip(row.tolist(), values, strict=True):
-        total = total + share * value
-    return total
+                return {}
+            rod.append(self.rod(law, segment, joint, drives[joint]))
+            head.append((drives[joint] + rod[-1] * described.cylinder.rod_area) / described.cylinder.head_area)
+        return {"head": tuple(head), "rod": tuple(rod)}

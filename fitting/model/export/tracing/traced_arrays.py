@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fitting.effects.base import DriveView
 from fitting.model.export.tracing.graph import Graph, Node
 from fitting.model.export.tracing.moment import Value
 
@@ -34,8 +32,8 @@ class Traced(np.ndarray[Any, np.dtype[np.object_]]):
         elif ufunc in (np.maximum, np.minimum):
             name = "max" if ufunc is np.maximum else "min"
             result = np.frompyfunc(lambda a, b: graph.binary(name, a, b), 2, 1)(*plain)
-        elif ufunc is np.sign:
-            result = np.frompyfunc(lambda a: graph.unary("sign", a), 1, 1)(*plain)
+        elif ufunc.__name__ in ("sign", "erf"):
+            result = np.frompyfunc(lambda a: graph.unary(ufunc.__name__, a), 1, 1)(*plain)
         elif ufunc.__name__ == "clip":
             result = np.frompyfunc(lambda a, b, c: graph.binary("min", graph.binary("max", a, b), c), 3, 1)(*plain)
         elif method != "__call__" or kwargs:
@@ -44,6 +42,12 @@ class Traced(np.ndarray[Any, np.dtype[np.object_]]):
             objects = [np.frompyfunc(graph.of, 1, 1)(array) for array in plain]
             result = ufunc(*objects)
         return traced(result)
+
+    def expected_power(self, noise: float, exponent: float) -> Any:
+        """Expected signed powers of speeds: see :func:`fitting.arm.expected.expected_power`."""
+        return traced(
+            np.frompyfunc(lambda v: v.graph.signed_power(v, max(noise, 0.0), exponent), 1, 1)(np.asarray(self))
+        )
 
     def astype(self, *args: Any, **kwargs: Any) -> Any:
         """The same: nodes are numbers of every kind."""
@@ -55,36 +59,9 @@ def traced(values: Any) -> Traced:
     return np.asarray(values, dtype=object).view(Traced)
 
 
-class TracedView(DriveView):
-    """What an effect looks at, in nodes."""
-
-    @property
-    def _graph(self) -> Graph:
-        first: Any = self.segment.v[0, 0]
-        graph: Graph = first.graph
-        return graph
-
-    @cached_property
-    def s(self) -> Any:
-        """Expected sign of the speed."""
-        return traced([sign(self._graph, speed, self.noise[self.joint].speed) for speed in self.v])
-
-    def power(self, exponent: float) -> Any:
-        """Expected signed power of the speed."""
-        return traced([power(self._graph, speed, self.noise[self.joint].speed, exponent) for speed in self.v])
-
-
 def sign(graph: Graph, speed: Value, noise: float) -> Node:
     """Expected sign of a speed: see :func:`fitting.arm.expected.expected_sign`."""
     speed = graph.of(speed)
     if noise <= 0:
         return graph.unary("sign", speed)
     return graph.unary("erf", speed / (np.sqrt(2.0) * noise))
-
-
-def power(graph: Graph, speed: Value, noise: float, exponent: float) -> Node:
-    """Expected signed power of a speed."""
-    speed = graph.of(speed)
-    if speed.is_number(0.0):
-        return graph.number(0.0)
-    return graph.signed_power(speed, max(noise, 0.0), exponent)

@@ -12,6 +12,7 @@ numbers) is named and left out.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -20,19 +21,22 @@ import numpy as np
 from daq.errors import InputError
 from daq.machine.linkages import FourBar, reduced
 from fitting.arrays import FloatArray
-from fitting.effects.base import BodyColumn, Effect
+from fitting.effects.base import BodyColumn, DriveView, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
-from fitting.model.evaluation import beyond, without
+from fitting.model.evaluation import beyond, segment_of, without
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
 from fitting.model.export.tracing.machine_nodes import MachineNodes
 from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
-from fitting.model.export.tracing.moment import Efforts, State, Value
+from fitting.model.export.tracing.moment import State, Value
 from fitting.model.export.tracing.recursion import newton_euler
-from fitting.model.export.tracing.traced_arrays import TracedView, traced
+from fitting.model.export.tracing.traced_arrays import traced
 from fitting.model.export.words import refitted
+from fitting.model.motion import heated
+from fitting.regression.design import Design
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
+from fitting.residual.views import views_of_segment
 from fitting.signals.preparation import Segment
 
 #: What terms with a history say: nothing (settled), what they say at a motion's first moment, or at a later one.
@@ -69,6 +73,11 @@ class Tracer:
         return without(self.model, set(range(len(self.model.terms))) - set(self._terms))
 
     @property
+    def oil(self) -> tuple[str, ...]:
+        """The argument that is the oil's temperature, where the expressions have a law of it."""
+        return ("temperature",) if heated(self.carried) else ()
+
+    @property
     def memory(self) -> tuple[Memory, ...]:
         """What has to be kept from moment to moment."""
         return tuple(own for number in self._terms for own in self._past(number).memory)
@@ -89,8 +98,6 @@ class Tracer:
                 why = "it belongs to the sensors"
             elif phase_unknown(term, FOREIGN):
                 why = "its phase belongs to single recordings"
-            elif isinstance(term.content, Law) and any(s == "oil_temperature" for s, _ in term.content.signals):
-                why = "it needs the oil's temperature"
             else:
                 try:
                     self._efforts(variables, [*kept, number], "later")
@@ -102,41 +109,50 @@ class Tracer:
             self.lost |= set() if of_sensors(term) else {number}
         return kept
 
-    def efforts(self, state: State, past: Past = "settled") -> Efforts:
-        """Efforts and pressures of a moment; with a past only of that of :meth:`variables`."""
+    def efforts(self, state: State, past: Past = "settled") -> dict[str, tuple[Node, ...]]:
+        """Efforts ``tau`` of joints (N m, N) and ``force`` of drives (N at a piston), pressures where all are known.
+
+        Of a moment; with a past only of that of :meth:`variables`.
+        """
         return self._efforts(state, self._terms, past)
 
     def gravity(self, q: Sequence[Value]) -> tuple[Node, ...]:
         """Joint efforts that hold the arm still: see :func:`fitting.model.motion.gravity`."""
         still = [0.0] * len(q)
-        return self.efforts(State(q, still, still, 0.0)).joint
+        return self.efforts(State(q, still, still, 0.0))["tau"]
 
     def beyond(self, state: State) -> tuple[Node, ...]:
         """1 of each joint that is beyond what was recorded: see :func:`fitting.model.evaluation.beyond`."""
         return tuple(beyond(self.model, self._segment([state]))[0])
 
+    def pressed(self, state: State, head: Sequence[Value], rod: Sequence[Value]) -> tuple[Node, ...]:
+        """Joint efforts that chamber pressures make, 0 of a joint without a cylinder."""
+        cylinders, levers = [joint.cylinder for joint in self._arm.joints], self._segment([state]).r[0]
+        return tuple(
+            self.graph.of(0.0 if own is None else lever * (own.head_area * p1 - own.rod_area * p2))
+            for own, lever, p1, p2 in zip(cylinders, levers, head, rod, strict=True)
+        )
+
     def friction(self, state: State) -> tuple[Node, ...]:
         """Joint efforts that change their sign with the speed's: see :func:`fitting.model.motion.friction`."""
         still = [0.0] * len(state.q)
-        forward = self.efforts(State(state.q, state.qd, still, state.t)).joint
-        back = self.efforts(State(state.q, [-v for v in state.qd], still, state.t)).joint
+        forward = self.efforts(State(state.q, state.qd, still, state.t))["tau"]
+        back = self.efforts(State(state.q, [-v for v in state.qd], still, state.t))["tau"]
         return tuple(0.5 * (a - b) for a, b in zip(forward, back, strict=True))
 
-    def _efforts(self, state: State, terms: Sequence[int], past: Past) -> Efforts:
+    def _efforts(self, state: State, terms: Sequence[int], past: Past) -> dict[str, tuple[Node, ...]]:
         graph, model, n = self.graph, self.model, len(self.model.joints)
         if past == "settled":
             terms = [number for number in terms if not over_time(model.terms[number])]
-        x, v, a, r = self._pistons(state)
         segment = self._segment([state])
+        r = segment.r[0].tolist()
         columns: dict[int, Any] = {}
         drives: list[Node] = []
         for number, own in enumerate(model.passes):
             base = own.theta[model.parameters.base_slice]
             links = self._machine.links(state, base)
             loads = [tau / lever for tau, lever in zip(links, r, strict=True)]
-            drives = [
-                self._machine.drive(joint, own.theta, x[joint], v[joint], a[joint]) + loads[joint] for joint in range(n)
-            ]
+            drives = [self._machine.drive(joint, own.theta, segment) + loads[joint] for joint in range(n)]
             for term in terms if columns else ():
                 self._add(drives, term, own, columns[term])
             if number < len(model.passes) - 1 or number == 0:
@@ -145,15 +161,13 @@ class Tracer:
                 if len(model.passes) == 1:
                     for term in terms:
                         self._add(drives, term, own, columns[term])
-        head, rod = self._machine.pressures(model.passes[-1], segment, drives)
-        joint_efforts = tuple(graph.of(lever * force) for lever, force in zip(r, drives, strict=True))
-        return Efforts(joint_efforts, tuple(graph.of(d) for d in drives), head, rod)
+        tau = tuple(graph.of(lever * force) for lever, force in zip(r, drives, strict=True))
+        pressures = self._machine.pressures(model.passes[-1], segment, drives)
+        return {"tau": tau, "force": tuple(graph.of(own) for own in drives)} | pressures
 
     def _add(self, drives: list[Node], number: int, own: Pass, columns: Any) -> None:
         """Add a term's part to the drives' efforts; a pass that had no terms yet has no parameters for it."""
-        term, place = self.model.terms[number], len(self.model.parameters)
-        place += sum(len(t.names(self.model.joints)) for t in self.model.terms[:number])
-        values = own.theta[place : place + len(term.names(self.model.joints))]
+        values = own.theta[self.model.term_slices[number]]
         for joint, own_columns in columns.items():
             if callable(own_columns):
                 drives[joint] = drives[joint] + own_columns(values)
@@ -162,7 +176,7 @@ class Tracer:
                     drives[joint] = drives[joint] + float(value) * column
 
     def _columns(
-        self, number: int, own: Pass, state: State, views: Sequence[TracedView], r: Sequence[Value], past: Past
+        self, number: int, own: Pass, state: State, views: Sequence[DriveView], r: Sequence[Value], past: Past
     ) -> dict[int, Any]:
         """Columns of a term in one moment by joint, or what makes its part of them from its values."""
         term = self.model.terms[number]
@@ -199,7 +213,7 @@ class Tracer:
             self._remembered[number] = remembered(graph, columns.tolist(), moments, taken)
         return self._remembered[number]
 
-    def _law(self, term: Term, law: Law, view: TracedView) -> Callable[[FloatArray], Value]:
+    def _law(self, term: Term, law: Law, view: DriveView) -> Callable[[FloatArray], Value]:
         signal = np.asarray(law.values(view), dtype=object).ravel()[0]
         factor = law.factor(view.s[0])
 
@@ -223,69 +237,30 @@ class Tracer:
         there = self.graph.binary("at_least", state.t, column.since)
         return [effort * there for effort in tau]
 
-    def _pistons(self, state: State) -> list[tuple[Value, ...]]:
-        """Positions, speeds and accelerations of all drives, and their lever arms."""
-        return list(zip(*(self._machine.piston(joint, state) for joint in range(len(state.q))), strict=True))
-
     def _segment(self, states: Sequence[State]) -> Segment:
-        def rows(values: Sequence[Sequence[Value]]) -> Any:
-            return traced([[self.graph.of(value) for value in row] for row in values])
+        def rows(values: Any) -> Any:
+            return traced(np.frompyfunc(self.graph.of, 1, 1)(np.array(values, dtype=object)))
 
-        time: Any = traced([self.graph.of(state.t) for state in states])
-        x, v, a, r = (rows(own) for own in zip(*(self._pistons(state) for state in states), strict=True))
-        unknown = np.full(x.shape, np.nan)
-        return Segment(
-            recording=FOREIGN,
-            role="operation",
-            start=0,
-            t=time,
-            q=rows([state.q for state in states]),
-            qd=rows([state.qd for state in states]),
-            qdd=rows([state.qdd for state in states]),
-            x=x,
-            v=v,
-            a=a,
-            r=r,
-            effort=unknown,
-            p1=unknown,
-            p2=unknown,
-            rest=np.zeros(x.shape, dtype=bool),
-            loaded=True,
-            temperature=None,
-            gap=unknown,
-        )
+        moved = [rows([getattr(state, word) for state in states]) for word in ("q", "qd", "qdd")]
+        oil = rows([self.graph.variable("temperature")] * len(states))
+        found = segment_of(self.model, moved, rows([state.t for state in states]), temperature=oil)
+        return replace(found, **{word: rows(getattr(found, word)) for word in "xvar"})
 
     def _views(
         self, own: Pass, segment: Segment, drives: Sequence[Value], loads: Sequence[Value], bank: Any = None
-    ) -> tuple[TracedView, ...]:
+    ) -> tuple[DriveView, ...]:
         """Views of all joints; ``None`` among the forces is one that no term may ask for."""
 
         def row(values: Sequence[Value]) -> Any:
             return traced([[value if value is None else self.graph.of(value) for value in values]])
 
-        return tuple(
-            TracedView(
-                machine=self._arm,
-                joint=joint,
-                segment=segment,
-                bank=bank or self.model.bank,
-                noise=self.model.noise,
-                forces=row(drives),
-                loads=row(loads),
-                rod_pressures=lambda: row(
-                    [
-                        float("nan") if law is None else self._machine.rod(law, segment, j, drives[j])
-                        for j, law in enumerate(own.rods)
-                    ]
-                ),
-                ranges=own.ranges,
-                clock=segment.t,
-                base=self.model.base,
-                base_values=own.theta[self.model.parameters.base_slice],
-                loaded_recordings=(),
-            )
-            for joint in range(len(drives))
-        )
+        def pressures() -> Any:
+            rods = enumerate(own.rods)
+            return row([np.nan if law is None else self._machine.rod(law, segment, k, drives[k]) for k, law in rods])
+
+        design = Design(self._arm, self.model.parameters, bank or self.model.bank, self.model.noise, (segment,), ())
+        starts = {FOREIGN: 0.0}
+        return views_of_segment(design, own.theta, segment, row(drives), row(loads), pressures, own.ranges, starts, ())
 
 
 def tracer_of(model: ArmModel) -> Tracer:

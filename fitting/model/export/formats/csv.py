@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.recordings.recording_files import replacing
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
+from fitting.model.export.functions import written
 from fitting.model.export.grids import Table, grid_points, tabled
 from fitting.model.export.table_quantities import friction_quantities, gravity_quantities
 from fitting.model.export.words import Written, refitted, require_folder, said_of
 
 
-def write_csv(model: ArmModel, path: Path) -> Written:
+def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     """Write a folder of tables, and ``tables.csv`` that says what each is.
 
     Raises
@@ -31,12 +31,16 @@ def write_csv(model: ArmModel, path: Path) -> Written:
         If the folder is a file.
     """
     require_folder(path)
-    past = motion.histories(model)
-    left_out = [f"{model.terms[k].id}: it belongs to the sensors" for k in sorted(motion.left_out(model))]
-    left_out += [f"{model.terms[k].id}: it needs the motion before a moment" for k in sorted(past)]
-    rest = model.rest(past) if past else None
+    reasons = {
+        "belongs to the sensors": motion.left_out(model),
+        "needs the motion before a moment": motion.histories(model),
+        "needs the oil's temperature": motion.heated(model),
+    }
+    left_out = [f"{model.terms[k].id}: it {why}" for why, numbers in reasons.items() for k in sorted(numbers)]
+    lost = motion.histories(model) | motion.heated(model)
+    rest = model.rest(lost) if lost else None
     left_out += [] if rest is None else refitted(model, rest)
-    whole, model = model, motion.at_rest(rest or model)
+    whole, model = model, motion.at_rest(rest or model, cold=True)
     rng = np.random.default_rng(0)
     tables = []
     for quantity in (*gravity_quantities(model), *friction_quantities(model)):
@@ -49,10 +53,7 @@ def write_csv(model: ArmModel, path: Path) -> Written:
             left_out.append(found)
     files = {f"{own.quantity.name}.csv": _text(own) for own in tables} | {"tables.csv": _index(tables)}
     files["card.txt"] = "\n".join([*said_of(whole, left_out), ""])
-    for name, text in files.items():
-        with replacing(path / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
-    return Written(tuple(path / name for name in files), tuple(left_out))
+    return written(path, files, left_out)
 
 
 def _text(table: Table) -> str:
