@@ -18,7 +18,7 @@ there may be many on one computer, needs neither recordings nor what reads and r
 =================  =================================================================================================
 
 A room imports only those above it in this list (a contract in ``pyproject.toml``). Beside the rooms: errors, quality
-flags, units, and what reads YAML from strangers.
+flags, units, motion files, and what reads YAML from strangers.
 """
 
 from __future__ import annotations

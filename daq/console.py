@@ -47,6 +47,12 @@ class ShowProgress(Protocol):
     def __call__(self, done: float, total: float | None, text: str | None = None) -> None: ...
 
 
+def may_be_written(output: Path, force: bool) -> None:
+    """Raise InputError if a file is there that nobody wants to be replaced."""
+    if output.exists() and not force:
+        raise InputError(f"{output}: is there already; choose another name, or add --force")
+
+
 def exit_code(error: HilfitError) -> int:
     """2 where the input is wrong, 1 where something failed."""
     return 2 if isinstance(error, InputError) else 1

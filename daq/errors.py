@@ -22,6 +22,12 @@ class HilfitError(Exception):
     """Anything that hilfit raises on purpose; its text is one line that a user can act on."""
 
 
+def first_line(error: Exception | None) -> str:
+    """The first line of an error's text, or its kind; some libraries put tracebacks into theirs."""
+    line = str(error).split("\n")[0].split("Traceback (most recent")[0]
+    return line.strip() or type(error).__name__
+
+
 class InputError(HilfitError):
     """A file, key, channel or option is wrong. The command line ends with exit code 2."""
 

@@ -16,7 +16,7 @@ class Quality(IntEnum):
     FRESH = 0  # sampled at this cycle's SYNC and here in time
     STALE = 1  # nothing came this cycle: the last known value, with its age
     MISSING = 2  # nothing came, and nothing recent is known: NaN
-    LATE = 3  # what came in this cycle was sampled at an earlier SYNC, or came later than half a period after its own
+    LATE = 3  # sampled at an earlier SYNC, or came later than half a period after its own, or nobody knows when
     OUT_OF_RANGE = 4  # at or beyond the channel's range
     EMERGENCY = 5  # the device reports an error of its own (EMCY, exception code)
     BUS_ERROR = 6  # the bus is down

@@ -8,61 +8,41 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-_WHOLE, _NUMBER, _LIST = "must be a whole number", "must be a number", "must be a list"
-_KEYS = "must have keys and values"
-_FLAG, _TIME = "must be true or false", "must be a time like 2026-01-31T12:00:00Z"
-_ONE_OF = "must be one of {expected}"
-_TEXTS: Mapping[str, str] = {
-    "missing": "this key is missing",
-    "extra_forbidden": "unknown key; remove it",
-    "string_type": "must be a text",
-    "string_sub_type": "must be a text",
-    "string_too_short": "must have {min_length} characters or more",
-    "string_too_long": "must have {max_length} characters or fewer",
-    "string_pattern_mismatch": "must look like {pattern}",
-    "string_unicode": "must be a text in Unicode",
-    "int_type": _WHOLE,
-    "int_parsing": _WHOLE,
-    "int_parsing_size": "is too large a number",
-    "int_from_float": _WHOLE,
-    "float_type": _NUMBER,
-    "float_parsing": _NUMBER,
-    "finite_number": "must be a finite number",
-    "bool_type": _FLAG,
-    "bool_parsing": _FLAG,
-    "greater_than": "must be greater than {gt}",
-    "greater_than_equal": "must be {ge} or more",
-    "less_than": "must be less than {lt}",
-    "less_than_equal": "must be {le} or less",
-    "multiple_of": "must be a multiple of {multiple_of}",
-    "list_type": _LIST,
-    "tuple_type": _LIST,
-    "set_type": _LIST,
-    "frozen_set_type": _LIST,
-    "iterable_type": _LIST,
-    "too_short": "must have {min_length} entries or more",
-    "too_long": "must have {max_length} entries or fewer",
-    "dict_type": _KEYS,
-    "mapping_type": _KEYS,
-    "model_type": _KEYS,
-    "model_attributes_type": _KEYS,
-    "dataclass_type": _KEYS,
-    "literal_error": _ONE_OF,
-    "enum": _ONE_OF,
-    "union_tag_invalid": "'{tag}' is none of {expected_tags}",
-    "union_tag_not_found": "needs the key {discriminator}",
-    "none_required": "must be left out",
-    "json_invalid": "is no JSON that can be read",
-    "json_type": "is no JSON that can be read",
-    "datetime_type": _TIME,
-    "datetime_parsing": _TIME,
-    "datetime_from_date_parsing": _TIME,
-    "timezone_aware": "needs a time zone, as in 2026-01-31T12:00:00Z",
-}
-
-
-def _context(problem: Mapping[str, Any]) -> Mapping[str, Any]:
-    return problem.get("ctx") or {}
+#: Kinds of errors, and the words for all of them.
+_WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("missing",), "this key is missing"),
+    (("extra_forbidden",), "unknown key; remove it"),
+    (("string_type", "string_sub_type"), "must be a text"),
+    (("string_too_short",), "must have {min_length} characters or more"),
+    (("string_too_long",), "must have {max_length} characters or fewer"),
+    (("string_pattern_mismatch",), "must look like {pattern}"),
+    (("string_unicode",), "must be a text in Unicode"),
+    (("int_type", "int_parsing", "int_from_float"), "must be a whole number"),
+    (("int_parsing_size",), "is too large a number"),
+    (("float_type", "float_parsing"), "must be a number"),
+    (("finite_number",), "must be a finite number"),
+    (("bool_type", "bool_parsing"), "must be true or false"),
+    (("greater_than",), "must be greater than {gt}"),
+    (("greater_than_equal",), "must be {ge} or more"),
+    (("less_than",), "must be less than {lt}"),
+    (("less_than_equal",), "must be {le} or less"),
+    (("multiple_of",), "must be a multiple of {multiple_of}"),
+    (("list_type", "tuple_type", "set_type", "frozen_set_type", "iterable_type"), "must be a list"),
+    (("too_short",), "must have {min_length} entries or more"),
+    (("too_long",), "must have {max_length} entries or fewer"),
+    (
+        ("dict_type", "mapping_type", "model_type", "model_attributes_type", "dataclass_type"),
+        "must have keys and values",
+    ),
+    (("literal_error", "enum"), "must be one of {expected}"),
+    (("union_tag_invalid",), "'{tag}' is none of {expected_tags}"),
+    (("union_tag_not_found",), "needs the key {discriminator}"),
+    (("none_required",), "must be left out"),
+    (("json_invalid", "json_type"), "is no JSON that can be read"),
+    (("datetime_type", "datetime_parsing", "datetime_from_date_parsing"), "must be a time like 2026-01-31T12:00:00Z"),
+    (("timezone_aware",), "needs a time zone, as in 2026-01-31T12:00:00Z"),
+)
+_TEXTS: Mapping[str, str] = {kind: text for kinds, text in _WORDS for kind in kinds}
 
 
 def in_words(problem: Mapping[str, Any]) -> str:
@@ -70,7 +50,8 @@ def in_words(problem: Mapping[str, Any]) -> str:
 
     What a check of ours raised is its own text; a kind of error that has no words here keeps pydantic's.
     """
-    context = {key: f"{value:g}" if isinstance(value, float) else value for key, value in _context(problem).items()}
+    told: Mapping[str, Any] = problem.get("ctx") or {}
+    context = {key: f"{value:g}" if isinstance(value, float) else value for key, value in told.items()}
     if problem["type"] in ("value_error", "assertion_error"):
         return str(problem["msg"]).partition(", ")[2]  # behind what pydantic calls it
     text = _TEXTS.get(problem["type"])

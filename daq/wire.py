@@ -6,19 +6,9 @@ import math
 import struct
 
 _FORMATS: dict[str, str] = {
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int24": "3s",
-    "uint24": "3s",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
-}
+    "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int24": "3s", "uint24": "3s", "int32": "i", "uint32": "I",
+    "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
+}  # fmt: skip
 
 
 def struct_code(data_type: str) -> str:

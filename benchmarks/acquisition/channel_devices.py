@@ -78,9 +78,10 @@ class _Bus:
         identifier, content = int(words[1], 16), bytes(int(word, 16) for word in words[3:])
         if identifier == 0x080:
             if not self._answer:
+                before = len(self._out)  # answers to what came with it
                 for node in self._nodes.values():
                     node.on_sync((42.0,))
-                self._answer = b"".join(self._out)
+                self._answer = b"".join(self._out[before:])
             else:
                 self._out.append(self._answer)
             return

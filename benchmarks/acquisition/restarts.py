@@ -37,15 +37,21 @@ def _beside_the_cycle_s(pid: int) -> float:
 
 
 def _until_fresh(ring: RingReader) -> tuple[float, int]:
-    """Seconds until the first of five rows in a row that are all fresh, and fresh values that are not what was sent."""
+    """Seconds until the first of five rows that are all fresh, and fresh values that are not what was sent.
+
+    None may be between them but ones with values that only came late: that is the computer, not what was restarted.
+    """
     began, first, good, wrong = time.monotonic(), 0.0, 0, 0
     while good < 5 and time.monotonic() - began < PATIENCE_S:
         ring.wait(0.5)
         for row in ring.read().rows:
             fresh = row["quality"] == Quality.FRESH
             wrong += int((fresh & (np.abs(row["values"] - VALUES) > 1e-3 * VALUES)).sum())
-            good = good + 1 if fresh.all() else 0
-            first = time.monotonic() if good == 1 else first
+            if fresh.all():
+                good += 1
+                first = row["monotonic_ns"] / 1e9 if good == 1 else first
+            elif not np.isin(row["quality"], (Quality.FRESH, Quality.LATE, Quality.STALE)).all():
+                good = 0
     return (first if good >= 5 else time.monotonic()) - began, wrong
 
 

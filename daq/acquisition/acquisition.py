@@ -13,7 +13,6 @@ import sys
 from collections.abc import Iterable
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from daq.acquisition.cycles import AcquisitionStatistics
@@ -194,7 +193,5 @@ class AcquisitionProcess:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.stop()

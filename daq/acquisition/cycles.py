@@ -14,7 +14,7 @@ from typing import Any
 from daq.acquisition.assembly import Assembler
 from daq.acquisition.frozen import FrozenDetector
 from daq.acquisition.ring import RingWriter
-from daq.drivers.base import DeviceStatus, Driver, DriverStatistics
+from daq.drivers.base import Driver, DriverStatistics
 from daq.frames.channels import ChannelTable
 from daq.frames.clock import Clock
 from daq.frames.events import EventLog
@@ -160,22 +160,12 @@ class Cycles:
 
 
 def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
-    return {
-        "bus": statistics.bus,
-        "state": statistics.state,
-        "detail": statistics.detail,
-        "devices": [_device(device) for device in statistics.devices],
-        "counts": dict(statistics.counts),
-    }
-
-
-def _device(device: DeviceStatus) -> dict[str, Any]:
-    content: dict[str, Any] = {"name": device.name, "state": device.state, "detail": device.detail}
-    if device.latency_ms is not None:
-        content["latency_ms"] = [round(value, 3) for value in device.latency_ms]
-    if device.objects:
-        content["objects"] = dict(device.objects)
-    return content
+    """As JSON carries it; what a device does not have is left out."""
+    devices = [{key: value for key, value in vars(d).items() if value or key == "detail"} for d in statistics.devices]
+    for device in devices:
+        if "latency_ms" in device:
+            device["latency_ms"] = [round(value, 3) for value in device["latency_ms"]]
+    return {**vars(statistics), "devices": devices, "counts": dict(statistics.counts)}
 
 
 def _short(bus: dict[str, Any]) -> dict[str, Any]:

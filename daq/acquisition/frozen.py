@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from daq.machine.machine_file import CanSource, Channel, Machine, ModbusSource
+from daq.machine.machine_file import Channel, Machine
 from daq.quality import Quality
 
 NOISY_BLOCKS = 5  # of a second
@@ -219,10 +219,6 @@ def _number(channels: tuple[Channel, ...], channel: Channel) -> int:
     return next(k for k, other in enumerate(channels) if _device(other) == _device(channel))
 
 
-def _device(channel: Channel) -> tuple[str, int | str]:
+def _device(channel: Channel) -> tuple[str, str]:
     source = channel.source
-    if isinstance(source, CanSource):
-        return source.bus, source.node
-    if isinstance(source, ModbusSource):
-        return source.bus, source.unit
-    return (source.bus if source is not None else "", channel.name)
+    return ("", channel.name) if source is None else (source.bus, source.device or channel.name)

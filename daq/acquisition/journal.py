@@ -85,7 +85,7 @@ class Journal:
             self._write(_SCHEMA, described)
             self._write(_SCHEMA, described)
         except StorageError:
-            self._close()
+            self.abandon()
             with contextlib.suppress(OSError):
                 self._journal.unlink()  # there is no row in it
             raise
@@ -152,15 +152,12 @@ class Journal:
                 return f"{self._journal}: cannot be removed ({error.strerror}); the recording is whole, remove it"
             return None
         finally:
-            self._close()
-
-    def _close(self) -> None:
-        with contextlib.suppress(OSError):  # what could not be written was said before
-            self._file.close()  # and with it the lock
+            self.abandon()
 
     def abandon(self) -> None:
         """Close without sealing; what is in the journal stays for :func:`recover`."""
-        self._close()
+        with contextlib.suppress(OSError):  # what could not be written was said before
+            self._file.close()  # and with it the lock
 
 
 def _seal(path: Path, table: pa.Table, metadata: Mapping[str, str], journal: Path) -> None:
@@ -239,12 +236,9 @@ def _recover_one(journal: Path) -> Recovered:
             return Recovered(journal, None, 0, found.damaged, "holds no row that can be read")
         _put_away(journal)
         return Recovered(journal, None, 0)
-    if path.exists():
-        # Killed between the rename and the removal of the journal, or another recording took the name since.
-        if not _same(path, found.table):
-            path = _free(path)
-            _seal(path, found.table, _noted(found), journal)
-    else:
+    # Killed between the rename and the removal of the journal, or another recording took the name since.
+    if not (path.exists() and _same(path, found.table)):
+        path = _free(path) if path.exists() else path
         _seal(path, found.table, _noted(found), journal)
     _put_away(journal)
     return Recovered(journal, path, found.table.num_rows, found.damaged)

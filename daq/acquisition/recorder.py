@@ -206,6 +206,22 @@ class Recorder:
         return self._summary
 
 
+def rows_table(machine: Machine, role: str, rows: npt.NDArray[np.void], time_s: FloatArray) -> pa.Table:
+    """The recording's table of (N,) rows of the ring, at (N,) seconds."""
+    values = np.where(np.isin(rows["quality"], UNMEASURED), np.nan, rows["values"])
+    columns = [(i, channel.name) for i, channel in enumerate(machine.channels)]
+    return recording_table(
+        machine,
+        role,
+        time_s,
+        {name: values[:, i] for i, name in columns},
+        cycle=rows["cycle"],
+        utc_ns=rows["utc_ns"],
+        age={name: rows["ages"][:, i] for i, name in columns},
+        quality={name: rows["quality"][:, i] for i, name in columns},
+    )
+
+
 class _Writer:
     """Rows of the ring to rows of the recording: one per cycle, gaps filled with rows marked missing."""
 
@@ -277,20 +293,8 @@ class _Writer:
         self._ledger.add(rows["quality"], stored, origin)
 
     def _table(self, rows: npt.NDArray[np.void]) -> pa.Table:
-        quality = rows["quality"]
-        values = np.where(np.isin(quality, UNMEASURED), np.nan, rows["values"])
         time_s: FloatArray = (rows["cycle"] - (self._first_cycle or 0)) / self._machine.rate_hz
-        columns = range(len(self._names))
-        return recording_table(
-            self._machine,
-            self._role,
-            time_s,
-            {self._names[i]: values[:, i] for i in columns},
-            cycle=rows["cycle"],
-            utc_ns=rows["utc_ns"],
-            age={self._names[i]: rows["ages"][:, i] for i in columns},
-            quality={self._names[i]: quality[:, i] for i in columns},
-        )
+        return rows_table(self._machine, self._role, rows, time_s)
 
     def _backdated(self, table: pa.Table) -> pa.Table:
         """Frozen values marked from their beginning, which was not known while they came."""

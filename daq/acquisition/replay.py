@@ -20,7 +20,6 @@ import numpy as np
 
 from daq.acquisition.assembly import Assembler
 from daq.acquisition.frozen import FrozenDetector
-from daq.acquisition.recorder import UNMEASURED
 from daq.acquisition.trace import bus_file, read_trace, trace_files
 from daq.drivers.base import Driver, DriverContext, make_driver
 from daq.drivers.can.port import CanAccess, CanPort
@@ -213,19 +212,3 @@ def _phase(first: dict[str, dict[int, list[int]]], begin_ns: int, period_ns: int
     pauses = np.diff(phases, append=phases[0] + period_ns)
     widest = int(np.argmax(pauses))
     return int(phases[widest] + pauses[widest] // 2) % period_ns
-
-
-def as_columns(frames: list[Frame], names: tuple[str, ...]) -> dict[str, Any]:
-    """What :func:`daq.recordings.recording.write_recording` takes besides path, machine and role; values in SI."""
-    values = np.array([frame.values for frame in frames]).reshape(len(frames), len(names))
-    ages = np.array([frame.ages for frame in frames]).reshape(len(frames), len(names))
-    quality = np.array([frame.quality for frame in frames]).reshape(len(frames), len(names))
-    values[np.isin(quality, UNMEASURED)] = np.nan
-    return {
-        "time": np.array([frame.time for frame in frames]),
-        "values": {name: values[:, index] for index, name in enumerate(names)},
-        "age": {name: ages[:, index] for index, name in enumerate(names)},
-        "quality": {name: quality[:, index] for index, name in enumerate(names)},
-        "cycle": np.array([frame.cycle for frame in frames], dtype=np.int64),
-        "utc_ns": np.array([frame.utc_ns for frame in frames], dtype=np.int64),
-    }

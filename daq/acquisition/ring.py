@@ -19,10 +19,9 @@ import os
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from multiprocessing import resource_tracker, shared_memory
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -50,28 +49,6 @@ _HEADER = np.dtype(
     ]
 )
 _ATTACHING = threading.Lock()
-
-
-@dataclass(frozen=True)
-class RingStatistics:
-    """State of a ring as its writer (``overruns`` 0 to it, it waits for nobody) or one of its readers sees it.
-
-    Attributes
-    ----------
-    capacity : rows that fit
-    written : rows ever written
-    fill : for a reader rows waiting for it; for the writer rows that are there
-    overruns : times that the writer overtook this reader
-    dropped : rows that this reader never got, by reason: ``overwritten`` (it was too slow)
-    torn_reads : copies that were discarded because the writer was writing, then read again or counted as overwritten
-    """
-
-    capacity: int
-    written: int
-    fill: int
-    overruns: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
-    torn_reads: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,11 +86,6 @@ class _Ring:
     def name(self) -> str:
         """The name by which other processes attach."""
         return self._memory.name
-
-    @property
-    def capacity(self) -> int:
-        """Rows that fit."""
-        return self._slots
 
     @property
     def written(self) -> int:
@@ -168,9 +140,7 @@ class _Ring:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
 
@@ -224,10 +194,6 @@ class RingWriter(_Ring):
         """Tell the readers that no more will come."""
         self._header["closed"] = 1
 
-    def statistics(self) -> RingStatistics:
-        """State as the writer sees it."""
-        return RingStatistics(self._slots, self._next, min(self._next, self._slots))
-
 
 class RingReader(_Ring):
     """A reader of its own position; ``from_start`` begins with the oldest row that is there, else with the next one."""
@@ -236,9 +202,6 @@ class RingReader(_Ring):
         super().__init__(_attach(name))
         written = self.written
         self._next = max(0, written - self._slots) if from_start else written
-        self._overruns = 0
-        self._overwritten = 0
-        self._torn = 0
 
     @property
     def position(self) -> int:
@@ -266,7 +229,6 @@ class RingReader(_Ring):
             if whole.all():
                 self._next += count
                 return Rows(rows, missed)
-            self._torn += int(count - whole.sum())
             # Only the oldest rows can be overwritten while they are copied: what follows the last torn one is whole.
             last_torn = int(np.flatnonzero(~whole)[-1])
             if last_torn + 1 < count:
@@ -278,8 +240,6 @@ class RingReader(_Ring):
 
     def _skip_to(self, row: int) -> int:
         lost = row - self._next
-        self._overruns += 1
-        self._overwritten += lost
         self._next = row
         return lost
 
@@ -301,18 +261,6 @@ class RingReader(_Ring):
             if whole and int(self._before[slot]) == written:
                 return row
         return None
-
-    def statistics(self) -> RingStatistics:
-        """State as this reader sees it."""
-        written = self.written
-        return RingStatistics(
-            capacity=self._slots,
-            written=written,
-            fill=min(written - self._next, self._slots),
-            overruns=self._overruns,
-            dropped={"overwritten": self._overwritten},
-            torn_reads=self._torn,
-        )
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ import can
 from can.io.logger import SizedRotatingLogger
 
 from daq.drivers.can.port import CanAccess
-from daq.errors import InputError
+from daq.errors import InputError, first_line
 from daq.frames.events import EventLog
 
 SUFFIXES = (".blf", ".asc", ".log")  # Vector binary, Vector text, candump
@@ -127,5 +127,5 @@ def read_trace(path: Path) -> Iterator[can.Message]:
             with file.open(mode) as opened, reader(opened) as frames:
                 yield from frames
         except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
-            line = str(error).split("\n")[0] or type(error).__name__
+            line = first_line(error)
             raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc, .log or .trc") from None

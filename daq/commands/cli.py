@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.commands import cli_bus, cli_machine
-from daq.console import Json, MachineFile, print_json, progress_bar, reported, working
+from daq.console import Json, MachineFile, may_be_written, print_json, progress_bar, reported, working
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import SUFFIXES
@@ -164,8 +164,7 @@ def _told(event: dict[str, Any]) -> str:
 def _writable(output: Path, force: bool, suffixes: tuple[str, ...] = SUFFIXES) -> None:
     if output.suffix.lower() not in suffixes:
         raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(suffixes)}")
-    if output.exists() and not force:
-        raise InputError(f"{output}: is there already; choose another name, or add --force")
+    may_be_written(output, force)
 
 
 def replay(
@@ -177,9 +176,12 @@ def replay(
     json: Json = False,
 ) -> None:
     """Make a recording from a raw trace, by the same drivers, without the machine."""
-    from daq.acquisition.replay import as_columns
+    from numpy import concatenate
+
+    from daq.acquisition.recorder import rows_table
     from daq.acquisition.replay import replay as run
-    from daq.recordings.recording import write_recording
+    from daq.frames.frame import row_from_frame
+    from daq.recordings.recording_files import write_table
 
     _writable(output, force)
     described = load_machine(machine)
@@ -187,8 +189,8 @@ def replay(
         result = run(described, trace)
     if not result.frames:
         raise InputError(f"{trace}: holds no cycle of '{described.name}'; is it this machine's trace?")
-    columns = as_columns(result.frames, tuple(channel.name for channel in described.channels))
-    write_recording(output, described, role.value, columns.pop("time"), columns.pop("values"), **columns)
+    rows = concatenate([row_from_frame(frame) for frame in result.frames])
+    write_table(output, rows_table(described, role.value, rows, rows["time"]))
     if json:
         print_json({"file": str(output), "rows": len(result.frames), "buses": result.buses, "events": result.events})
         return

@@ -10,8 +10,7 @@ from typing import Annotated
 import typer
 
 from daq.commands.cli_new import new
-from daq.console import Json, print_json, reported
-from daq.errors import InputError
+from daq.console import Json, may_be_written, print_json, reported
 from daq.machine.machine_file import Machine, parse_machine
 
 
@@ -87,8 +86,7 @@ def import_kinematics(
     """Make the kinematic part of a machine file from an arm's model; what it lacks is marked TODO."""
     from daq.kinematics import draft_machine, read_chain
 
-    if output.exists() and not force:
-        raise InputError(f"{output}: is there already; choose another name, or add --force")
+    may_be_written(output, force)
     chain = read_chain(source, tip)
     text = draft_machine(chain, source.name)
     machine = parse_machine(text, name=str(output))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from daq.console import print_json
+from daq.console import may_be_written, print_json
 from daq.errors import InputError
 
 
@@ -26,8 +26,7 @@ def new(
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON; asks nothing.")] = False,
 ) -> None:
     """Make the buses and channels of a machine file from a scan, EDS and DBC files; asks what each value is."""
-    if output.exists() and not force:
-        raise InputError(f"{output}: is there already; choose another name, or add --force")
+    may_be_written(output, force)
     if not (scan or eds or dbc):
         raise InputError("machine new: says nothing about devices; give --scan, --eds or --dbc")
     from daq.commissioning.wizard import Origins, write_draft

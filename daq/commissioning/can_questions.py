@@ -8,11 +8,10 @@ from dataclasses import dataclass, field, replace
 
 import can
 
-from daq.drivers.can.port import first_line
 from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
 from daq.drivers.canopen.profiles import profile_name
-from daq.errors import BusError
+from daq.errors import BusError, first_line
 
 ASK_EVERY_S = 0.005
 ANSWERS_S = 0.4  # for the last one that was asked
@@ -109,8 +108,6 @@ def asked(link: CanLink, node: FoundNode) -> FoundNode:
         return replace(answered, state=node.state, answers=node.answers, heartbeat_ms=heartbeat_ms, pdos=pdos)
     except NoAnswerError:  # it went away, or answers one question in two
         return node
-    finally:
-        sdo.close()
 
 
 def _pdos(sdo: Sdo) -> list[Pdo]:

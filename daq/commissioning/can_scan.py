@@ -19,7 +19,7 @@ import numpy as np
 from daq.commissioning.can_questions import FoundNode, answering
 from daq.commissioning.can_questions import asked as asked_node
 from daq.drivers.base import DriverContext
-from daq.drivers.can.health import BusHealth, advice
+from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.link import CanLink
 from daq.frames.clock import NS
 from daq.machine.can_database import pgn_of
@@ -87,7 +87,7 @@ class _Ear(CanLink):
     def __init__(self, bus: CanopenBus, context: DriverContext, health: BusHealth) -> None:
         self.lock = threading.Lock()
         self.times: dict[tuple[int, bool], list[int]] = {}
-        self.counts: dict[tuple[int, bool], int] = {}
+        self.seen: dict[tuple[int, bool], int] = {}
         self.last: dict[tuple[int, bool], bytes] = {}
         super().__init__(bus, context, health)
 
@@ -98,7 +98,7 @@ class _Ear(CanLink):
             times = self.times.setdefault(key, [])
             if len(times) < _TIMES:
                 times.append(at_ns)
-            self.counts[key] = self.counts.get(key, 0) + 1
+            self.seen[key] = self.seen.get(key, 0) + 1
             self.last[key] = bytes(message.data)
         if not message.is_extended_id:
             super().dispatch(message, at_ns)
@@ -126,7 +126,7 @@ def scan_can(
         If the bus cannot be opened.
     """
     opened = _canopen(bus, listen_only=bus.listen_only or not ask, listen_s=min(seconds, LONGEST_S))
-    health = BusHealth()
+    health = BusHealth(bus.name)
     link = _Ear(opened, DriverContext(1.0, 0.0, time.monotonic_ns), health)
     try:
         time.sleep(seconds)
@@ -140,7 +140,7 @@ def scan_can(
             for number, answers in answering(link, nodes).items():
                 known = found.get(number, FoundNode(number))
                 found[number] = asked_node(link, replace(known, answers=answers))
-        notes = _notes(bus.name, link, health, heard, masters, asked=asked, ask=ask and not bus.listen_only)
+        notes = _notes(bus.name, link, health, heard, masters, asked=asked)
         notes += [
             f"bus '{bus.name}': {node.answers} devices answer as node {node.node}; give each an ID of its own"
             for node in found.values()
@@ -182,7 +182,7 @@ def _heard(key: tuple[int, bool], link: _Ear) -> Heard:
         extended,
         what,
         node,
-        link.counts[key],
+        link.seen[key],
         len(data),
         float(1 / steps.mean()) if len(steps) > 1 and steps.mean() > 0 else None,
         float(1e3 * steps.std()) if len(steps) > 1 else None,
@@ -220,14 +220,12 @@ def _alive(heard: Sequence[Heard]) -> list[FoundNode]:
     return list(found.values())
 
 
-def _notes(
-    name: str, link: _Ear, health: BusHealth, heard: Sequence[Heard], masters: str, *, asked: bool, ask: bool
-) -> list[str]:
+def _notes(name: str, link: _Ear, health: BusHealth, heard: Sequence[Heard], masters: str, *, asked: bool) -> list[str]:
     notes = []
     if link.failure is not None:
         notes.append(f"bus '{name}': {link.failure}; check the interface")
-    if health.state != "active":
-        notes.append(advice(name, health.state))
+    if health.line:
+        notes.append(health.line)
     if health.error_frames and not heard:
         notes.append(f"bus '{name}': {health.error_frames} error frames and nothing else; the bitrate is wrong")
     elif not heard and not asked:

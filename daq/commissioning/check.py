@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -144,7 +144,7 @@ def machine_check(
     findings = [f"{device.bus} {device.device}: {device.detail}" for device in devices if device.state != "running"]
     findings += [line for (bus, _), node in nodes.items() for line in identity_findings(machine, bus, node)]
     for channel, checked in zip(machine.channels, channels, strict=True):
-        findings += _of_channel(machine, channel, checked, depressurised)
+        findings += _of_channel(channel, checked, depressurised)
         node = nodes.get((checked.bus, channel.source.node)) if isinstance(channel.source, CanSource) else None
         said = None if node is None else scale_finding(machine, channel, node)
         findings += [said] if said else []
@@ -212,14 +212,7 @@ def _channel(machine: Machine, index: int, channel: Channel, rows: npt.NDArray[n
     if isinstance(source, CanSource | ModbusSource):
         raw = raw * 10.0**source.decimals + source.zero
         raw = raw % source.modulo if source.modulo is not None else raw
-    return ChannelCheck(channel.name, channel.unit, source.bus, _device(channel), rest, raw)
-
-
-def _device(channel: Channel) -> str:
-    source = channel.source
-    if isinstance(source, CanSource):
-        return f"node {source.node}"
-    return f"unit {source.unit}" if isinstance(source, ModbusSource) else ""
+    return ChannelCheck(channel.name, channel.unit, source.bus, source.device, rest, raw)
 
 
 def _devices(
@@ -261,69 +254,34 @@ def _identity(node: FoundNode) -> dict[str, str]:
 # Channels
 
 
-def _of_channel(machine: Machine, channel: Channel, checked: ChannelCheck, depressurised: bool) -> list[str]:
-    rest, name = checked.rest, channel.name
-    if math.isnan(rest.mean):
-        others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
-        return [f"{name}: only {rest.values} values came ({others or 'nothing else'}); see its device"]
-    rules: Sequence[Callable[[], str | None]] = (
-        lambda: _coming(name, rest),
-        lambda: _still(channel, rest),
-        lambda: _noise(channel, rest),
-        lambda: _range(channel, rest),
-        lambda: _drifting(channel, rest),
-        lambda: _zero(machine, channel, rest) if depressurised else None,
-    )
-    return [line for rule in rules if (line := rule()) is not None]
-
-
-def _coming(name: str, rest: AtRest) -> str | None:
-    if rest.share >= LEAST_SHARE:
-        return None
+def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) -> Iterator[str]:
+    """Lines about one channel."""
+    rest, name, unit = checked.rest, channel.name, channel.unit
     others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
-    return f"{name}: {100 * rest.share:.1f} % of the cycles brought a value ({others}); see its device"
-
-
-def _still(channel: Channel, rest: AtRest) -> str | None:
-    if rest.noise > 0 or not channel.noise_std:
-        return None
-    return f"{channel.name}: did not change once, although its noise_std is {channel.noise_std:g} {channel.unit}"
-
-
-def _noise(channel: Channel, rest: AtRest) -> str | None:
+    if math.isnan(rest.mean):
+        yield f"{name}: only {rest.values} values came ({others or 'nothing else'}); see its device"
+        return
+    if rest.share < LEAST_SHARE:
+        yield f"{name}: {100 * rest.share:.1f} % of the cycles brought a value ({others}); see its device"
+    if channel.noise_std and rest.noise <= 0:
+        yield f"{name}: did not change once, although its noise_std is {channel.noise_std:g} {unit}"
     declared = math.hypot(channel.noise_std or 0.0, (channel.resolution or 0.0) / math.sqrt(12.0))
-    if not channel.noise_std or rest.noise <= NOISY * declared:
-        return None
-    return (
-        f"{channel.name}: noise is {rest.noise:.3g} {channel.unit}, {rest.noise / declared:.1f} times what noise_std "
-        "and resolution say; look at shield and earth, or correct noise_std"
-    )
-
-
-def _range(channel: Channel, rest: AtRest) -> str | None:
-    if channel.range is None or channel.range[0] < rest.mean < channel.range[1]:
-        return None
-    return f"{channel.name}: is at {rest.mean:.4g} {channel.unit}, outside its range {list(channel.range)}"
-
-
-def _drifting(channel: Channel, rest: AtRest) -> str | None:
-    if rest.moved or math.isnan(rest.drift) or abs(rest.drift) <= DRIFTS * rest.drift_std:
-        return None
-    if abs(rest.drift) <= rest.noise:
-        return None
-    return (
-        f"{channel.name}: drifts by {rest.drift:.3g} ± {rest.drift_std:.2g} {channel.unit} a minute; is it warm, and "
-        "does nothing sink?"
-    )
-
-
-def _zero(machine: Machine, channel: Channel, rest: AtRest) -> str | None:
-    """Without pressure a sensor shows zero, within a hundredth of its range."""
-    if channel.quantity not in PRESSURES or channel.range is None or channel.source is None:
-        return None
-    if abs(rest.mean) <= ZERO * (channel.range[1] - channel.range[0]):
-        return None
-    return (
-        f"{channel.name}: shows {rest.mean:.4g} {channel.unit} without pressure; if there is none, write offset: "
-        f"{channel.source.offset - rest.mean:.6g} in its source"
-    )
+    if channel.noise_std and rest.noise > NOISY * declared:
+        yield (
+            f"{name}: noise is {rest.noise:.3g} {unit}, {rest.noise / declared:.1f} times what noise_std and "
+            "resolution say; look at shield and earth, or correct noise_std"
+        )
+    if channel.range is not None and not channel.range[0] < rest.mean < channel.range[1]:
+        yield f"{name}: is at {rest.mean:.4g} {unit}, outside its range {list(channel.range)}"
+    if not (rest.moved or math.isnan(rest.drift)) and abs(rest.drift) > max(DRIFTS * rest.drift_std, rest.noise):
+        yield (
+            f"{name}: drifts by {rest.drift:.3g} ± {rest.drift_std:.2g} {unit} a minute; is it warm, and does nothing "
+            "sink?"
+        )
+    span = 0.0 if channel.range is None else channel.range[1] - channel.range[0]
+    told = depressurised and channel.quantity in PRESSURES
+    if told and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
+        yield (
+            f"{name}: shows {rest.mean:.4g} {unit} without pressure; if there is none, write offset: "
+            f"{channel.source.offset - rest.mean:.6g} in its source"
+        )

@@ -44,20 +44,17 @@ class Picture:
         table = Table("channel", "value", "unit", "quality", "age, ms", "values/s", "spread", "device", box=None)
         for column in (1, 4, 5, 6):
             table.columns[column].justify = "right"
-        newest = self._rows[-1] if self._rows else None
-        for index, channel in enumerate(self._machine.channels):
+        told = self.content(statistics)["channels"]
+        for channel in self._machine.channels:
             source = "" if channel.source is None else channel.source.bus
-            if newest is None:
+            one = told.get(channel.name)
+            if one is None:
                 table.add_row(channel.name, "", channel.unit, "nothing yet", "", "", "", source)
                 continue
-            quality = Quality(int(newest["quality"][index]))
-            value = float(self._conversions[index].from_si(newest["values"][index]))
-            age = 1e3 * float(newest["ages"][index])
-            rate, spread = self._window(index)
+            style = _STYLES.get(Quality[one["quality"].upper()], "red")
             table.add_row(
-                channel.name, _number(value, 6), channel.unit,
-                Text(quality.name.lower(), style=_STYLES.get(quality, "red")),
-                _number(age, 3), f"{rate:.1f}", _number(spread, 2), source,
+                channel.name, _number(one["value"], 6), channel.unit, Text(one["quality"], style=style),
+                _number(one["age_ms"], 3), f"{one['values_per_s']:.1f}", _number(one["spread"], 2), source,
             )  # fmt: skip
         return Group(_head(statistics), table, *_troubles(statistics))
 
@@ -91,8 +88,8 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _number(value: float, digits: int) -> str:
-    return "" if math.isnan(value) else f"{value:.{digits}g}"
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}g}"
 
 
 def _head(statistics: AcquisitionStatistics) -> Text:

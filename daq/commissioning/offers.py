@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 from canopen import objectdictionary
-from canopen.objectdictionary import ODVariable
 
-from daq.drivers.canopen.eds import Place, pdo_places, read_eds, value_of
+from daq.drivers.canopen.eds import Place, pdo_places, read_eds, value_of, variable_of
 from daq.drivers.canopen.profiles import ASKED, Measured, measured, profile_of
 from daq.machine.buses import CanSignalsBus, object_of
 from daq.machine.can_database import read_database
@@ -56,7 +56,9 @@ def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) ->
         places = {
             (index, sub): Place(pdo["cob_id"], bit, bits, pdo["transmission"] <= 240, pdo["event_ms"])
             for pdo in node["pdos"]
-            for (index, sub, bits), bit in _placed(pdo["entries"])
+            for (index, sub, bits), bit in zip(
+                pdo["entries"], accumulate((e[2] for e in pdo["entries"]), initial=0), strict=False
+            )
         }
         for own in measured(node["device_type"], objects):
             place = places.get((own.index, own.subindex)) if listen_only else None
@@ -148,14 +150,5 @@ def _of_object(bus: str, node: int, device: str, own: Measured, place: Place | N
 
 
 def _data_type(dictionary: Any, index: int, subindex: int) -> str | None:
-    held = dictionary.get(index)
-    variable = held if isinstance(held, ODVariable) else None if held is None else held.subindices.get(subindex)
+    variable = variable_of(dictionary, index, subindex)
     return None if variable is None else _TYPES.get(variable.data_type)
-
-
-def _placed(entries: Iterable[tuple[int, int, int]]) -> Iterable[tuple[tuple[int, int, int], int]]:
-    """Mapping entries with the bit where each begins."""
-    bit = 0
-    for index, sub, bits in entries:
-        yield (index, sub, bits), bit
-        bit += bits

@@ -1,7 +1,8 @@
 """Bus drivers, a folder for each family of buses (``can``, ``canopen``, ``modbus``).
 
 What one is says :mod:`~daq.drivers.base`, :mod:`~daq.drivers.conformance` what each has to pass; a device is kept by a
-:mod:`~daq.drivers.keeper`, and :mod:`~daq.drivers.decimals` are those that devices tell.
+:mod:`~daq.drivers.keeper`, and :mod:`~daq.drivers.decimals` are those that devices tell. Drivers that have one port are
+a :mod:`~daq.drivers.bus_driver`, those that only listen a :mod:`~daq.drivers.listening`, by a :mod:`~daq.drivers.pace`.
 """
 
 from daq.drivers.base import (

@@ -233,6 +233,14 @@ class Driver(Protocol):
         """Leave the devices quiet and close the bus; a second call does nothing."""
 
 
+def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict[int, list[tuple[int, Channel]]]:
+    """Channels of a bus, each with its position, by the number of the device that their sources name."""
+    found: dict[int, list[tuple[int, Channel]]] = {}
+    for position, channel in enumerate(channels):
+        found.setdefault(number(channel.source), []).append((position, channel))
+    return found
+
+
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
     """The driver for an entry of ``buses:``; its entry point is named after the type of bus."""
     if bus.type not in (names := DRIVERS.names()):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
@@ -59,22 +60,17 @@ def check_driver(
             _plain_run(driver, expected, context, cycles)
             jumps = (cycles + 7 * jump for jump in range(1, JUMPS + 1))
             _require(
-                any(_fresh(_cycle(driver, context, number), driver, expected) for number in jumps),
+                any(_fresh(driver, expected, _cycle(driver, context, number)) for number in jumps),
                 "a jump of the cycle number disturbs it",
             )
             if silence is not None and restore is not None and run == "first":
                 after = cycles + 7 * JUMPS + 1
                 silence()
                 _until(driver, context, after, lambda s: bool(np.all(s.quality != Quality.FRESH)), "silence")
-                _until(
-                    driver,
-                    context,
-                    after,
-                    _announced(driver),
-                    "a device that is not running and says why (`detail`)",
-                )
+                what = "a device that is not running and says why (`detail`)"
+                _until(driver, context, after, partial(_announced, driver), what)
                 restore()
-                _until(driver, context, after + ATTEMPTS, _all_fresh(driver, expected), "recovery")
+                _until(driver, context, after + ATTEMPTS, partial(_fresh, driver, expected), "recovery")
         finally:
             driver.stop()
         driver.stop()  # a second stop does nothing
@@ -83,7 +79,7 @@ def check_driver(
 
 
 def _plain_run(driver: Driver, expected: Mapping[str, float], context: DriverContext, cycles: int) -> None:
-    fresh = sum(_fresh(_cycle(driver, context, number), driver, expected) for number in range(cycles))
+    fresh = sum(_fresh(driver, expected, _cycle(driver, context, number)) for number in range(cycles))
     # A shared computer may not run us in time now and then; more than a few lost cycles are the driver's fault.
     _require(fresh >= 0.8 * cycles, f"only {fresh} of {cycles} cycles brought every channel fresh and right")
     statistics = driver.statistics()
@@ -110,23 +106,17 @@ def _shape(samples: Samples, count: int) -> None:
         array = getattr(samples, name)
         _require(array.shape == (count,), f"samples.{name} has shape {array.shape}, not ({count},)")
         _require(array.dtype.kind == kind, f"samples.{name} has dtype {array.dtype}")
-    allowed = (
-        Quality.FRESH,
-        Quality.LATE,
-        Quality.MISSING,
-        Quality.INVALID,
-        Quality.EMERGENCY,
-        Quality.BUS_ERROR,
-    )
+    nothing = (Quality.MISSING, Quality.INVALID, Quality.BUS_ERROR)
+    allowed = (Quality.FRESH, Quality.LATE, Quality.EMERGENCY, *nothing)
     _require(bool(np.isin(samples.quality, allowed).all()), f"quality {samples.quality} is not a driver's to give")
     fresh = samples.quality == Quality.FRESH
     _require(bool(np.isfinite(samples.raw[fresh]).all()), "a fresh value is not finite")
-    nothing = np.isin(samples.quality, [Quality.MISSING, Quality.INVALID, Quality.BUS_ERROR])
-    _require(bool(np.isnan(samples.raw[nothing]).all()), "a value where nothing came")
+    absent = np.isin(samples.quality, nothing)
+    _require(bool(np.isnan(samples.raw[absent]).all()), "a value where nothing came")
     _require(bool((samples.cycles_ago >= 0).all()), "a value from a cycle to come")
 
 
-def _fresh(samples: Samples, driver: Driver, expected: Mapping[str, float]) -> bool:
+def _fresh(driver: Driver, expected: Mapping[str, float], samples: Samples) -> bool:
     if not np.all(samples.quality == Quality.FRESH):
         return False
     for name, value in zip(driver.channels, samples.raw, strict=True):
@@ -134,16 +124,9 @@ def _fresh(samples: Samples, driver: Driver, expected: Mapping[str, float]) -> b
     return bool(np.all(samples.cycles_ago == 0))
 
 
-def _all_fresh(driver: Driver, expected: Mapping[str, float]) -> Callable[[Samples], bool]:
-    return lambda samples: _fresh(samples, driver, expected)
-
-
-def _announced(driver: Driver) -> Callable[[Samples], bool]:
-    def check(samples: Samples) -> bool:
-        devices = [device for device in driver.statistics().devices if device.state != "running"]
-        return bool(devices) and all(device.detail for device in devices)
-
-    return check
+def _announced(driver: Driver, samples: Samples) -> bool:
+    devices = [device for device in driver.statistics().devices if device.state != "running"]
+    return bool(devices) and all(device.detail for device in devices)
 
 
 def _until(driver: Driver, context: DriverContext, start: int, done: Callable[[Samples], bool], what: str) -> None:

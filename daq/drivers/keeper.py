@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from daq.frames.clock import NS
 
@@ -23,6 +23,7 @@ class Keeper:
         :meth:`settled`.
     broke : told of an exception that ``care`` let out; it is a bug or a frame nobody thought of, never the keeper's end
     monotonic_ns : the clock that pauses are measured with
+    pauses : s, after so many failures in a row
     """
 
     def __init__(
@@ -31,10 +32,12 @@ class Keeper:
         care: Callable[[], None],
         broke: Callable[[Exception], None],
         monotonic_ns: Callable[[], int],
+        pauses: Sequence[float] = BACK_OFF_S,
     ) -> None:
         self._care = care
         self._broke = broke
         self._monotonic_ns = monotonic_ns
+        self._pauses = pauses
         self._condition = threading.Condition()
         self._due: int | None = None
         self._attempts = 0
@@ -69,7 +72,7 @@ class Keeper:
         with self._condition:
             if self._due is not None:
                 return
-            pause = BACK_OFF_S[min(self._attempts, len(BACK_OFF_S) - 1)]
+            pause = self._pauses[min(self._attempts, len(self._pauses) - 1)]
             self._attempts += 1
             self._due = self._monotonic_ns() + round(pause * NS)
             self._condition.notify()

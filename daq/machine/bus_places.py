@@ -22,12 +22,9 @@ import ipaddress
 import re
 from collections.abc import Collection, Mapping
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
-
-if TYPE_CHECKING:
-    from daq.machine.buses import Bus
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
 _SERIAL = re.compile(r"/dev/tty[A-Za-z0-9_.\-]*|/dev/pts/[0-9]+|/dev/serial/by-(id|path)/[A-Za-z0-9][^/\s]*|COM[0-9]+")
 _NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.\-]*[A-Za-z0-9])?")
@@ -39,7 +36,7 @@ CanInterface = Literal[
     "socketcan", "socketcand", "pcan", "kvaser", "vector", "ixxat", "gs_usb", "slcan", "serial", "virtual"
 ]
 CAN_INTERFACES: tuple[str, ...] = get_args(CanInterface)
-_SERIAL_INTERFACES = ("slcan", "serial")
+SERIAL_INTERFACES = ("slcan", "serial")
 
 
 def serial_port(text: str) -> str:
@@ -61,78 +58,34 @@ Host = Annotated[str, AfterValidator(host_name)]
 PortNumber = Annotated[int, Field(ge=1, le=65535)]
 
 
-class _Options(BaseModel):
-    """Options of a CAN interface that a machine file may give; python-can knows more."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
+_BAUD = Annotated[int, Field(ge=300, le=4_000_000)]
 
 
-class _Socketcan(_Options):
-    receive_own_messages: bool = False
-    local_loopback: bool = True
+def _options(**kinds: Any) -> type[BaseModel]:
+    """Options of a CAN interface that a machine file may give; python-can knows more. ``host`` and ``port`` it must."""
+    keys: dict[str, Any] = {name: (kind, ... if name in ("host", "port") else None) for name, kind in kinds.items()}
+    return create_model("Options", __config__=ConfigDict(extra="forbid", strict=True), **keys)
 
 
-class _Socketcand(_Options):
-    host: Host
-    port: PortNumber
-    tcp_tune: bool = True
-
-
-class _Pcan(_Options):
-    auto_reset: bool = False
-    device_id: int = 0
-
-
-class _Kvaser(_Options):
-    driver_mode: bool = True
-    single_handle: bool = False
-    accept_virtual: bool = True
-    no_samp: int = 1
-    tseg1: int = 0
-    tseg2: int = 0
-    sjw: int = 0
-
-
-class _Vector(_Options):
-    app_name: Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.\-]{1,32}$")] = "CANalyzer"
-    serial: int = 0
-
-
-class _Ixxat(_Options):
-    unique_hardware_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,32}$")] = ""
-    extended: bool = False
-
-
-class _GsUsb(_Options):
-    index: int = 0
-    bus: int = 0
-    address: int = 0
-
-
-class _Slcan(_Options):
-    tty_baudrate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
-    rtscts: bool = False
-    sleep_after_open: Annotated[float, Field(ge=0, le=10)] = 2.0
-
-
-class _Serial(_Options):
-    baudrate: Annotated[int, Field(ge=300, le=4_000_000)] = 115200
-    rtscts: bool = False
-
-
-class _Virtual(_Options):
-    receive_own_messages: bool = False
-
-
-_OPTIONS: Mapping[str, type[_Options]] = {
-    "socketcan": _Socketcan, "socketcand": _Socketcand, "pcan": _Pcan, "kvaser": _Kvaser, "vector": _Vector,
-    "ixxat": _Ixxat, "gs_usb": _GsUsb, "slcan": _Slcan, "serial": _Serial, "virtual": _Virtual,
-}  # fmt: skip
+_OPTIONS: Mapping[str, type[BaseModel]] = {
+    "socketcan": _options(receive_own_messages=bool, local_loopback=bool),
+    "socketcand": _options(host=Host, port=PortNumber, tcp_tune=bool),
+    "pcan": _options(auto_reset=bool, device_id=int),
+    "kvaser": _options(
+        driver_mode=bool, single_handle=bool, accept_virtual=bool, no_samp=int, tseg1=int, tseg2=int, sjw=int
+    ),
+    "vector": _options(app_name=Annotated[str, Field(pattern=r"^[A-Za-z0-9 _.\-]{1,32}$")], serial=int),
+    "ixxat": _options(unique_hardware_id=Annotated[str, Field(pattern=r"^[A-Za-z0-9]{1,32}$")], extended=bool),
+    "gs_usb": _options(index=int, bus=int, address=int),
+    "slcan": _options(tty_baudrate=_BAUD, rtscts=bool, sleep_after_open=Annotated[float, Field(ge=0, le=10)]),
+    "serial": _options(baudrate=_BAUD, rtscts=bool),
+    "virtual": _options(receive_own_messages=bool),
+}
 
 
 def check_can(interface: str, channel: str, options: Mapping[str, object]) -> None:
     """See that a channel and options are some that a CAN interface takes (ValueError, one line)."""
-    if interface in _SERIAL_INTERFACES:
+    if interface in SERIAL_INTERFACES:
         serial_port(channel)
     elif not _CHANNEL.fullmatch(channel):
         raise ValueError(f"channel '{channel}' is none of {interface}; write its name alone, as in can0")
@@ -143,22 +96,6 @@ def check_can(interface: str, channel: str, options: Mapping[str, object]) -> No
         key = ".".join(str(part) for part in first["loc"])
         known = ", ".join(_OPTIONS[interface].model_fields)
         raise ValueError(f"options: {key}: {first['msg'].lower()}; {interface} takes {known}") from None
-
-
-def place_of(bus: Bus) -> str:
-    """The place that a bus leads to."""
-    kind: str = bus.type
-    given: Any = bus  # which keys it has hangs on its type
-    if kind == "modbus_tcp":
-        return f"tcp:{given.host}:{given.port}"
-    if kind == "modbus_rtu":
-        return f"serial:{given.port}"
-    if kind not in ("canopen", "can_signals"):
-        return f"driver:{kind}"
-    if given.interface == "socketcand":
-        return f"tcp:{given.options['host']}:{given.options['port']}"
-    serial = given.interface in _SERIAL_INTERFACES
-    return f"serial:{given.channel}" if serial else f"can:{given.interface}:{given.channel}"
 
 
 def check_entry(entry: str) -> str:

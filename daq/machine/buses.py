@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeAlias, Union, get_args
 
 from pydantic import (
     AfterValidator,
@@ -17,17 +17,13 @@ from pydantic import (
     model_validator,
 )
 
-from daq.machine.bus_places import CanInterface, Host, PortNumber, SerialPort, check_can
+from daq.machine.bus_places import SERIAL_INTERFACES, CanInterface, Host, PortNumber, SerialPort, check_can
 from daq.machine.machine_file_errors import NAME_PATTERN, did_you_mean
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
 DataType = Literal[
     "int8", "uint8", "int16", "uint16", "int24", "uint24", "int32", "uint32", "int64", "uint64", "float32", "float64"
 ]  # fmt: skip
-
-
-#: Registers between two channels that are read along to save a request; 0 for a unit that refuses what it lacks.
-MaximumGap = Annotated[int, Field(ge=0, le=125)]
 
 
 def _beside_the_machine_file(value: str, info: ValidationInfo) -> str:
@@ -48,10 +44,16 @@ class FileModel(BaseModel):
 class Scaled(FileModel):
     """How a raw number becomes a value in the channel's unit: ``scale * raw + offset``."""
 
+    known_by: ClassVar[frozenset[str]] = frozenset()  # keys of which a source of this kind has one, and no other has
     bus: Name
     scale: float = 1.0
     offset: float = 0.0
     sentinels: tuple[float, ...] = ()  # raw values that mean "no valid measurement"
+
+    @property
+    def device(self) -> str:
+        """The device on its bus, as statistics call it; empty where nobody knows."""
+        return ""
 
 
 class Word(Scaled):
@@ -125,6 +127,11 @@ class CanSource(Word):
     byte: Annotated[int, Field(ge=0, le=7)] = 0  # listen_only: where in that PDO
     synchronous: bool = False  # listen_only: that PDO is sampled at SYNC; an EDS says so itself
 
+    @property
+    def device(self) -> str:
+        """``node 5``."""
+        return f"node {self.node}"
+
     @field_validator("object", mode="before")
     @classmethod
     def _hexadecimal(cls, value: Any) -> Any:
@@ -144,6 +151,7 @@ class CanSource(Word):
 class ModbusSource(Word):
     """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
 
+    known_by = frozenset({"unit", "register"})
     tells_decimals = "decimals_register"
     unit: Annotated[int, Field(ge=0, le=255)]  # 1 to 247; 0 or 255 is a TCP device itself
     register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
@@ -153,6 +161,11 @@ class ModbusSource(Word):
     rate_hz: Annotated[float, Field(gt=0)] | None = None  # asked so often; None: in every cycle
     decimals_register: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None  # of the table; read whenever it comes back
 
+    @property
+    def device(self) -> str:
+        """``unit 3``."""
+        return f"unit {self.unit}"
+
 
 class SignalSource(Scaled):
     """Where a channel comes from on a bus of plain CAN or J1939: a signal of a message that a DBC file describes.
@@ -160,6 +173,7 @@ class SignalSource(Scaled):
     Raw values (also ``sentinels``) are those in the DBC file's unit.
     """
 
+    known_by = frozenset({"signal"})
     signal: Annotated[str, Field(min_length=1)]
     message: str | None = None  # its name; None: the only one that has the signal
     pgn: Annotated[int, Field(ge=0, le=0x3FFFF)] | None = None  # J1939: instead of the message's name
@@ -175,23 +189,8 @@ class SignalSource(Scaled):
 class OtherSource(Scaled):
     """Where a channel comes from on a bus that another package's driver serves; only that driver knows addresses."""
 
+    known_by = frozenset({"address"})
     address: dict[str, Any]
-
-
-Source = CanSource | ModbusSource | SignalSource | OtherSource
-
-
-def source_of(value: Any) -> Any:
-    """A source as its keys say: ``unit`` or ``register``: Modbus; ``signal``: DBC; ``address``: another package's;
-    else CANopen.
-    """
-    if not isinstance(value, dict):
-        return value
-    if "address" in value:
-        return OtherSource.model_validate(value)
-    if "signal" in value:
-        return SignalSource.model_validate(value)
-    return (ModbusSource if "unit" in value or "register" in value else CanSource).model_validate(value)
 
 
 class CanNode(FileModel):
@@ -223,10 +222,28 @@ class CanNode(FileModel):
         return value
 
 
-class _CanBus(FileModel):
+class AnyBus(FileModel):
+    """What every bus has: a name, and in ``type`` which kind it is; that is its driver's entry point as well.
+
+    Attributes
+    ----------
+    source : where channels on it come from
+    place : where it leads (:mod:`daq.machine.bus_places`)
+    """
+
+    source: ClassVar[type[Scaled]]
+    name: Name
+    if TYPE_CHECKING:
+        type: str
+
+    @property
+    def place(self) -> str:
+        raise NotImplementedError
+
+
+class _CanBus(AnyBus):
     """A bus behind one of python-can's interfaces."""
 
-    name: Name
     interface: CanInterface
     channel: Annotated[str, Field(min_length=1, max_length=200)]  # as the interface names it: can0, PCAN_USBBUS1
     bitrate: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
@@ -237,10 +254,19 @@ class _CanBus(FileModel):
         check_can(self.interface, self.channel, self.options)
         return self
 
+    @property
+    def place(self) -> str:
+        """A gateway, a serial line, or a controller of this computer."""
+        if self.interface == "socketcand":
+            return f"tcp:{self.options['host']}:{self.options['port']}"
+        serial = self.interface in SERIAL_INTERFACES
+        return f"serial:{self.channel}" if serial else f"can:{self.interface}:{self.channel}"
+
 
 class CanopenBus(_CanBus):
     """A CANopen bus behind one of python-can's interfaces."""
 
+    source = CanSource
     type: Literal["canopen"]
     nodes: tuple[CanNode, ...] = ()
     listen_only: bool = False  # nothing is ever sent: another master leads, and its PDOs are taken as they come
@@ -257,6 +283,7 @@ class CanopenBus(_CanBus):
 class CanSignalsBus(_CanBus):
     """A bus of plain CAN or J1939 that is only listened to; its messages are those of DBC files."""
 
+    source = SignalSource
     type: Literal["can_signals"]
     dbc: Annotated[tuple[DeviceFile, ...], Field(min_length=1)]
 
@@ -269,36 +296,48 @@ class CanSignalsBus(_CanBus):
 CanBus = CanopenBus | CanSignalsBus
 
 
-class ModbusTcpBus(FileModel):
+class _ModbusBus(AnyBus):
+    """A bus of Modbus units."""
+
+    source = ModbusSource
+    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
+    maximum_gap: Annotated[int, Field(ge=0, le=125)] = 125  # registers read along to save a request; 0: none are there
+
+
+class ModbusTcpBus(_ModbusBus):
     """Modbus TCP transmitters or a gateway."""
 
-    name: Name
     type: Literal["modbus_tcp"]
     host: Host
     port: PortNumber = 502
-    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
     framing: Literal["tcp", "rtu"] = "tcp"  # rtu: a gateway that passes serial frames through as they are
     connections: Literal["per_unit", "shared"] = "per_unit"  # shared: a gateway that allows only one
-    maximum_gap: MaximumGap = 125
+
+    @property
+    def place(self) -> str:
+        """Host and port."""
+        return f"tcp:{self.host}:{self.port}"
 
 
-class ModbusRtuBus(FileModel):
+class ModbusRtuBus(_ModbusBus):
     """Modbus transmitters on a serial line."""
 
-    name: Name
     type: Literal["modbus_rtu"]
     port: SerialPort
     baudrate: int = 115200
     parity: Literal["N", "E", "O"] = "E"
     stopbits: Literal[1, 2] = 1
-    timeout_s: Annotated[float, Field(gt=0, le=5)] = 0.1
-    maximum_gap: MaximumGap = 125
+
+    @property
+    def place(self) -> str:
+        """The line's port."""
+        return f"serial:{self.port}"
 
 
-class OtherBus(FileModel):
+class OtherBus(AnyBus):
     """A bus of a type that another package brings a driver for (entry points ``hilfit.drivers``)."""
 
-    name: Name
+    source = OtherSource
     type: Name
     options: dict[str, Any] = Field(default_factory=dict)  # the driver checks them
 
@@ -311,8 +350,10 @@ class OtherBus(FileModel):
             raise ValueError(f"there is no bus type '{kind}'{hint}")
         return value
 
-
-BUS_TYPES = ("canopen", "can_signals", "modbus_tcp", "modbus_rtu")
+    @property
+    def place(self) -> str:
+        """Its driver, who alone knows where it leads."""
+        return f"driver:{self.type}"
 
 
 class KnownDelay(FileModel):
@@ -330,16 +371,38 @@ class KnownDelay(FileModel):
         return self
 
 
+#: All kinds of buses that are known here: a line for each, and its driver below ``hilfit.drivers`` in pyproject.toml.
+BUSES: tuple[type[AnyBus], ...] = (
+    CanopenBus,
+    CanSignalsBus,
+    ModbusTcpBus,
+    ModbusRtuBus,
+)
+
+_TAGGED: dict[str, type[AnyBus]] = {get_args(bus.model_fields["type"].annotation)[0]: bus for bus in BUSES}
+BUS_TYPES = tuple(_TAGGED)
+_SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(bus.source for bus in BUSES))))
+
+
+def source_of(value: Any) -> Any:
+    """A source of the kind that its keys say; of CANopen, where they say none."""
+    if not isinstance(value, dict):
+        return value
+    kinds = (kind for kind in _SOURCES if kind.known_by & value.keys())
+    return next(kinds, CanSource).model_validate(value)
+
+
 def _bus_type(value: Any) -> str:
     kind = value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
     return kind if kind in BUS_TYPES else "other"
 
 
-Bus = Annotated[
-    Annotated[CanopenBus, Tag("canopen")]
-    | Annotated[CanSignalsBus, Tag("can_signals")]
-    | Annotated[ModbusTcpBus, Tag("modbus_tcp")]
-    | Annotated[ModbusRtuBus, Tag("modbus_rtu")]
-    | Annotated[OtherBus, Tag("other")],
-    Discriminator(_bus_type),
-]
+if TYPE_CHECKING:
+    Source: TypeAlias = Scaled
+    Bus: TypeAlias = AnyBus
+else:  # alternatives, each with its own keys
+    Source = Union[_SOURCES]  # noqa: UP007
+    Bus = Annotated[
+        Union[tuple(Annotated[bus, Tag(tag)] for tag, bus in {**_TAGGED, "other": OtherBus}.items())],  # noqa: UP007
+        Discriminator(_bus_type),
+    ]

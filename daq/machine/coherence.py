@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.machine.buses import CanopenBus, CanSource, ModbusSource, OtherSource, SignalSource, Word
+from daq.machine.buses import CanopenBus, Word
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
 from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES
@@ -15,8 +15,6 @@ from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_
 if TYPE_CHECKING:
     from daq.machine.machine_file import Channel, Machine
     from daq.units import Conversion
-
-_SOURCES = {"canopen": CanSource, "can_signals": SignalSource, "modbus_tcp": ModbusSource, "modbus_rtu": ModbusSource}
 
 
 class IncoherenceError(ValueError):
@@ -103,7 +101,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
         buses = {bus.name: bus for bus in machine.buses}
         _known(channel.source.bus, buses, "bus", place)
         bus = buses[channel.source.bus]
-        if not isinstance(channel.source, _SOURCES.get(bus.type, OtherSource)):
+        if not isinstance(channel.source, bus.source):
             raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
     if channel.quantity == "joint_position" and channel.joint is not None and isinstance(channel.source, Word):
         _turns_once(place, machine.conversion(channel), channel.source, machine.joint(channel.joint))

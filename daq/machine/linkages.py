@@ -36,7 +36,7 @@ class ThreePin(_Model):
 
     def length(self, q: npt.ArrayLike) -> FloatArray:
         """Distance of the two pins in m at joint position ``q`` in rad."""
-        q = np.asarray(q, dtype=float)
+        q = np.asanyarray(q) * 1.0  # expressions stay what they are
         squared = self.a**2 + self.b**2 - 2 * self.a * self.b * np.cos(q + self.offset)
         return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
@@ -54,7 +54,7 @@ class Rack(_Model):
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
         """Piston position ``x`` in m at joint position ``q`` in rad."""
-        return self.radius * (np.asarray(q, dtype=float) - self.zero)
+        return np.asarray(self.radius * (np.asanyarray(q) * 1.0 - self.zero))
 
 
 class Direct(_Model):
@@ -64,7 +64,7 @@ class Direct(_Model):
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
         """Piston position ``x`` in m at joint position ``q`` in m."""
-        return np.asarray(q, dtype=float).copy()
+        return np.asarray(np.asanyarray(q) * 1.0)
 
 
 class Polynomial(_Model):
@@ -75,7 +75,7 @@ class Polynomial(_Model):
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
         """Piston position ``x`` in m at joint position ``q`` in rad or m."""
-        return np.asarray(np.polynomial.polynomial.polyval(np.asarray(q, dtype=float), self.coefficients))
+        return np.asarray(np.polynomial.polynomial.polyval(np.asanyarray(q) * 1.0, self.coefficients))
 
 
 class Pins(_Model):

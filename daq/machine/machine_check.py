@@ -15,37 +15,10 @@ from daq.machine.buses import CanopenBus, CanSignalsBus
 from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
 from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
-from daq.machine.machine_file_errors import line_of, of_the_whole
+from daq.machine.machine_file_errors import Problem, line_of, of_the_whole
 from daq.machine.plausible import doubts
 from daq.machine.travel import travel_of
 from daq.units import SI_UNITS
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing to look at.
-
-    Attributes
-    ----------
-    level : ``error``: the file cannot be used; ``warning``: it can, but a number is hardly meant
-    line : line of the file, from 1; None where it is not known
-    key : the key's place; empty for the file as a whole
-    text : what is wrong
-    cure : what to do; empty where the text says it
-    """
-
-    level: Literal["error", "warning"]
-    line: int | None
-    key: str
-    text: str
-    cure: str = ""
-
-    def under(self, name: str) -> str:
-        """One line with the file's name in front."""
-        place = f"{name}:{self.line}" if self.line else name
-        kind = "warning: " if self.level == "warning" else ""
-        parts = [part for part in (place, f"{kind}{self.key}" if self.key else kind.rstrip(": "), self.text) if part]
-        return ": ".join(parts) + (f"; {self.cure}" if self.cure else "")
 
 
 @dataclass(frozen=True)
@@ -53,10 +26,10 @@ class Checked:
     """A machine file that was looked at: the machine if it is valid, and all findings, errors first."""
 
     machine: Machine | None
-    findings: tuple[Finding, ...]
+    findings: tuple[Problem, ...]
 
     @property
-    def errors(self) -> tuple[Finding, ...]:
+    def errors(self) -> tuple[Problem, ...]:
         """What has to be corrected."""
         return tuple(f for f in self.findings if f.level == "error")
 
@@ -77,13 +50,13 @@ def check_machine(path: str | Path) -> Checked:
     tree, content = safe_yaml.read(text)
     if machine is None and all(p.key for p in problems):  # parts are wrong, so that nobody looked at the whole
         problems += [of_the_whole(tree, text) for text in _of_the_parts(content)]
-    findings = [Finding("error", p.line, p.key, p.text) for p in problems]
+    findings = list(problems)
     said = {finding.key for finding in findings}
     for doubt in doubts(content):
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in doubt.place).lstrip(".")
         if key not in said:  # of several doubts about one key the first says most
             said.add(key)
-            findings.append(Finding("warning", line_of(tree, list(doubt.place)), key, doubt.text, doubt.cure))
+            findings.append(Problem(line_of(tree, list(doubt.place)), key, doubt.text, doubt.cure, "warning"))
     if machine is not None:
         findings += _of_the_files(machine, tree)
     return Checked(machine, tuple(findings))
@@ -107,7 +80,7 @@ def _of_the_parts(content: dict[str, Any]) -> list[str]:
     return texts
 
 
-def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Finding]:
+def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Problem]:
     """What does not belong together in a machine file and the files that it names: DBC, EDS, DCF."""
     findings = []
     for number, bus in enumerate(machine.buses):
@@ -129,13 +102,13 @@ def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Finding]:
                     for position, text in found:
                         index = own[position][0]
                         line = line_of(tree, ["channels", index, "source"])
-                        findings.append(Finding(level, line, f"channels[{index}].source", text))
+                        findings.append(Problem(line, f"channels[{index}].source", text, level=level))
             elif isinstance(bus, CanopenBus) and bus.listen_only:
                 from daq.drivers.canopen.listening import pdo_members
 
                 pdo_members(bus, channels)
         except MachineFileError as error:
-            findings.append(Finding("error", line_of(tree, place), f"buses[{number}]", str(error)))
+            findings.append(Problem(line_of(tree, place), f"buses[{number}]", str(error)))
     return findings
 
 
@@ -175,14 +148,14 @@ def _channel(raw: object) -> Channel | None:
         return Channel.model_construct(name=name, quantity=quantity, joint=joint, unit=unit)
 
 
-def _alone(text: str, name: str) -> Finding:
+def _alone(text: str, name: str) -> Problem:
     """A finding from an error that is one line already."""
     rest = text.removeprefix(name)
     line = None
     if rest.startswith(":") and rest[1:].split(":")[0].isdigit():
         number = rest[1:].split(":")[0]
         line, rest = int(number), rest[1 + len(number) :]
-    return Finding("error", line, "", rest.lstrip(": "))
+    return Problem(line, "", rest.lstrip(": "))
 
 
 def facts_of(machine: Machine) -> dict[str, Any]:

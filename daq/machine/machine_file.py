@@ -54,37 +54,11 @@ from daq.machine.quantities import JOINT_QUANTITIES, Quantity
 from daq.units import SI_UNITS, Conversion, conversion
 
 __all__ = [
-    "JOINT_QUANTITIES",
-    "SCHEMA",
-    "Bus",
-    "CanBus",
-    "CanNode",
-    "CanSignalsBus",
-    "CanSource",
-    "CanopenBus",
-    "Channel",
-    "Coupling",
-    "Cylinder",
-    "DenavitHartenberg",
-    "Drive",
-    "Hydraulics",
-    "Joint",
-    "KnownDelay",
-    "Limits",
-    "Machine",
-    "ModbusRtuBus",
-    "ModbusSource",
-    "ModbusTcpBus",
-    "OtherBus",
-    "OtherSource",
-    "Quantity",
-    "SignalSource",
-    "Simulation",
-    "Source",
-    "load_machine",
-    "machine_to_yaml",
-    "parse_machine",
-]
+    "JOINT_QUANTITIES", "SCHEMA", "Bus", "CanBus", "CanNode", "CanSignalsBus", "CanSource", "CanopenBus", "Channel",
+    "Coupling", "Cylinder", "DenavitHartenberg", "Drive", "Hydraulics", "Joint", "KnownDelay", "Limits", "Machine",
+    "ModbusRtuBus", "ModbusSource", "ModbusTcpBus", "OtherBus", "OtherSource", "Quantity", "SignalSource",
+    "Simulation", "Source", "load_machine", "machine_to_yaml", "parse_machine",
+]  # fmt: skip
 
 SCHEMA = "hilfit/machine/1"
 
@@ -287,8 +261,12 @@ def machine_problems(
 
 def machine_to_yaml(machine: Machine) -> str:
     """The machine as the text of a machine file; :func:`parse_machine` reads it back unchanged."""
-    content = machine.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
-    return safe_yaml.write(content)
+    return safe_yaml.write(machine_content(machine))
+
+
+def machine_content(machine: Machine) -> dict[str, Any]:
+    """The machine as the content of a machine file."""
+    return machine.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
 
 
 def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:

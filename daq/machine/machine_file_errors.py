@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import yaml
 from pydantic import ValidationError
@@ -27,23 +28,28 @@ def did_you_mean(word: str, options: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong: where in the file, and what to do about it.
+    """One thing to look at: where in the file, and what to do about it.
 
     Attributes
     ----------
     line : line of the file, from 1; None where it is not known
     key : the key's place, as in ``joints[0].cylinder.bore``; empty for the file as a whole
-    text : what is wrong, and the cure
+    text : what is wrong
+    cure : what to do; empty where the text says it
+    level : ``error``: the file cannot be used; ``warning``: it can, but a number is hardly meant
     """
 
     line: int | None
     key: str
     text: str
+    cure: str = ""
+    level: Literal["error", "warning"] = "error"
 
     def under(self, name: str) -> str:
         """One line with the file's name in front."""
         place = f"{name}:{self.line}" if self.line else name
-        return " ".join(f"{place}: {self.key}: {self.text}".replace(": : ", ": ").split())
+        parts = (place, "warning" if self.level == "warning" else "", self.key, self.text)
+        return " ".join(": ".join(part for part in parts if part).split()) + (f"; {self.cure}" if self.cure else "")
 
 
 def all_problems(

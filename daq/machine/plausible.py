@@ -43,16 +43,16 @@ class Usual:
     unit: str
     others: Mapping[str, float]
 
-    def doubt(self, place: Place, value: float, what: str) -> Doubt | None:
-        """Whether a value is outside."""
-        size = abs(value)
-        if self.low <= size <= self.high:
-            return None
+    def doubts(self, place: Place, value: float | None, what: str) -> Iterator[Doubt]:
+        """One, if there is a value and it is outside."""
+        if value is None or self.low <= (size := abs(value)) <= self.high:
+            return
         usual = f"{what} {value:g} {self.unit} is outside the usual {self.low:g} to {self.high:g} {self.unit}".strip()
         for unit, factor in self.others.items():
             if self.low <= size * factor <= self.high:
-                return Doubt(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
-        return Doubt(place, usual, "correct it, or leave it if it is right")
+                yield Doubt(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
+                return
+        yield Doubt(place, usual, "correct it, or leave it if it is right")
 
 
 _MM = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
@@ -125,26 +125,18 @@ def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
                 "axis is vertical",
             )
     supply, flow = (_number(content, "hydraulics", key) for key in ("supply_pressure", "pump_flow"))
-    if supply is not None:
-        yield from _if(_PRESSURE.doubt(("hydraulics", "supply_pressure"), supply, "a supply pressure of"))
-    if flow is not None:
-        yield from _if(_FLOW.doubt(("hydraulics", "pump_flow"), flow, "a flow of"))
-
-
-def _if(doubt: Doubt | None) -> Iterator[Doubt]:
-    if doubt is not None:
-        yield doubt
+    yield from _PRESSURE.doubts(("hydraulics", "supply_pressure"), supply, "a supply pressure of")
+    yield from _FLOW.doubts(("hydraulics", "pump_flow"), flow, "a flow of")
 
 
 def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
     revolute = joint.get("type", "revolute") == "revolute"
     for key in ("a", "d"):
-        value = _number(joint, "dh", key)
-        if value is not None:
-            yield from _if(_LINK.doubt((*place, "dh", key), value, "a length of"))
+        yield from _LINK.doubts((*place, "dh", key), _number(joint, "dh", key), "a length of")
     for key in ("alpha", "theta"):
         value = _number(joint, "dh", key)
-        if value is not None:
+        yield from _turn((*place, "dh", key), value)
+        if value is not None and abs(value) <= 2 * np.pi:
             yield from _angle((*place, "dh", key), value)
     limits = _numbers((joint.get("limits") or {}).get("position") if isinstance(joint.get("limits"), dict) else None, 2)
     if limits is not None:
@@ -155,9 +147,8 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
         ("velocity", turning if revolute else _SLIDE_SPEED, "a speed of"),
         ("acceleration", _TURN_RATE if revolute else _SLIDE_RATE, "an acceleration of"),
     ):
-        value = _number(joint, "limits", key)
-        if value is not None and value > 0:
-            yield from _if(usual.doubt((*place, "limits", key), value, what))
+        if (value := _number(joint, "limits", key)) is not None and value > 0:
+            yield from usual.doubts((*place, "limits", key), value, what)
     if isinstance(cylinder, dict):
         yield from _of_a_cylinder((*place, "cylinder"), cylinder)
         try:
@@ -167,14 +158,13 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
         yield from _of_its_travel(place, travel_of(made))
 
 
+def _turn(place: Place, value: float | None) -> Iterator[Doubt]:
+    if value is not None and abs(value) > 2 * np.pi:
+        cure = f"if it is in degrees, write {np.radians(value):.7g} (rad)"
+        yield Doubt(place, f"an angle of {value:g} rad is more than a turn", cure)
+
+
 def _angle(place: Place, value: float) -> Iterator[Doubt]:
-    if abs(value) > 2 * np.pi:
-        yield Doubt(
-            place,
-            f"an angle of {value:g} rad is more than a turn",
-            f"if it is in degrees, write {np.radians(value):.7g} (rad)",
-        )
-        return
     off = abs(value - np.round(value / (np.pi / 2)) * (np.pi / 2))
     if _SQUARE[0] < off < _SQUARE[1]:
         quarter = float(np.round(value / (np.pi / 2)) * (np.pi / 2))
@@ -207,9 +197,8 @@ def _limits(place: Place, limits: Sequence[float], revolute: bool) -> Iterator[D
 def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]:
     bore, rod, stroke = (_number(cylinder, key) for key in ("bore", "rod", "stroke"))
     if bore is not None and bore > 0:
-        doubt = _BORE.doubt((*place, "bore"), bore, "a bore of")
-        if doubt is not None:
-            yield doubt
+        if odd := list(_BORE.doubts((*place, "bore"), bore, "a bore of")):
+            yield from odd
             bore = None  # no proportion is judged by it
         elif rod is not None and 0 <= rod < bore and not 0.2 <= rod / bore <= 0.95:
             yield Doubt(
@@ -218,7 +207,7 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]
                 "correct rod or bore (diameters, in m)",
             )
     if stroke is not None and stroke > 0:
-        yield from _if(_STROKE.doubt((*place, "stroke"), stroke, "a stroke of"))
+        yield from _STROKE.doubts((*place, "stroke"), stroke, "a stroke of")
         if bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
             yield Doubt(
                 (*place, "stroke"),
@@ -238,21 +227,13 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]
     if not isinstance(linkage, dict):
         return
     for key in ("a", "b", "retracted", "rod_arm", "coupler_arm", "coupler", "radius"):
-        value = _number(linkage, key)
-        if value:
-            yield from _if(_PIN.doubt((*place, "linkage", key), value, "a length of"))
+        yield from _PIN.doubts((*place, "linkage", key), _number(linkage, key) or None, "a length of")
     for key in ("base_pin", "base_pivot", "rod_pin", "link_pivot", "rocker_pivot", "coupler_pin"):
         point = _numbers(linkage.get(key), 2)
         if point is not None:
-            yield from _if(_LINK.doubt((*place, "linkage", key), max(point, key=abs), "a coordinate of"))
+            yield from _LINK.doubts((*place, "linkage", key), max(point, key=abs), "a coordinate of")
     for key in ("offset", "angle", "arms_angle", "zero"):
-        value = _number(linkage, key)
-        if value is not None and abs(value) > 2 * np.pi:
-            yield Doubt(
-                (*place, "linkage", key),
-                f"an angle of {value:g} rad is more than a turn",
-                f"if it is in degrees, write {np.radians(value):.7g} (rad)",
-            )
+        yield from _turn((*place, "linkage", key), _number(linkage, key))
     retracted = _number(linkage, "retracted")
     if retracted is not None and stroke is not None and 0 < retracted < _LEAST_RETRACTED * stroke:
         yield Doubt(
@@ -289,10 +270,10 @@ def _of_its_travel(place: Place, travel: Travel) -> Iterator[Doubt]:
         )
     lever = np.abs(r)
     most = float(lever.max())
-    doubt = _LEVER.doubt((*place, "cylinder", "linkage"), most, "a lever arm of")
-    yield from _if(doubt)
+    odd = list(_LEVER.doubts((*place, "cylinder", "linkage"), most, "a lever arm of"))
+    yield from odd
     least = float(lever.min())
-    if doubt is None and least < _LEAST_LEVER_SHARE * most:
+    if not odd and least < _LEAST_LEVER_SHARE * most:
         yield Doubt(
             (*place, "limits", "position"),
             f"comes near a dead centre: the lever arm falls to {1e3 * least:.2g} mm of {1e3 * most:.4g} mm",

@@ -5,23 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 Quantity = Literal[
-    "joint_position",
-    "joint_velocity",
-    "piston_position",
-    "head_pressure",
-    "rod_pressure",
-    "cylinder_force",
-    "joint_effort",
-    "motor_position",
-    "motor_velocity",
-    "motor_effort",
-    "external_force",
-    "oil_temperature",
-    "supply_pressure",
-    "tank_pressure",
-    "base_roll",
-    "base_pitch",
-]
+    "joint_position", "joint_velocity", "piston_position", "head_pressure", "rod_pressure", "cylinder_force",
+    "joint_effort", "motor_position", "motor_velocity", "motor_effort", "external_force", "oil_temperature",
+    "supply_pressure", "tank_pressure", "base_roll", "base_pitch",
+]  # fmt: skip
 #: Quantities of a motor, on its own side of the gear.
 MOTOR_QUANTITIES = frozenset({"motor_position", "motor_velocity", "motor_effort"})
 #: Quantities of a joint whatever drives it.

@@ -37,44 +37,20 @@ _TIME = frozenset({"time", "t", "timestamp", "timestamps", "datetime", "date_tim
 _HEADER = re.compile(r"(?P<name>.+?)\s*(?:\[(?P<square>[^\[\]:]*)\]|\((?P<round>[^():]*)\))\s*")
 #: Spellings that pint does not know, or takes for something else (``Nm`` is nanometre's neighbour to it).
 _SPELLINGS = {
-    "°": "deg",
-    "nm": "N m",
-    "n·m": "N m",
-    "n.m": "N m",
-    "n-m": "N m",
-    "n*m": "N m",
-    "knm": "kN m",
-    "bar": "bar",
-    "mbar": "mbar",
-    "psi": "psi",
-    "kpa": "kPa",
-    "deg": "deg",
-    "rad": "rad",
-    "mrad": "mrad",
-    "sec": "s",
-    "secs": "s",
-    "seconds": "s",
-    "msec": "ms",
-    "usec": "us",
-}
+    "°": "deg", "nm": "N m", "n·m": "N m", "n.m": "N m", "n-m": "N m", "n*m": "N m", "knm": "kN m", "kpa": "kPa",
+    "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "usec": "us",
+    **{unit: unit for unit in ("bar", "mbar", "psi", "deg", "rad", "mrad")},
+}  # fmt: skip
 #: Units that two countries read otherwise.
 _TWO_MEANINGS = {"grad": "deg or gon", "barg": "bar (and an offset in a map)", "bara": "bar (and an offset in a map)"}
 
 
-class _Entry(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-    column: Annotated[str, Field(min_length=1)]
-    unit: str | None = None
-    scale: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Source:
+class Source(BaseModel):
     """Where a channel's values are: ``scale * column + offset`` is the channel in ``unit`` (None: as declared)."""
 
-    column: str
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    column: Annotated[str, Field(min_length=1)]
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
@@ -145,14 +121,14 @@ def _source(name: str, channel: str, entry: Any) -> Source:
     if not isinstance(entry, dict):
         raise InputError(f"{name}: {channel}: give a column's name, or column:, unit:, scale:, offset:")
     try:
-        given = _Entry.model_validate(entry)
+        given = Source.model_validate(entry)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         raise InputError(f"{name}: {channel}: {place}: {in_words(first)}; correct it") from None
     if given.scale == 0:
         raise InputError(f"{name}: {channel}: scale is 0, so every value would be alike; correct it")
-    return Source(given.column, given.unit, given.scale, given.offset)
+    return given
 
 
 def wanted_columns(machine: Machine, columns: ColumnMap | None = None) -> Callable[[str], bool]:
@@ -163,9 +139,7 @@ def wanted_columns(machine: Machine, columns: ColumnMap | None = None) -> Callab
     aside = {"cycle", "utc_ns", *(f"{name}.{kind}" for name in own for kind in ("quality", "age"))}
 
     def wanted(name: str) -> bool:
-        header = _HEADER.fullmatch(name)
-        bare = name if header is None else header["name"]
-        return bool({name, bare} & (asked | aside)) or _channel_of(name, keys, machine) is not None
+        return bool({name, _split(name)[0]} & (asked | aside)) or _channel_of(name, keys, machine) is not None
 
     return wanted
 
@@ -269,7 +243,7 @@ def _is_seconds(table: Table) -> bool:
 
 def _has(names: Sequence[str], column: str) -> bool:
     """Whether a column is there, under its name or under its name and a unit."""
-    return column in names or any((h := _HEADER.fullmatch(name)) is not None and h["name"] == column for name in names)
+    return column in names or any(_split(name)[0] == column for name in names)
 
 
 def mapped_columns_are_there(path: Path, columns: ColumnMap | None, names: Sequence[str]) -> None:
@@ -284,14 +258,11 @@ def _mapped_column(
 ) -> tuple[str, str | None]:
     """The column that a map names (with or without the unit of its header), and that unit."""
     if source.column in names:
-        header = _HEADER.fullmatch(source.column)
-        unit = None if header is None else header["square"] or header["round"]
-        return source.column, unit if source.unit is None and (source.scale, source.offset) == (1.0, 0.0) else None
-    bare = [name for name in names if (h := _HEADER.fullmatch(name)) is not None and h["name"] == source.column]
+        as_it_is = source.unit is None and (source.scale, source.offset) == (1.0, 0.0)
+        return source.column, _split(source.column)[1] if as_it_is else None
+    bare = [name for name in names if _split(name)[0] == source.column]
     if len(bare) == 1:
-        header = _HEADER.fullmatch(bare[0])
-        assert header is not None
-        return bare[0], header["square"] or header["round"]
+        return bare[0], _split(bare[0])[1]
     shown = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
     raise RecordingError(
         f"{path}: has no column '{source.column}', which {map_name} gives for {channel}; its columns are {shown}"
@@ -331,12 +302,11 @@ def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[s
     """The channel that a header names, and its unit."""
     if name in keys.values():
         return name, _Found(name, None, True)
-    header = _HEADER.fullmatch(name)
-    bare, unit = (name, None) if header is None else (header["name"], header["square"] or header["round"] or None)
+    bare, unit = _split(name)
     channel = keys.get(_key(bare)) or keys.get(bare) or ("time" if _key(bare) in _TIME else None)
     if channel is not None:
         return channel, _Found(name, unit, False)
-    if header is not None or "_" not in name:
+    if bare != name or "_" not in name:
         return None
     bare, _, ending = name.rpartition("_")  # t_ms, j1_angle_deg: only where the ending measures what the channel does
     channel = keys.get(_key(bare)) or ("time" if _key(bare) in _TIME else None)
@@ -348,6 +318,12 @@ def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[s
     except ValueError:
         return None
     return channel, _Found(name, ending, False)
+
+
+def _split(header: str) -> tuple[str, str | None]:
+    """Name and unit of a header, ``p1 [bar]``; all of it and None where it has none."""
+    found = _HEADER.fullmatch(header)
+    return (header, None) if found is None else (found["name"], found["square"] or found["round"] or None)
 
 
 def _key(name: str) -> str:

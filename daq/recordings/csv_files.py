@@ -221,9 +221,7 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
     if any(not name for name in names):
         number = names.index("") + 1
         raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
-    for name in names:
-        if names.count(name) > 1:
-            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+    names_differ(path, names)
     types = {name: _csv_type(name, number in layout.moments) for number, name in enumerate(names)}
     if dropped:
         types["\0"] = pa.null()
@@ -241,6 +239,13 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
             return pa.table({name: pa.array([], type=kind) for name, kind in types.items() if name != "\0"})
         raise RecordingError(f"{path}: {_problem(str(error), names, layout, body)}") from None
     return table.drop_columns(["\0"]) if dropped else table
+
+
+def names_differ(path: Path, names: list[str]) -> None:
+    """Refuse a table in which two columns have one name."""
+    for name in names:
+        if names.count(name) > 1:
+            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
 
 
 def _no_rows(body: bytes, layout: _Layout) -> bool:

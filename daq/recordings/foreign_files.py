@@ -78,7 +78,7 @@ def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
 
     A library that dies half-way may complain once more when its objects are taken down; nobody has use for that.
     """
-    hook, sys.unraisablehook = sys.unraisablehook, _ignored
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
             return read()
@@ -94,10 +94,6 @@ def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
         raise RecordingError(f"{path}: {problem}")
     finally:
         sys.unraisablehook = hook
-
-
-def _ignored(_: Any) -> None:
-    return None
 
 
 def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: str) -> Table:

@@ -24,7 +24,13 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.recorded_events import RecordedEvent, recorded_events
 from daq.recordings.recording_files import Table, write_table
-from daq.recordings.recording_source import load_table, recording_metadata, stored_notes, units_on_disk
+from daq.recordings.recording_source import (
+    channel_columns,
+    load_table,
+    recording_metadata,
+    stored_notes,
+    units_on_disk,
+)
 from daq.scratch import ScratchColumns
 
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another
@@ -153,14 +159,11 @@ def read_recording(
     values: MutableMapping[str, FloatArray] = _shelf(table)
     quality: MutableMapping[str, QualityArray] = _shelf(table)
     age: MutableMapping[str, FloatArray] = _shelf(table)
-    for channel in machine.channels:
+    for channel, raw, flags in channel_columns(path, table, machine, time):
         name = channel.name
-        raw = np.asarray(table.columns[name], dtype=np.float64)
-        flags = _quality(path, name, table)
-        checks.values_are_numbers(path, name, raw, time, flags)
         value = units[name].to_si(raw)
         if flags is not None:
-            quality[name] = flags
+            quality[name] = _frozen(flags, np.uint8)
             value = np.where(np.isin(flags, MEASURED), value, np.nan)
         if f"{name}.age" in table.columns:
             age[name] = _frozen(table.columns[f"{name}.age"], np.float64)
@@ -281,15 +284,6 @@ def _cut(columns: Mapping[str, npt.NDArray[_Kind]], part: slice) -> Mapping[str,
 def _known_role(role: str) -> None:
     if role not in ROLES:
         raise RecordingError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
-
-
-def _quality(path: Path, name: str, table: Table) -> QualityArray | None:
-    column = table.columns.get(f"{name}.quality")
-    if column is None:
-        return None
-    if not np.all(np.isfinite(column)) or np.any((column < 0) | (column > 255)) or np.any(column % 1 != 0):
-        raise RecordingError(f"{path}: {name}.quality: holds something that is no quality; export it again")
-    return _frozen(column, np.uint8)
 
 
 def _integers(path: Path, name: str, table: Table) -> IntArray | None:

@@ -95,13 +95,7 @@ def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] 
     """
     found = list(table.columns)
     names = [channel.name for channel in machine.channels]
-    known = {
-        "time",
-        "cycle",
-        "utc_ns",
-        *names,
-        *(f"{n}.{extra}" for n in names for extra in ("quality", "age")),
-    }
+    known = {"time", "cycle", "utc_ns", *names, *(f"{n}.{extra}" for n in names for extra in ("quality", "age"))}
     missing = [c.name for c in machine.channels if c.name not in table.columns and c.quantity in JOINT_QUANTITIES]
     extra = [name for name in found if name not in known]
     unknown = len(missing) + ("time" not in table.columns)
@@ -238,9 +232,8 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
                 worst, fewest = channel.name, int(present.sum())
     if complete.sum() < minimum_seconds * machine.rate_hz:
         raise RecordingError(
-            f"{path}: {worst}: too little was measured: all joints together in "
-            f"{complete.sum() / machine.rate_hz:.3g} s, "
-            f"at least {minimum_seconds:g} s are needed; look after this device and record again"
+            f"{path}: {worst}: too little was measured: all joints together in {complete.sum() / machine.rate_hz:.3g} "
+            f"s, at least {minimum_seconds:g} s are needed; look after this device and record again"
         )
 
 
@@ -337,9 +330,8 @@ def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[st
         known = values[channel.name][np.isfinite(values[channel.name])]
         value = float(machine.conversion(channel).from_si(known[0]))
         raise RecordingError(
-            f"{path}: {channel.name}: constant ({value:.6g} {channel.unit}) over the whole recording; check "
-            "the sensor and "
-            "its wiring, or move this joint"
+            f"{path}: {channel.name}: constant ({value:.6g} {channel.unit}) over the whole recording; check the sensor "
+            "and its wiring, or move this joint"
         )
 
 
@@ -375,8 +367,7 @@ def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str
         if np.isfinite(x).any() and (np.nanmin(x) < -0.5 * stroke or np.nanmax(x) > 1.5 * stroke):
             raise RecordingError(
                 f"{path}: {piston.name}: reaches {np.nanmin(x):.4g} to {np.nanmax(x):.4g} m with a stroke of "
-                f"{stroke:g} m; "
-                "check the channel's unit, and whether the recording is of this machine"
+                f"{stroke:g} m; check the channel's unit, and whether the recording is of this machine"
             )
         if role == "unloaded" or angle is None:
             continue
@@ -386,9 +377,9 @@ def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str
         off = x[both] - joint.cylinder.linkage.piston_position(values[angle.name][both])
         if np.median(np.abs(off)) > MISMATCH * stroke:
             raise RecordingError(
-                f"{path}: {piston.name}: is {1e3 * float(np.median(off)):+.0f} mm from where {angle.name} "
-                "and the linkage "
-                "put it; check whether the recording is of this machine, then the linkage and the channel's unit"
+                f"{path}: {piston.name}: is {1e3 * float(np.median(off)):+.0f} mm from where {angle.name} and the "
+                "linkage put it; check whether the recording is of this machine, then the linkage and the channel's "
+                "unit"
             )
 
 

@@ -20,7 +20,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from daq.errors import RecordingError
-from daq.recordings.csv_files import read_csv
+from daq.recordings.csv_files import names_differ, read_csv
 from daq.scratch import Scratch, ScratchColumns
 
 PARQUET_MAGIC = b"PAR1"
@@ -93,7 +93,7 @@ def read_table(path: Path) -> Table:
             for name, column in zip(table.column_names, table.columns, strict=True)
         }
         return Table(columns, metadata, digest)
-    _names_differ(path, table.column_names)
+    names_differ(path, table.column_names)
     columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
     return Table(columns, _metadata(table.schema), digest)
 
@@ -115,12 +115,6 @@ def _moments_counted(table: pa.Table) -> pa.Table:
     if not units or b"hilfit.units" in (table.schema.metadata or {}):
         return table
     return table.replace_schema_metadata({**(table.schema.metadata or {}), "hilfit.units": json.dumps(units)})
-
-
-def _names_differ(path: Path, names: list[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
 
 
 def _metadata(schema: pa.Schema) -> dict[str, str]:
@@ -152,7 +146,7 @@ def _whole(path: Path, file: pa.parquet.ParquetFile) -> pa.Table:
 def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
     """Columns by row groups into a scratch file: no more than some thousand rows are in memory."""
     schema, rows = file.schema_arrow, file.metadata.num_rows
-    _names_differ(path, schema.names)
+    names_differ(path, schema.names)
     columns = ScratchColumns(Scratch())
     places = {}
     for number, name in enumerate(schema.names):

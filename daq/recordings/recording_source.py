@@ -8,7 +8,7 @@ silently.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, Mapping, MutableMapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -170,20 +170,37 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
     return Table(result, metadata, tables[0].sha256), (_said(path, machine, done),)
 
 
+def channel_columns(
+    path: Path, table: Table, machine: Machine, time: FloatArray
+) -> Iterator[tuple[Channel, FloatArray, npt.NDArray[np.uint8] | None]]:
+    """Each channel that a table has, its (N,) values as on disk, and its (N,) qualities where there are any.
+
+    Raises
+    ------
+    RecordingError
+        If one holds what cannot be.
+    """
+    for channel in machine.channels:
+        if channel.name not in table.columns:
+            continue
+        values = np.asarray(table.columns[channel.name], dtype=np.float64)
+        found, flags = table.columns.get(f"{channel.name}.quality"), None
+        if found is not None:
+            if not np.all(np.isfinite(found)) or np.any((found < 0) | (found > 255)) or np.any(found % 1 != 0):
+                raise RecordingError(
+                    f"{path}: {channel.name}.quality: holds something that is no quality; export it again"
+                )
+            flags = np.asarray(found).astype(np.uint8)
+        checks.values_are_numbers(path, channel.name, values, time, flags)
+        yield channel, values, flags
+
+
 def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> dict[str, FloatArray]:
     """The channels of a table as measured, NaN where they were not; what a low pass would hide is looked at first."""
     found = {}
     units = units_on_disk(path, table, machine)
-    for channel in machine.channels:
-        if channel.name not in table.columns:
-            continue
-        values = np.array(table.columns[channel.name], dtype=np.float64)
-        flags = table.columns.get(f"{channel.name}.quality")
-        checks.values_are_numbers(
-            path, channel.name, values, time, None if flags is None else np.asarray(flags, dtype=np.uint8)
-        )
-        if flags is not None:
-            values[~np.isin(flags, MEASURED)] = np.nan
+    for channel, raw, flags in channel_columns(path, table, machine, time):
+        values = raw if flags is None else np.where(np.isin(flags, MEASURED), raw, np.nan)
         checks.not_saturated(path, channel, machine, units[channel.name].to_si(values), time)
         found[channel.name] = values
     return found
@@ -234,12 +251,7 @@ def import_file(
     checks.time_runs(path, time, machine.rate_hz)
     units = units_on_disk(path, table, machine)
     arrays: dict[str, npt.NDArray[np.generic]] = {"time": time}
-    for channel in machine.channels:
-        values = np.asarray(table.columns[channel.name], dtype=np.float64)
-        flags = table.columns.get(f"{channel.name}.quality")
-        checks.values_are_numbers(
-            path, channel.name, values, time, None if flags is None else np.asarray(flags, dtype=np.uint8)
-        )
+    for channel, values, _ in channel_columns(path, table, machine, time):
         arrays[channel.name] = machine.conversion(channel).from_si(units[channel.name].to_si(values))
     for name in table.columns:
         if name not in arrays:

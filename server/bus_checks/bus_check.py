@@ -30,7 +30,7 @@ class BusChecks:
             If its acquisition does not run at the moment, or has run for less than two seconds.
         """
         from daq.acquisition.ring import RingReader
-        from daq.commissioning.running_check import check_running
+        from server.bus_checks.running_check import check_running
 
         machine, feed = self._acquisition.feed(name)
         with RingReader(feed.ring_name, from_start=True) as ring:

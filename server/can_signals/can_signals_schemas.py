@@ -100,7 +100,7 @@ class CanFileReplaced(BaseModel):
 def matching(buses: list[dict[str, Any]], search: str) -> list[dict[str, Any]]:
     """Signals in which every word of a search is found: names, unit, identifier, PGN, channels; those in use first."""
     words = search.lower().split()
-    every = ({"bus": bus["name"], **signal} for bus in buses for signal in bus["signals"])
+    every = (signal for bus in buses for signal in bus["signals"])
     found = [signal for signal in every if not words or all(word in _text(signal) for word in words)]
     return sorted(found, key=lambda signal: not signal["channels"])
 

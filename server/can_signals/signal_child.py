@@ -12,13 +12,12 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 from daq import InputError, Machine, parse_machine
 from daq.machine.buses import CanSignalsBus
-from daq.machine.can_listing import offered_signals
 from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
+from server.can_signals.signal_listing import offered_signals
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
 
 
@@ -35,7 +34,7 @@ def look(machine_file: Path, target: Path, name: str | None = None, incoming: Pa
     os.chdir(machine_file.parent)
     paths = [Path(path) for _, path in named_files(machine)]
     limit_child(DBC_CPU_S, LARGEST + sum(path.stat().st_size for path in paths if path.is_file()))
-    text = json.dumps([asdict(bus) for bus in offered_signals(_replaced(machine, name, incoming))])
+    text = json.dumps([bus.model_dump(mode="json") for bus in offered_signals(_replaced(machine, name, incoming))])
     if name is not None and incoming is not None:
         text = text.replace(json.dumps(str(incoming))[1:-1], json.dumps(name)[1:-1])
     target.write_text(text, encoding="utf-8")

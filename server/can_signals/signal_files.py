@@ -60,7 +60,7 @@ class SignalFiles:
         self._replacing = threading.Lock()  # two uploads must not both be the next one
 
     def buses(self, machine: str) -> tuple[MachineRow, list[dict[str, Any]]]:
-        """A machine, and its buses of plain CAN or J1939 as :class:`daq.machine.can_listing.OfferedBus` has them.
+        """A machine, and its buses of plain CAN or J1939 as :class:`.signal_listing.OfferedBus` has them.
 
         Raises
         ------

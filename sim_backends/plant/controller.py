@@ -18,8 +18,9 @@ import numpy.typing as npt
 from scipy.linalg import solve_continuous_lyapunov
 
 from daq.machine.machine_file import Machine
+from daq.motion_files import Rods
 from sim_backends.plant.linear_filter import ColouredNoise, second_order
-from sim_backends.plant.motion import Motion, Rods, SplinePath
+from sim_backends.plant.motion import Motion, SplinePath
 
 FloatArray = npt.NDArray[np.float64]
 Phase = Literal["idle", "moving_to_start", "following", "done"]

@@ -1,36 +1,26 @@
-"""Motions: what the arm's own controller is asked to follow.
+"""Motions: what the arm's own controller is asked to follow, as motion files say it (:mod:`daq.motion_files`).
 
-A motion file is a CSV table::
-
-    # hilfit/motion/1 machine=folding-arm rods=pinned
-    time,joint1,joint2,...
-    0.00,-0.1,0.05,...
-
-``time`` is in s, starts at 0 and rises. ``rods=pinned``: one column ``<joint>`` per moved joint with its position in
-rad or m. ``rods=unpinned`` (the cylinders move alone, the arm is parked): one column ``<joint>.piston`` per moved
-cylinder with its piston position in m. Joints without a column hold their pose. Between rows the controller
-interpolates with a quintic spline, so that rows every 0.02 to 0.1 s are enough; the motion starts and ends at rest.
+Joints without a column hold their pose. Between rows the controller interpolates with a quintic spline, so that rows
+every 0.02 to 0.1 s are enough.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_interp_spline
 
-from daq.errors import InputError
+from daq import motion_files
 from daq.machine.machine_file import Machine
+from daq.motion_files import Rods
 
 FloatArray = npt.NDArray[np.float64]
-Rods = Literal["pinned", "unpinned"]
 
-HEADER = "# hilfit/motion/1"
+SLACK = 1e-3  # of a range, by which the controller follows a motion beyond it
 
 
 @dataclass(frozen=True)
@@ -50,18 +40,9 @@ class Motion:
 
 
 def write_motion(path: str | Path, motion: Motion) -> None:
-    """Write a motion file in one step: a reader sees all of it or nothing."""
-    suffix = ".piston" if motion.rods == "unpinned" else ""
-    text = io.StringIO()
-    text.write(f"{HEADER} machine={motion.machine} rods={motion.rods}\n")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time", *(joint + suffix for joint in motion.joints)])
-    for t, row in zip(motion.time, motion.positions, strict=True):
-        writer.writerow([f"{t:.6f}", *(f"{value:.9g}" for value in row)])
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text.getvalue(), encoding="utf-8")
-    temporary.replace(path)
+    """Write a motion file (:mod:`daq.motion_files`); a reader sees all of it or nothing."""
+    columns = dict(zip(motion.joints, motion.positions.T, strict=True))
+    motion_files.write_motion(path, motion_files.Motion(motion.machine, motion.rods, motion.time, columns))
 
 
 def read_motion(path: str | Path, machine: Machine) -> Motion:
@@ -70,63 +51,11 @@ def read_motion(path: str | Path, machine: Machine) -> Motion:
     Raises
     ------
     InputError
-        With one line naming file, column or time: wrong header, other machine, unknown joint, time that does not
-        rise, positions beyond limits or stroke.
+        With one line naming file, column or time.
     """
-    path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give a motion file (CSV)") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as text ({error.__class__.__name__})") from None
-    if not lines or not lines[0].startswith(HEADER):
-        raise InputError(f"{path}: not a motion file; its first line must be '{HEADER} machine=... rods=...'")
-    keys = dict(part.split("=", 1) for part in lines[0][len(HEADER) :].split() if "=" in part)
-    if keys.get("machine") != machine.name:
-        raise InputError(f"{path}: is a motion of machine '{keys.get('machine')}', not of '{machine.name}'")
-    if keys.get("rods") not in ("pinned", "unpinned"):
-        raise InputError(f"{path}: rods={keys.get('rods')}; write rods=pinned or rods=unpinned")
-    rods = cast(Rods, keys["rods"])
-    rows = list(csv.reader(lines[1:]))
-    if len(rows) < 7 or rows[0][:1] != ["time"] or len(rows[0]) < 2:
-        raise InputError(f"{path}: needs a row 'time,<joint>,...' and at least six rows of numbers")
-    try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:] if row])
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; every cell below the names must be a number") from None
-    suffix = ".piston" if rods == "unpinned" else ""
-    joints = tuple(name.strip().removesuffix(suffix) if suffix else name.strip() for name in rows[0][1:])
-    if table.ndim != 2 or table.shape[1] != len(rows[0]) or not np.isfinite(table).all():
-        raise InputError(f"{path}: rows have missing cells or numbers that are not finite")
-    motion = Motion(machine.name, rods, joints, table[:, 0], table[:, 1:])
-    _check(path, motion, machine)
-    return motion
-
-
-def _check(path: Path, motion: Motion, machine: Machine) -> None:
-    names = {joint.name: joint for joint in machine.joints}
-    if len(set(motion.joints)) != len(motion.joints):
-        raise InputError(f"{path}: a joint has two columns; keep one")
-    if motion.time[0] != 0.0 or np.any(np.diff(motion.time) <= 0):
-        raise InputError(f"{path}: column time must start at 0 and rise")
-    for k, name in enumerate(motion.joints):
-        joint = names.get(name)
-        if joint is None or (motion.rods == "unpinned" and joint.cylinder is None):
-            what = "joint" if motion.rods == "pinned" else "cylinder"
-            raise InputError(f"{path}: column '{name}': {machine.name} has no such {what}")
-        if motion.rods == "pinned":
-            low, high = joint.limits.position
-        else:
-            assert joint.cylinder is not None
-            low, high = 0.0, joint.cylinder.stroke
-        tolerance = 1e-3 * (high - low)
-        column = motion.positions[:, k]
-        if column.min() < low - tolerance or column.max() > high + tolerance:
-            raise InputError(
-                f"{path}: column '{name}' goes from {column.min():.4g} to {column.max():.4g}; "
-                f"limits are {low:g} to {high:g}"
-            )
+    found = motion_files.read_motion(path, machine, slack=SLACK)
+    positions = np.column_stack(list(found.columns.values()))
+    return Motion(found.machine, found.rods, tuple(found.columns), found.time, positions)
 
 
 class SplinePath:

@@ -17,11 +17,12 @@ import numpy.typing as npt
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.machine.quantities import MOTOR_QUANTITIES
+from daq.motion_files import Rods
 from sim_backends.plant import hydraulics
 from sim_backends.plant.arm import Arm, ArmDesign
 from sim_backends.plant.controller import Controller
 from sim_backends.plant.linear_filter import ColouredNoise
-from sim_backends.plant.motion import Motion, Rods
+from sim_backends.plant.motion import Motion
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import UNDECLARED, Block, EffectSpec, Place, Readings, UndeclaredEffect, check_spec

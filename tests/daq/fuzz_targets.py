@@ -214,8 +214,6 @@ def an_sdo_answer_is_a_value_or_one_line() -> Iterator[Check]:
                 # CiA 301, 7.2.4.3.6: an upload's answer begins with 010, and names the object that was asked for.
                 assert isinstance(value, bytes) and len(answers[0]) == 8
                 assert answers[0][0] >> 5 == 2 and answers[0][1:4] == b"\x00\x10\x00"
-            finally:
-                sdo.close()
 
         yield check
 

@@ -11,9 +11,9 @@ from bench_machines import can
 from daq import Machine, parse_machine
 from daq.acquisition.cycles import AcquisitionStatistics
 from daq.commissioning.delays import BusDelay, bus_delays
-from daq.commissioning.running_check import check_running
 from daq.frames.frame import row_dtype
 from daq.quality import Quality
+from server.bus_checks.running_check import check_running
 
 RATE = 50.0
 Array = np.ndarray

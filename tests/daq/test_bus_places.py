@@ -20,7 +20,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from daq.drivers.can.port import open_bus
 from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import BusError
-from daq.machine.bus_places import CAN_INTERFACES, check_entry, is_listed, place_of
+from daq.machine.bus_places import CAN_INTERFACES, check_entry, is_listed
 from daq.machine.buses import Bus, CanNode, CanopenBus, CanSignalsBus, ModbusRtuBus, ModbusTcpBus
 
 BUS: TypeAdapter[Any] = TypeAdapter(Bus)
@@ -135,9 +135,9 @@ def test_what_is_no_entry_is_refused(entry: str) -> None:
 
 
 def test_places_of_buses() -> None:
-    places = [place_of(BUS.validate_python(good)) for good in GOOD.values()]
+    places = [BUS.validate_python(good).place for good in GOOD.values()]
     assert places == ["tcp:192.0.2.10:29536", "serial:/dev/ttyACM0", "tcp:192.0.2.10:502", "serial:/dev/ttyUSB0"]
-    assert place_of(BUS.validate_python({"name": "b", "type": "ethercat"})) == "driver:ethercat"
+    assert BUS.validate_python({"name": "b", "type": "ethercat"}).place == "driver:ethercat"
 
 
 @pytest.mark.slow

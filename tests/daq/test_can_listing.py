@@ -11,7 +11,8 @@ from daq import load_machine
 from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.can_database import listed_messages
-from daq.machine.can_listing import OfferedBus, OfferedSignal, offered_signals
+from server.can_signals.can_signals_schemas import CanSignal
+from server.can_signals.signal_listing import OfferedBus, offered_signals
 
 pytest.importorskip("cantools")
 
@@ -21,7 +22,7 @@ def listing(folder: Path, text: str | None = None) -> OfferedBus:
     return bus
 
 
-def by_name(bus: OfferedBus) -> dict[str, OfferedSignal]:
+def by_name(bus: OfferedBus) -> dict[str, CanSignal]:
     return {signal.signal: signal for signal in bus.signals}
 
 
@@ -41,16 +42,16 @@ def test_multiplexers_and_what_they_select(tmp_path: Path) -> None:
     found = by_name(listing(tmp_path))
     assert found["Page"].selects and found["Page"].multiplexer is None
     assert [(found[name].multiplexer, found[name].multiplexer_values) for name in ("Supply", "Tank")] == [
-        ("Page", (0,)),
-        ("Page", (1,)),
+        ("Page", [0]),
+        ("Page", [1]),
     ]
 
 
 def test_each_signal_names_the_channels_that_use_it(tmp_path: Path) -> None:
     bus = listing(tmp_path)
     assert {signal.signal: signal.channels for signal in bus.signals if signal.channels} == {
-        "Angle": ("j1.angle",), "HeadPressure": ("j1.head",), "RodPressure": ("j1.rod",), "Supply": ("supply",),
-        "Tank": ("tank",), "OilTemperature": ("oil",),
+        "Angle": ["j1.angle"], "HeadPressure": ["j1.head"], "RodPressure": ["j1.rod"], "Supply": ["supply"],
+        "Tank": ["tank"], "OilTemperature": ["oil"],
     }  # fmt: skip
     assert bus.problems == [] and (bus.files[0].messages, bus.files[0].signals) == (4, 9)
 

@@ -135,6 +135,18 @@ def test_a_frame_that_waited_in_the_interface_is_late(bench: HandFed) -> None:
     assert bench.driver.statistics().counts["late"] == 1
 
 
+def test_a_frame_of_which_nobody_knows_how_long_it_waited_is_late(bench: HandFed) -> None:
+    assert bench.port is not None
+    bench.port._times.watched = True
+    bench.port._times._known = 0
+    boom(bench)
+    assert bench.cycle().quality[0] == Quality.LATE
+    bench.port._times.nothing_at(bench.now_ns)
+    bench.advance(0.0003)
+    boom(bench)
+    assert bench.cycle().quality[0] == Quality.FRESH
+
+
 def test_a_short_frame_is_invalid_where_it_ends(bench: HandFed) -> None:
     bench.frame(291, bytes.fromhex("FB2E F401"))
     samples = bench.cycle()

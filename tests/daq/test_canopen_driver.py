@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import struct
+import threading
 import time
+from types import SimpleNamespace
 
 import can as python_can
 import numpy as np
 import pytest
 from bench_machines import can
-from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
+from canopen_test_bench import ANGLE, HEAD, PERIOD, ROD, Bench, fresh
 
 from daq import Machine, MachineFileError, Quality, parse_machine
 from daq.drivers.base import Problem
+from daq.drivers.canopen import link as canopen_link
+from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.mapping import map_node
 
 
@@ -304,3 +308,59 @@ def test_what_does_not_fit_four_tpdos_is_refused() -> None:
     machine = channels_of([(0x6004, 0, "uint32"), (0x6004, 0, "int32"), (0x6130, 1, "float32"), (0x6130, 2, "float32")])
     with pytest.raises(MachineFileError, match="0x6004:0 is uint32 and int32"):
         map_node(5, list(enumerate(machine.channels)), "node 5")
+
+
+def test_nobody_is_silent_by_what_this_process_was_too_busy_to_hear(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    port = bench.driver.port
+    assert isinstance(port, CanLink)
+    goes_on, dispatch = threading.Event(), port.dispatch
+    port.dispatch = lambda message, at_ns: (goes_on.wait(), dispatch(message, at_ns))[1]  # type: ignore[method-assign]
+    for _ in range(60):  # 1.2 s, and a heartbeat is missed after 0.75 s
+        bench.once()
+    goes_on.set()
+    bench.until(fresh)
+    counts = bench.driver.statistics().counts
+    assert counts["silent"] == counts["heartbeat_lost"] == 0 and counts["commissioned"] == 2
+
+
+def test_a_node_that_is_back_by_itself_is_left_alone(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    care = bench.driver._cares[5]
+    care.keeper.soon()  # as for one that was silent
+    bench.sent()
+    time.sleep(0.5)
+    assert not [m for m in bench.sent() if m.arbitration_id in (0x000, 0x605)]
+    assert bench.state(5) == "running"
+
+
+def test_a_tpdo_that_is_late_but_of_its_own_cycle_does_not_stop_its_node(bench: Bench) -> None:
+    bench.driver.start()
+    bench.until(fresh)
+    look = bench.driver._look
+    look._late_ns = -1.0  # whatever comes is late
+    for _ in range(15):
+        bench.once()
+    line = next(d.detail for d in bench.driver.statistics().devices if d.name == "node 5")
+    assert "ms after SYNC, so they are marked late" in line
+    look._late_ns = 0.5e9 * PERIOD
+    bench.until(fresh)
+    assert bench.driver.statistics().counts["started_anew"] == 0
+    assert not any("marked late" in device.detail for device in bench.driver.statistics().devices)
+
+
+def test_only_answers_beyond_what_was_asked_lately_are_a_second_device(bench: Bench) -> None:
+    now = [0]
+    client = canopen_link._Client(None, 5, lambda: now[0])
+    client.network = SimpleNamespace(send_message=lambda identifier, data: None)
+    for _ in range(2):
+        client.send_request(bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0)))
+        client.send_request(bytes((0x80, *bytes(7))))  # an abort has no answer
+    for surplus in (0, 0, 1, 2):  # two late answers, then two of somebody else
+        client.receive(bytearray(8), 1_000_000_000)
+        assert client.surplus == surplus
+    client.send_request(bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0)))
+    client.receive(bytearray(8), 10_000_000_000)  # the one that was asked is lost by now
+    assert client.surplus == 3

@@ -145,6 +145,17 @@ def test_a_pdo_belongs_to_the_sync_before_it(bench: HandFed) -> None:
     assert (samples.cycles_ago[ANGLE], samples.after_sync_s[ANGLE]) == (0, 0.0)
 
 
+def test_what_is_sampled_at_a_sync_of_which_nobody_knows_when_it_came_is_late(bench: HandFed) -> None:
+    assert bench.port is not None
+    bench.port._times.watched = True
+    bench.port._times._known = 0
+    sync(bench)
+    bench.port._times.nothing_at(bench.now_ns)
+    bench.advance(0.0003)
+    angle(bench, 1)  # when this came is known
+    assert bench.driver.collect(bench.now_ns).quality[ANGLE] == Quality.LATE
+
+
 def test_a_pdo_behind_the_next_sync_is_of_that_one(bench: HandFed) -> None:
     """A master that is not always in time, and a cycle that is collected late."""
     sync(bench)
@@ -168,6 +179,15 @@ def test_a_pdo_later_than_half_a_period_is_late(bench: HandFed) -> None:
     sync(bench)
     samples = bench.driver.collect(bench.now_ns)
     assert (samples.quality[ANGLE], samples.cycles_ago[ANGLE]) == (Quality.LATE, 1)
+
+
+def test_an_event_driven_pdo_behind_the_sync_is_younger_than_it(bench: HandFed) -> None:
+    sync(bench)
+    bench.advance(0.003)
+    bench.frame(0x286, bytes(6))
+    samples = bench.driver.collect(bench.now_ns)
+    assert samples.quality[HEAD_PRESSURE] == Quality.FRESH
+    assert samples.after_sync_s[HEAD_PRESSURE] == pytest.approx(0.003)
 
 
 def test_an_event_driven_pdo_keeps_its_own_time(bench: HandFed) -> None:

@@ -398,10 +398,9 @@ def test_a_transfer_in_flight_ends_without_a_frame(bench: Bench) -> None:
 
     thread = threading.Thread(target=ask)
     thread.start()
-    while link.clients.get(6) is None or not link.clients[6].requests:
-        time.sleep(0.001)
     with plc(bench) as send:
-        bench.sent()
+        while not any(m.arbitration_id == 0x606 for m in bench.sent()):
+            time.sleep(0.001)
         send(0x080, b"")
         assert ended.wait(60)
     thread.join()

@@ -16,6 +16,7 @@ from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
 
 from daq import BusError, MachineFileError, Quality, parse_machine
 from daq.drivers import DriverContext, make_driver
+from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.conformance import check_driver
 
@@ -117,6 +118,14 @@ class Listening:
             assert time.monotonic() < deadline
             time.sleep(0.001)
 
+    def start(self) -> tuple[str, ...]:
+        """Start; frames are taken for ones that came just now, also where a busy computer lets them wait."""
+        problems = self.driver.start()
+        assert isinstance(self.driver.port, CanPort)
+        times = self.driver.port._times
+        times.watched, times.sure_ns = False, 0.0
+        return problems
+
     def once(self):  # type: ignore[no-untyped-def]
         self.driver.trigger(self.cycle)
         self.cycle += 1
@@ -132,7 +141,7 @@ def other() -> Iterator[Listening]:
 
 
 def test_listening_sends_nothing_at_all(other: Listening) -> None:
-    problems = other.driver.start()
+    problems = other.start()
     assert len(problems) == 2 and "0x185" in problems[0] and "does not come" in problems[0]
     for number in range(20):
         other.send(0x185, struct.pack("<I", number))
@@ -148,7 +157,7 @@ def test_listening_sends_nothing_at_all(other: Listening) -> None:
 
 
 def test_what_does_not_come_is_missing_and_said_so(other: Listening) -> None:
-    other.driver.start()
+    other.start()
     other.send(0x185, struct.pack("<I", 7))
     assert other.once().quality.tolist() == [Quality.FRESH, Quality.MISSING, Quality.MISSING]
     assert other.once().quality.tolist() == [Quality.MISSING] * 3  # nothing is delivered twice
@@ -157,7 +166,7 @@ def test_what_does_not_come_is_missing_and_said_so(other: Listening) -> None:
 
 
 def test_short_pdos_nan_unknown_nodes_and_emergencies(other: Listening) -> None:
-    other.driver.start()
+    other.start()
     other.send(0x186, struct.pack("<f", 50.0))  # its mapping is another one: nothing of it is where it was
     assert other.once().quality[[HEAD, ROD]].tolist() == [Quality.INVALID] * 2
     assert "4 bytes instead of 8" in other.driver.statistics().devices[1].detail

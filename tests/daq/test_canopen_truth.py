@@ -23,7 +23,7 @@ from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.driver import COUNTS, CanopenDriver
 from daq.drivers.canopen.mapping import Mapping
-from daq.drivers.canopen.node import Cycle, Node, Tpdo
+from daq.drivers.canopen.node import UNANSWERED, Cycle, Node, Tpdo
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.keeper import Keeper
 from daq.frames.events import EventLog
@@ -143,8 +143,10 @@ def test_in_any_order_of_delays_a_tpdo_is_credited_to_its_own_sync(delays: list[
 
 def test_beyond_what_can_be_counted_nothing_is_fresh() -> None:
     made, _ = tpdo()
-    for k in range(5):
+    for k in range(UNANSWERED):
         made.asked(k, k)
+    assert not made.in_doubt
+    made.asked(UNANSWERED, UNANSWERED)
     assert made.in_doubt
 
 
@@ -158,7 +160,7 @@ def test_later_than_half_a_period_is_late(bench: Bench) -> None:
         node.operational = True
         node.tpdos[0].asked(7, 0)
         node.tpdos[0].receive(bytearray(struct.pack("<I", 1)), round(after_ms * 1e6))
-        samples = driver._look.samples(7, round(after_ms * 1e6))
+        samples = driver._look.samples(driver._lead.cycle, round(after_ms * 1e6))
         assert samples.quality[ANGLE] == quality
         assert samples.after_sync_s[ANGLE] == pytest.approx(after_ms / 1e3 if quality == Quality.LATE else 0.0)
 
@@ -424,17 +426,19 @@ def test_silence_is_told_from_a_lost_heartbeat_by_the_clock_alone() -> None:
     ],
 )
 def test_error_frames_tell_the_state_of_the_controller(identifier: int, data: bytes, state: str) -> None:
-    told: list[tuple[str, str]] = []
-    health = BusHealth(lambda old, new: told.append((old, new)))
+    log = EventLog()
+    health = BusHealth("can0", log)
     health.on_error_frame(identifier, data, 0)
     assert health.state == state and health.error_frames == 1
-    assert told == ([] if state == "active" else [("active", state)])
+    name = state if state == "bus_off" else f"bus_{state}"
+    told = [(event["what"], event["seconds"]) for event in log.published()]
+    assert told == ([] if state == "active" else [(name, None)])
     health.look(round(1.9 * NS))
     assert health.state == state
     health.look(round(2.1 * NS))
     assert health.state == ("bus_off" if state == "bus_off" else "active")
     health.on_error_frame(0x100, bytes(8), 3 * NS)
-    assert health.state == "active"
+    assert health.state == "active" and not any(event["seconds"] is None for event in log.published())
 
 
 def test_bus_off_is_shown_and_the_bus_is_opened_again(bench: Bench) -> None:

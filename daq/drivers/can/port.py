@@ -16,17 +16,19 @@ from typing import Any, ClassVar
 import can
 
 from daq.drivers.base import DriverContext
+from daq.drivers.bus_driver import Port
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.receive_queue import lengthen, lost_frames
 from daq.drivers.can.socketcand import SocketcandBus
-from daq.errors import BusError
+from daq.errors import BusError, first_line
 from daq.frames.clock import NS
 from daq.machine.bus_places import check_can
 from daq.machine.machine_file import CanBus
 
 IDLE_S = 0.1
 LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
+DOUBTFUL_S = 0.2e-3  # the same while times are not sure yet
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
@@ -46,7 +48,7 @@ class CanAccess:
         return None
 
 
-class CanPort:
+class CanPort(Port):
     """An open CAN interface; :meth:`dispatch` of a subclass is called, in the receive thread, with every data frame."""
 
     takes_extended: ClassVar[bool] = False  # else frames with 29 bits are another protocol's: counted, no more
@@ -56,7 +58,6 @@ class CanPort:
         self.health = health
         self.frames = 0
         self.extended = self.remote = self.broken = 0  # 29-bit frames, remote frames, frames a handler stumbled over
-        self.failure: str | None = None
         self._monotonic_ns = context.monotonic_ns
         self._times = ArrivalTimes()
         self._closing = False
@@ -76,6 +77,7 @@ class CanPort:
 
     def start_receiving(self) -> None:
         """Start the receive thread."""
+        self._times.watched = True
         self._thread = threading.Thread(target=self._receive, name=f"can-{self.name}", daemon=True)
         self._thread.start()
 
@@ -88,8 +90,8 @@ class CanPort:
                 if before - looked > LOOK_NS and (message := receive(0.0)) is None:
                     self._times.nothing_at(before)  # known well enough until the next look
                     looked = before
-                if message is None:
-                    message = receive(IDLE_S)
+                if message is None and (message := receive(DOUBTFUL_S if self._times.doubtful else IDLE_S)) is None:
+                    self._times.nothing_at(before)
             except Exception as error:  # whatever it is, nothing is received from here on: the driver rebuilds the bus
                 if not self._closing:
                     self.fail(error)
@@ -128,6 +130,15 @@ class CanPort:
         return now
 
     @property
+    def sure_ns(self) -> float:  # type: ignore[override]
+        """As the estimate says."""
+        return self._times.sure_ns
+
+    def heard_ns(self, now_ns: int) -> int:
+        """As its receive thread says; what has none takes everything at once."""
+        return min(now_ns, self._times.heard_ns) if self._times.watched else now_ns
+
+    @property
     def lost(self) -> int:
         """Frames that the kernel had no room for; 0 where it does not tell."""
         with contextlib.suppress(OSError):  # closed: what it told last
@@ -155,10 +166,15 @@ class CanPort:
             sent.is_rx, sent.timestamp = False, (self._monotonic_ns() + self._utc_ns) / NS
             self._noted(sent)
 
-    def fail(self, error: Exception) -> None:
-        """Remember why the bus is unusable; the first reason counts."""
-        if self.failure is None:
-            self.failure = f"{type(error).__name__}: {first_line(error)}"
+    def counts(self) -> dict[str, int]:
+        """Frames since it was opened."""
+        return {
+            "frames": self.frames,
+            "extended_frames": self.extended,
+            "remote_frames": self.remote,
+            "unreadable_frames": self.broken,
+            "lost_frames": self.lost,
+        }
 
     def close(self) -> None:
         """Stop receiving and release the interface."""
@@ -208,9 +224,3 @@ def _silent(interface: str) -> dict[str, Any]:
         "pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}, "slcan": {"listen_only": True}
     }  # fmt: skip
     return found.get(interface, {})
-
-
-def first_line(error: Exception | None) -> str:
-    """The first line of an error's text, or its kind; python-can puts tracebacks into some."""
-    line = str(error).split("\n")[0].split("Traceback (most recent")[0]
-    return line.strip() or type(error).__name__

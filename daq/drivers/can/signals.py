@@ -1,4 +1,4 @@
-"""Plain CAN and J1939: frames decoded by DBC files, 11 and 29 bit, listened to only (:mod:`daq.drivers.can.listening`).
+"""Plain CAN and J1939: frames decoded by DBC files, 11 and 29 bit, listened to only (:mod:`daq.drivers.listening`).
 
 A message of J1939 is known by its PGN and, where the source says so, by its sender; of one that two devices send, and
 no source address says which is meant, nothing is taken. A multiplexed message is several: each part has its own age.
@@ -13,9 +13,10 @@ from typing import Any
 import can
 
 from daq.drivers.base import Answers, DriverContext
+from daq.drivers.can.bus_driver import CanDriver
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.listening import INBOX, Inbox, Listener, Stream
 from daq.drivers.can.port import CanPort
+from daq.drivers.listening import INBOX, Inbox, Listener, Stream
 from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.can_database import Listed, Wanted, decoded, listed_messages, not_available, pgn_of
@@ -86,7 +87,7 @@ class _Received:
         return len(self.senders) > 1
 
 
-class CanSignalsDriver(Listener):
+class CanSignalsDriver(Listener, CanDriver):
     """Signals of DBC files (see :class:`daq.drivers.base.Driver`); nothing is ever sent."""
 
     def __init__(self, bus: CanSignalsBus, channels: Sequence[Channel], context: DriverContext) -> None:

@@ -11,18 +11,18 @@ from collections.abc import Iterable, MutableMapping
 from dataclasses import replace
 
 from daq.drivers.base import DriverContext
-from daq.drivers.can.port import first_line
 from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.link import CanLink, Sdo
-from daq.drivers.canopen.node import UNANSWERED, Node
+from daq.drivers.canopen.node import Node
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper
-from daq.errors import AcquisitionError
+from daq.errors import AcquisitionError, first_line
 
 VERIFY_CYCLES = 3
+UNDER_WAY = 4  # cycles that answers may be under way when a node was told to stop
 VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long
 
 
@@ -120,11 +120,11 @@ class NodeCare:
         link = self._lead.working_link()
         if link is None:
             return  # the keeper of the bus hands it over again
-        if node.starting_anew and node.state == "running":
-            self._start_anew(link)
-            return
-        if node.to_be_asked and node.state == "running":
-            self._ask(link)
+        if node.state == "running":  # one that was silent may be back by itself
+            if node.starting_anew:
+                self._start_anew(link)
+            elif node.to_be_asked:
+                self._ask(link)
             return
         done = self._commission(link)
         if not self._start.tried(node.config.node) and done:
@@ -155,8 +155,6 @@ class NodeCare:
         except AcquisitionError as error:
             self.failed(str(error))
             return False
-        finally:
-            sdo.close()
         return True
 
     def _learn(self, sdo: Sdo) -> None:
@@ -173,13 +171,10 @@ class NodeCare:
         """Once it runs: what it says of itself. A node that does not answer this goes on all the same."""
         node = self.node
         node.to_be_asked = False
-        sdo = link.sdo(node.config.node)
         try:
-            node.objects = ask(sdo)
+            node.objects = ask(link.sdo(node.config.node))
         except AcquisitionError:
             node.objects = {}
-        finally:
-            sdo.close()
 
     def _command(self, link: CanLink, command: int) -> None:
         self._lead.command(link, self.node, command, behind_sync=not self._start.under_way)
@@ -193,12 +188,17 @@ class NodeCare:
         """Let a node stop and start, so that its answers and our SYNCs are counted from one point again."""
         node = self.node
         self._command(link, PRE_OPERATIONAL)
-        time.sleep(UNANSWERED * self._context.period_s)  # what was under way comes
+        time.sleep(UNDER_WAY * self._context.period_s)
+        try:
+            link.sdo(node.config.node).read(0x1000)  # what it sent before this answer has come
+        except AcquisitionError as error:
+            self.failed(str(error))
+            return
         self._command(link, OPERATIONAL)
         self._await_tpdos()
         self._counts["started_anew"] += 1
         arrivals = [tpdo.latest for tpdo in node.tpdos if tpdo.latest is not None]
         # Only one SYNC was unanswered when these were sent: what is late now is late, and not the count wrong.
         node.slow = any(a.during > a.cycle or a.at_ns - a.sync_ns > self._context.late_ns for a in arrivals)
-        node.late_run = 0
+        node.late_run = node.behind_run = 0
         node.starting_anew = False

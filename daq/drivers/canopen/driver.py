@@ -18,7 +18,7 @@ from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.listening import Guest, ListeningDriver
-from daq.drivers.canopen.look import Look, Sweep
+from daq.drivers.canopen.look import Look
 from daq.drivers.canopen.node import MISSES_TOLERATED, Cycle, Node, make_nodes
 from daq.drivers.canopen.watch import NodeWatch
 from daq.errors import BusError
@@ -60,7 +60,6 @@ class CanopenDriver(CanDriver):
             for number, node in self._nodes.items()
         }
         count, late_ns = len(channels), context.late_ns
-        self._sweep = Sweep(tuple(self._nodes.values()), self._watch, count, late_ns)
         self._look = Look(tuple(self._cares.values()), self._watch, self.counts, count, late_ns)
         started = context.found.started(bus.name) if context.found is not None else frozenset()
         for number in started & self._nodes.keys():
@@ -137,6 +136,7 @@ class CanopenDriver(CanDriver):
 
     def opened(self) -> None:
         """Listen; then lead, and commission all nodes. A guest only listens on."""
+        super().opened()
         link = self.port
         assert isinstance(link, CanLink)
         if not self._leadership.lead(self.keeper.paused):
@@ -215,17 +215,11 @@ class CanopenDriver(CanDriver):
                 tpdo for node in self._nodes.values() if node.misses < MISSES_TOLERATED for tpdo in node.tpdos
             ):
                 tpdo.give_up()
-        now = self.context.monotonic_ns()
-        number = self._lead.cycle.number
-        whole = self._sweep.samples(number, now)
-        return self._look.samples(number, now) if whole is None else whole
+        port = self.port
+        heard_ns = 0 if port is None else port.heard_ns(self.context.monotonic_ns())
+        return self._look.samples(self._lead.cycle, heard_ns)
 
     # What it says
-
-    def counts_of(self, port: CanPort) -> dict[str, int]:
-        """Counters of a link."""
-        heard = self._leadership.count
-        return super().counts_of(port) | {"foreign_sync": heard("SYNC"), "foreign_nmt": heard("NMT")}
 
     def devices(self, failure: str) -> Iterable[DeviceStatus]:
         """State of every node."""
@@ -243,7 +237,8 @@ class CanopenDriver(CanDriver):
         told = super().statistics()
         codes = self._watch.emergency_codes(self._nodes.values(), EMERGENCY_CODES)
         guest = {} if self._guest is None else {name: n for name, n in self._guest.counts.items() if n}
-        return replace(told, counts={**told.counts, **codes, **guest})
+        foreign = {"foreign_sync": self._leadership.count("SYNC"), "foreign_nmt": self._leadership.count("NMT")}
+        return replace(told, counts={**told.counts, **foreign, **codes, **guest})
 
     def stop(self) -> None:
         """Leave each node in the state in which its heartbeat found it, else pre-operational; close the bus."""

@@ -20,6 +20,7 @@ from typing import Any
 from canopen.objectdictionary import ODVariable
 from canopen.objectdictionary.eds import import_eds
 
+from daq.drivers.canopen.mapping import laid_out
 from daq.errors import MachineFileError
 from daq.machine.device_files import check_device_file
 
@@ -72,12 +73,9 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
         count = min(value_of(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES)
         entries = [value_of(dictionary, 0x1A00 + number, entry) or 0 for entry in range(1, count + 1)]
         length = (sum(mapped & 0xFF for mapped in entries) + 7) // 8
-        bit = 0
-        for mapped in entries:
-            bits = mapped & 0xFF
+        for index, subindex, bit, bits in laid_out(entries):
             place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms, length)
-            found.setdefault((mapped >> 16, mapped >> 8 & 0xFF), place)
-            bit += bits
+            found.setdefault((index, subindex), place)
     return found
 
 
@@ -137,15 +135,15 @@ def _in_order(text: str) -> io.StringIO:
 
 def value_of(dictionary: Any, index: int, subindex: int) -> int | None:
     """An object's value, else its default, else None."""
-    if index not in dictionary:
-        return None
-    held = dictionary[index]
-    if isinstance(held, ODVariable):
-        variable = held if subindex == 0 else None
-    else:
-        variable = held.subindices.get(subindex)
-    if variable is None:
-        return None
+    variable = variable_of(dictionary, index, subindex)
     value = getattr(variable, "value", None)
-    value = variable.default if value is None else value
+    value = getattr(variable, "default", None) if value is None else value
     return value if isinstance(value, int) else None
+
+
+def variable_of(dictionary: Any, index: int, subindex: int) -> ODVariable | None:
+    """An object, or the part of one; None if it is not there."""
+    held = dictionary.get(index)
+    if isinstance(held, ODVariable):
+        return held if subindex == 0 else None
+    return None if held is None else held.subindices.get(subindex)

@@ -9,23 +9,27 @@ from __future__ import annotations
 
 import struct
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
 import can
 import canopen
 from canopen.sdo import SdoAbortedError, SdoClient, SdoCommunicationError
+from canopen.sdo.constants import REQUEST_ABORTED
 
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.port import CanPort, first_line
+from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.leadership import NMT_ID, SYNC_ID, Leadership, NotLeadingError
-from daq.errors import BusError, CommissioningError
+from daq.errors import BusError, CommissioningError, first_line
+from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus
 
 Handler = Callable[[bytearray, int], None]
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
+SDO_ANSWER_S = 3.0  # after which an answer is taken for lost: behind a gateway, or on a computer, that is too busy
 SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
 
 
@@ -49,7 +53,7 @@ class CanLink(CanPort):
         self.handlers: dict[int, Handler] = {}
         self._network = canopen.Network(self)
         self._sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False, data=b"")
-        self.clients: dict[int, _Client] = {}  # of transfers that may be under way, by node
+        self._clients: dict[int, _Client] = {}  # by node
         self.open()
 
     def permit(self, message: can.Message) -> None:
@@ -72,7 +76,7 @@ class CanLink(CanPort):
 
     def _let_go(self) -> None:
         """End transfers that are under way: with what is no answer, their next request is not permitted."""
-        for client in list(self.clients.values()):
+        for client in list(self._clients.values()):
             client.responses.put(b"")
 
     def send_sync(self) -> None:
@@ -95,18 +99,33 @@ class CanLink(CanPort):
 
     def sdo(self, node: int) -> Sdo:
         """SDO access to a node."""
-        return Sdo(self, self._network, node, f"{self.name} node {node}")
+        if node not in self._clients:
+            client = self._clients[node] = _Client(self._network, node, self._monotonic_ns)
+            self.handlers[0x580 + node] = client.receive
+        return Sdo(self._clients[node], f"{self.name} node {node}")
 
 
 class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
-    """canopen's client, which knows how many answers it had, and does not follow a transfer that never ends."""
+    """canopen's client, which knows answers that nothing was asked for, and does not follow a transfer without end.
 
-    requests = 0
-    answers = 0
+    Attributes
+    ----------
+    surplus : answers that none of our requests of the last :data:`SDO_ANSWER_S` waits for
+    """
+
+    RESPONSE_TIMEOUT = SDO_TIMEOUT_S
     left = SDO_SEGMENTS
+    surplus = 0
+
+    def __init__(self, network: Any, node: int, monotonic_ns: Callable[[], int]) -> None:
+        super().__init__(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
+        self.network = network
+        self._now = monotonic_ns
+        self._asked: deque[int] = deque()
 
     def send_request(self, request: Any) -> None:
-        self.requests += 1
+        if request[0] != REQUEST_ABORTED:  # it has no answer
+            self._asked.append(self._now())
         super().send_request(request)
 
     def read_response(self) -> Any:
@@ -117,31 +136,27 @@ class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
 
     def receive(self, data: bytearray, at_ns: int) -> None:
         """In the receive thread."""
-        self.answers += 1
+        while self._asked and at_ns - self._asked[0] > SDO_ANSWER_S * NS:
+            self._asked.popleft()
+        if self._asked:
+            self._asked.popleft()
+        else:
+            self.surplus += 1
         self.on_response(self.tx_cobid, data, at_ns)
 
 
 class Sdo:
     """SDO transfers to one node; not to be called from the receive thread."""
 
-    def __init__(self, link: CanLink, network: Any, node: int, place: str) -> None:
-        self._client = _Client(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
-        self._client.network = network
-        self._client.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
-        self._link = link
+    def __init__(self, client: _Client, place: str) -> None:
+        self._client = client
         self._place = place
-        link.handlers[0x580 + node] = self._client.receive
-        link.clients[node] = self._client
-
-    def close(self) -> None:
-        """Stop listening for the node's answers."""
-        self._link.clients.pop(self._client.rx_cobid - 0x600, None)
-        self._link.handlers.pop(self._client.tx_cobid, None)
+        client.surplus = 0
 
     @property
     def surplus(self) -> int:
-        """Answers beyond one per request: a second device answers as well."""
-        return max(0, self._client.answers - self._client.requests)
+        """Answers that nothing was asked for: a second device answers as well."""
+        return self._client.surplus
 
     def read(self, index: int, subindex: int = 0) -> bytes:
         """Bytes of an object.

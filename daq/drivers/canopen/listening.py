@@ -2,7 +2,7 @@
 
 Nodes need neither answer our SYNC nor send a heartbeat, and their mapping is what the machine file (``cob_id`` and
 ``byte`` of a source) or the node's EDS or DCF says it is. The cycle is paced by our clock, each value with its age
-(:mod:`daq.drivers.can.listening`), or, with ``sync: external``, by the other master's SYNC. Then a PDO that is sampled
+(:mod:`daq.drivers.listening`), or, with ``sync: external``, by the other master's SYNC. Then a PDO that is sampled
 at SYNC belongs to the SYNC before it: half a period after that it is late.
 """
 
@@ -18,13 +18,14 @@ from functools import partial
 import numpy as np
 
 from daq import wire
-from daq.drivers.base import Answers, DriverContext, Problem, Samples
-from daq.drivers.can.listening import FIRST_S, Inbox, Listener, Stream
+from daq.drivers.base import Answers, DriverContext, Problem, Samples, by_device
+from daq.drivers.can.bus_driver import CanDriver
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.eds import Place, pdo_places
 from daq.drivers.canopen.leadership import SYNC_ID
 from daq.drivers.canopen.link import CanLink, Handler
-from daq.drivers.canopen.mapping import map_node
+from daq.drivers.canopen.mapping import laid_out, map_node
+from daq.drivers.listening import FIRST_S, Inbox, Listener, Stream
 from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, CanSource, Channel
@@ -70,7 +71,7 @@ class _Pdo:
         self.due.set()
 
 
-class ListeningDriver(Listener):
+class ListeningDriver(Listener, CanDriver):
     """CANopen PDOs of a bus that is not ours (see :class:`daq.drivers.base.Driver`).
 
     Parameters
@@ -268,7 +269,7 @@ class ListeningDriver(Listener):
         for position in pdo.stream.positions:
             answers.cycles_ago[position] = ago
             answers.after_sync_s[position] = (sync_ns - self.cycle_ns) / NS
-        return Quality.LATE if ago or behind_ns > period_ns / 2 else Quality.FRESH
+        return Quality.LATE if ago or self.late(sync_ns, behind_ns, 0.5) else Quality.FRESH
 
     def device_line(self, device: str) -> str:
         """Its emergency, or what is wrong with the SYNC that should lead."""
@@ -317,17 +318,11 @@ class Guest(ListeningDriver):
 
 def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
     """Where the channels are in the TPDOs that commissioning maps."""
-    grouped: dict[int, list[tuple[int, Channel]]] = {}
-    for position, channel in enumerate(channels):
-        assert isinstance(channel.source, CanSource)
-        grouped.setdefault(channel.source.node, []).append((position, channel))
     found = []
-    for node, members in grouped.items():
+    for node, members in by_device(channels, lambda source: source.node).items():
         for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
-            bit = 0
-            for entry, positions in zip(mapping.entries, mapping.positions, strict=True):
-                place = Place(mapping.cob_id, bit, entry & 0xFF, True, 0, mapping.length)
-                bit += entry & 0xFF
+            for (_, _, bit, bits), positions in zip(laid_out(mapping.entries), mapping.positions, strict=True):
+                place = Place(mapping.cob_id, bit, bits, True, 0, mapping.length)
                 for position in positions:
                     source = channels[position].source
                     assert isinstance(source, CanSource)

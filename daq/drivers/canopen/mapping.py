@@ -9,7 +9,7 @@ A TPDO carries 8 bytes; a node has four of them in the predefined connection set
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,14 @@ from daq.machine.machine_file import CanSource, Channel
 
 TPDO_BYTES = 8
 TPDO_COUNT = 4
+
+
+def laid_out(entries: Iterable[int]) -> Iterator[tuple[int, int, int, int]]:
+    """Index, subindex, first bit and bits of what mapping entries put into a PDO, one behind the other."""
+    bit = 0
+    for entry in entries:
+        yield entry >> 16, entry >> 8 & 0xFF, bit, entry & 0xFF
+        bit += entry & 0xFF
 
 
 class PdoDecoder:

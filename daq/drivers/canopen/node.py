@@ -15,7 +15,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from daq.drivers.base import Spread
+from daq.drivers.base import Spread, by_device
 from daq.drivers.canopen.leadership import BOOT_UP
 from daq.drivers.canopen.link import Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
@@ -26,11 +26,11 @@ from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
 MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again
-LATE_TOLERATED = 10  # cycles in a row with late TPDOs only after which it is started anew, to tell slow from miscounted
+LATE_TOLERATED = 10  # cycles in a row with TPDOs of older SYNCs only after which it is started anew: is it slow?
 WRONG_TOLERATED = 3  # TPDOs of a wrong length after which a node's mapping is taken for lost
 SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which two devices share the node-ID
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
-UNANSWERED = 4  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
+UNANSWERED = 50  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
 _EMERGENCY = struct.Struct("<HB")
 Handler = Callable[[bytearray, int], None]
 
@@ -171,9 +171,10 @@ class Node:
         self.heartbeat_lost = False
         self.operational = False  # whether it was told to answer SYNCs
         self.starting_anew = False
-        self.slow = False  # late also after it was started anew: it is, and nobody miscounted
+        self.slow = False  # it is late, and nobody miscounted
         self.misses = 0
-        self.late_run = 0
+        self.late_run = 0  # cycles with late TPDOs only
+        self.behind_run = 0  # with TPDOs of older SYNCs only
         self.surplus_run = 0
         self.emergency: int | None = None
         self.emergencies: Counter[int] = Counter()  # by code, since the start; 0 is "error reset"
@@ -256,7 +257,7 @@ class Node:
 
     def forget_answers(self) -> None:
         """What came on SYNC so far does not count."""
-        self.misses = self.late_run = self.surplus_run = 0
+        self.misses = self.late_run = self.behind_run = self.surplus_run = 0
         for tpdo in self.tpdos:
             tpdo.forget()
 
@@ -292,12 +293,8 @@ class Node:
 def make_nodes(bus: CanopenBus, channels: Sequence[Channel], cycle: Cycle) -> dict[int, Node]:
     """The nodes that the channels of a bus come from, by node-ID, each with its mapping."""
     known = {node.node: node for node in bus.nodes}
-    grouped: dict[int, list[tuple[int, Channel]]] = {}
-    for position, channel in enumerate(channels):
-        assert isinstance(channel.source, CanSource)
-        grouped.setdefault(channel.source.node, []).append((position, channel))
     nodes = {}
-    for number, members in grouped.items():
+    for number, members in by_device(channels, lambda source: source.node).items():
         place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
         config = known.get(number) or CanNode(node=number)
         node = nodes[number] = Node(config, place, map_node(number, members, place), cycle)

@@ -60,14 +60,11 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
         done = []
         for node, setup in setups.items():
             link.send_nmt(PRE_OPERATIONAL, node)
-            sdo = link.sdo(node)
             try:
-                _restore(sdo, setup, f"bus '{bus.name}' node {node}")
+                _restore(link.sdo(node), setup, f"bus '{bus.name}' node {node}")
             except AcquisitionError as error:
                 done.append(Restored(bus.name, node, str(error)))
                 continue
-            finally:
-                sdo.close()
             link.send_nmt(LEFT.get(setup.state, PRE_OPERATIONAL), node)
             kept.put_back(bus.name, node)
             done.append(Restored(bus.name, node))

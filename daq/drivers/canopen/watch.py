@@ -61,8 +61,8 @@ class NodeWatch:
             node.cause = f"{node.cause} (it was away for {seconds or 0.0:.1f} s)"
             node.away = ""
 
-    def look(self, node: Node, now_ns: int) -> bool:
-        """Notice what happened to a node since the last cycle; whether its keeper has to see to it at once."""
+    def look(self, node: Node, heard_ns: int) -> bool:
+        """Notice what happened to a node until ``heard_ns``; whether its keeper has to see to it at once."""
         if node.errors != node.emergencies_seen:
             self._emergencies(node)
         if node.boot_ups != node.boot_ups_seen and node.state != "commissioning":
@@ -84,7 +84,7 @@ class NodeWatch:
             if node.wrong_run >= WRONG_TOLERATED:
                 self.away(node, "commissioning", "short_pdo", node.short() or f"{node.place}: TPDOs of a wrong length")
                 return True
-        return self._signs_of_life(node, now_ns)
+        return self._signs_of_life(node, heard_ns)
 
     def _emergencies(self, node: Node) -> None:
         errors = node.errors
@@ -155,7 +155,7 @@ class NodeWatch:
         """Whether its TPDOs may be credited to wrong SYNCs, so that it has to be started anew."""
         if not brought:
             return False
-        return node.in_doubt() or (node.late_run >= LATE_TOLERATED and not node.slow)
+        return node.in_doubt() or (node.behind_run >= LATE_TOLERATED and not node.slow)
 
     def line(self, node: Node) -> str:
         """What there is to say about a node, also about one that runs."""

@@ -11,6 +11,7 @@ import select
 import socket
 import struct
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -145,20 +146,10 @@ class ModbusConnection:
         return answer
 
     def _ask(self, unit: int, table: str, address: int, count: int) -> Answer:
-        try:
-            if not self._client.connect():
-                return Answer(failure=f"{self.place} cannot be reached")
-            self._drop()
-            pause = self._spoke + self._silence - time.monotonic()
-            if pause > 0:
-                time.sleep(pause)
-            function = self._client.read_holding_registers if table == "holding" else self._client.read_input_registers
-            response = function(address, count=count, device_id=unit)
-        except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError) as error:
-            self.close()  # the last four are what pymodbus makes of frames that contradict themselves
-            return Answer(failure=_reason(error))
-        finally:
-            self._spoke = time.monotonic()
+        function = self._client.read_holding_registers if table == "holding" else self._client.read_input_registers
+        response = self._talk(lambda: function(address, count=count, device_id=unit))
+        if isinstance(response, str):
+            return Answer(failure=response)
         expected = HOLDING if table == "holding" else INPUT
         if response.function_code & 0x7F != expected:
             self.close()
@@ -175,20 +166,26 @@ class ModbusConnection:
         """``vendor``, ``product`` and ``revision`` as the unit tells them (function 43, 14); what it does not tell is
         left out. Never raises, and takes no longer than a time-out.
         """
-        try:
-            if not self._client.connect():
-                return {}
-            self._drop()
-            time.sleep(max(0.0, self._spoke + self._silence - time.monotonic()))
-            response = self._client.read_device_information(read_code=1, object_id=0, device_id=unit)
-        except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError):
-            self.close()
-            return {}
-        finally:
-            self._spoke = time.monotonic()
-        told = {} if response.isError() else getattr(response, "information", None) or {}
+        ask = self._client.read_device_information
+        response = self._talk(lambda: ask(read_code=1, object_id=0, device_id=unit))
+        refused = isinstance(response, str) or response.isError()
+        told = {} if refused else getattr(response, "information", None) or {}
         words = {name: _words(told[key]) for key, name in IDENTITY.items() if key in told}
         return {name: text for name, text in words.items() if text}
+
+    def _talk(self, ask: Callable[[], Any]) -> Any:
+        """What comes back to a question that follows on silence; a line where nothing does."""
+        try:
+            if not self._client.connect():
+                return f"{self.place} cannot be reached"
+            self._drop()
+            time.sleep(max(0.0, self._spoke + self._silence - time.monotonic()))
+            return ask()
+        except (ModbusException, OSError, ValueError, struct.error, IndexError, TypeError, AttributeError) as error:
+            self.close()  # the last four are what pymodbus makes of frames that contradict themselves
+            return _reason(error)
+        finally:
+            self._spoke = time.monotonic()
 
     def _drop(self) -> None:
         """Throw away what came and nobody asked for."""

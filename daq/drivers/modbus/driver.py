@@ -12,7 +12,7 @@ import threading
 from collections.abc import Sequence
 
 from daq import wire
-from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples
+from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, by_device
 from daq.drivers.modbus.client import DEVICE_FAILURE, Answer, ModbusConnection
 from daq.drivers.modbus.unit import Block, Reading, Unit, gap_is_to_blame
 from daq.frames.clock import NS
@@ -199,10 +199,6 @@ class _ModbusDriver:
         self._names = tuple(channel.name for channel in channels)
         self._timeout = max(bus.timeout_s, context.patience_s)
         self._rate_hz = context.rate_hz or 1.0 / context.period_s
-        grouped: dict[int, list[tuple[int, Channel]]] = {}
-        for position, channel in enumerate(channels):
-            assert isinstance(channel.source, ModbusSource)
-            grouped.setdefault(channel.source.unit, []).append((position, channel))
         self._units = [
             Unit(
                 number,
@@ -211,7 +207,7 @@ class _ModbusDriver:
                 members,
                 bus.maximum_gap,
             )
-            for number, members in grouped.items()
+            for number, members in by_device(channels, lambda source: source.unit).items()
         ]
         self._counts = dict.fromkeys(("missing", "late", "not_a_number"), 0)
         self._pollers: list[Poller] = []

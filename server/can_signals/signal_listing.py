@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
+
+from pydantic import BaseModel, Field
 
 from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unit_doubts
+from server.can_signals.can_signals_schemas import CanSignal
 
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
@@ -23,57 +25,7 @@ MOST, LONGEST = 20_000, 128
 MOST_VALUES, LONGEST_UNIT = 32, 40
 
 
-@dataclass(frozen=True)
-class OfferedSignal:
-    """One signal of a file.
-
-    Attributes
-    ----------
-    file, message, signal : names
-    frame_id, extended : identifier, and whether it has 29 bits
-    pgn : parameter group number, None unless the file says that the message is J1939
-    message_bytes : length of the message
-    start_bit, bits : as the DBC file counts them: of big-endian signals the most significant bit
-    byte_order : "little" or "big"
-    signed, is_float : of the raw value
-    factor, offset : value in ``unit`` = factor * raw + offset
-    minimum, maximum : of the value, None where the file says nothing
-    selects : whether it is a multiplexer, which says what the rest of its message holds
-    multiplexer, multiplexer_values : it is there only where this signal has one of these values
-    cycle_ms : how often the message comes, None where the file does not say
-    channels : of the machine that come from it
-    source : keys of a channel's ``source`` that mean it; None where a channel cannot
-    refusal : why not, one line
-    """
-
-    file: str
-    message: str
-    signal: str
-    frame_id: int
-    extended: bool
-    pgn: int | None
-    message_bytes: int
-    start_bit: int
-    bits: int
-    byte_order: str
-    signed: bool
-    is_float: bool
-    factor: float | None
-    offset: float | None
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    selects: bool
-    multiplexer: str | None
-    multiplexer_values: tuple[int, ...]
-    cycle_ms: int | None
-    channels: tuple[str, ...]
-    source: dict[str, Any] | None
-    refusal: str | None
-
-
-@dataclass
-class OfferedFile:
+class OfferedFile(BaseModel):
     """A file that a bus names: how many messages and signals it has, or why it cannot be read (one line)."""
 
     name: str
@@ -82,14 +34,13 @@ class OfferedFile:
     error: str | None = None
 
 
-@dataclass
-class OfferedBus:
+class OfferedBus(BaseModel):
     """A bus: its files, their signals, what is wrong with channels (lines), and how many signals are not listed."""
 
     name: str
-    files: list[OfferedFile]
-    signals: list[OfferedSignal] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
+    files: list[OfferedFile] = Field(default_factory=list)
+    signals: list[CanSignal] = Field(default_factory=list)
+    problems: list[str] = Field(default_factory=list)
     left_out: int = 0
 
 
@@ -99,10 +50,10 @@ def offered_signals(machine: Machine) -> list[OfferedBus]:
 
 
 def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
-    offered = OfferedBus(bus.name, [])
+    offered = OfferedBus(name=bus.name)
     databases: list[tuple[str, Database]] = []
     for path in bus.dbc:
-        file = OfferedFile(path)
+        file = OfferedFile(name=path)
         offered.files.append(file)
         try:
             database = read_database(path, bus.name)
@@ -146,10 +97,23 @@ def _list(
             offered.left_out += 1
             continue
         keys, refusal = _source(message, signal, named, grouped)
-        if keys is not None:
-            keys = {"bus": offered.name, **keys}
-        channels = used.get((message.name, signal.name), [])
-        offered.signals.append(_signal(file, message, signal, channels, keys, refusal))
+        j1939 = message.is_extended_frame and message.protocol == "j1939"
+        offered.signals.append(
+            CanSignal(
+                bus=offered.name, file=file, message=message.name, signal=signal.name,
+                frame_id=message.frame_id, extended=message.is_extended_frame,
+                pgn=pgn_of(message.frame_id) if j1939 else None, message_bytes=message.length,
+                start_bit=signal.start, bits=signal.length,
+                byte_order="big" if signal.byte_order == "big_endian" else "little",
+                signed=signal.is_signed, is_float=signal.is_float,
+                factor=_finite(signal.scale), offset=_finite(signal.offset), unit=(signal.unit or "")[:LONGEST_UNIT],
+                minimum=_finite(signal.minimum), maximum=_finite(signal.maximum),
+                selects=signal.is_multiplexer, multiplexer=signal.multiplexer_signal,
+                multiplexer_values=list(signal.multiplexer_ids or ())[:MOST_VALUES],
+                cycle_ms=message.cycle_time or None, channels=used.get((message.name, signal.name), []),
+                source=None if keys is None else {"bus": offered.name, **keys}, refusal=refusal,
+            )
+        )  # fmt: skip
 
 
 def _every(databases: Sequence[tuple[str, Database]]) -> Iterator[tuple[str, Message, Signal]]:
@@ -175,43 +139,6 @@ def _source(
     if named[message.name, signal.name] == 1:
         return {"message": message.name, "signal": signal.name}, None
     return None, f"signal '{signal.name}' of message '{message.name}' is there more than once; correct the bus's files"
-
-
-def _signal(
-    file: str,
-    message: Message,
-    signal: Signal,
-    channels: Sequence[str],
-    source: dict[str, Any] | None,
-    refusal: str | None,
-) -> OfferedSignal:
-    j1939 = message.is_extended_frame and message.protocol == "j1939"
-    return OfferedSignal(
-        file=file,
-        message=message.name,
-        signal=signal.name,
-        frame_id=message.frame_id,
-        extended=message.is_extended_frame,
-        pgn=pgn_of(message.frame_id) if j1939 else None,
-        message_bytes=message.length,
-        start_bit=signal.start,
-        bits=signal.length,
-        byte_order="big" if signal.byte_order == "big_endian" else "little",
-        signed=signal.is_signed,
-        is_float=signal.is_float,
-        factor=_finite(signal.scale),
-        offset=_finite(signal.offset),
-        unit=(signal.unit or "")[:LONGEST_UNIT],
-        minimum=_finite(signal.minimum),
-        maximum=_finite(signal.maximum),
-        selects=signal.is_multiplexer,
-        multiplexer=signal.multiplexer_signal,
-        multiplexer_values=tuple(signal.multiplexer_ids or ())[:MOST_VALUES],
-        cycle_ms=message.cycle_time or None,
-        channels=tuple(channels),
-        source=source,
-        refusal=refusal,
-    )
 
 
 def _finite(value: float | None) -> float | None:

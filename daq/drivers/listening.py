@@ -1,4 +1,4 @@
-"""A CAN bus that is only listened to: nothing is ever sent, frames are taken as they come.
+"""A bus that is only listened to: nothing is ever sent, frames are taken as they come.
 
 Our clock paces the cycle. What came since the last one is fresh, with its age from its own time stamp; older than one
 and a half periods (the receive thread was kept from running) it is late. A frame that comes less often than the cycle
@@ -13,10 +13,10 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 
 from daq.drivers.base import Answers, DeviceStatus, DriverContext, Problem, Samples, nothing
-from daq.drivers.can.bus_driver import CanDriver
-from daq.drivers.can.pace import Pace
+from daq.drivers.bus_driver import BusDriver
+from daq.drivers.pace import Pace
 from daq.frames.clock import NS
-from daq.machine.machine_file import CanBus
+from daq.machine.machine_file import Bus
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
@@ -74,7 +74,7 @@ class Inbox:
             yield self._frames.popleft()
 
 
-class Listener(CanDriver):
+class Listener(BusDriver):
     """What drivers that only listen have in common (see :class:`daq.drivers.base.Driver`).
 
     A subclass fills ``streams`` and says how a port is made (:meth:`connected`) and what frames hold (:meth:`decode`).
@@ -82,12 +82,10 @@ class Listener(CanDriver):
 
     leads = False
 
-    def __init__(
-        self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()
-    ) -> None:
+    def __init__(self, config: Bus, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()) -> None:
         super().__init__(config, names, context, ("missing", "late", "short", "not_a_number", "two_senders", *counts))
         self.streams: list[Stream] = []
-        self.cycle_ns = 0
+        self.cycle_ns = self._heard_ns = 0
         self.led = False  # whether the cycle began with another master's SYNC, at cycle_ns
         self._silent: set[str] = set()
 
@@ -130,6 +128,8 @@ class Listener(CanDriver):
             self.keeper.later()
             return nothing(len(self._names), Quality.BUS_ERROR)
         answers = Answers(len(self._names))
+        if self.port is not None:
+            self._heard_ns = self.port.heard_ns(self.cycle_ns)
         self.decode(answers)
         self.counts["not_a_number"] += answers.no_numbers
         for stream in self.streams:
@@ -148,12 +148,18 @@ class Listener(CanDriver):
         if stream.arrived(at_ns):
             self.counts["two_senders"] += 1
             stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
-        age_ns = max(0, self.cycle_ns - at_ns)
-        late = self.context.patience_s == 0 and age_ns > LATE_PERIODS * self.context.period_s * NS
+        age_ns = self.cycle_ns - at_ns
+        late = self.late(min(at_ns, self.cycle_ns) if self.led else at_ns, age_ns, LATE_PERIODS)
         self.counts["late"] += late
         for position in stream.positions:
             answers.after_sync_s[position] = -age_ns / NS
         return Quality.INVALID if stream.fault else Quality.LATE if late else Quality.FRESH
+
+    def late(self, at_ns: int, age_ns: float, periods: float) -> bool:
+        """Whether what came at ``at_ns`` is older than so many periods, or nobody knows when that was."""
+        if self.context.patience_s > 0:  # machine time stands still meanwhile
+            return False
+        return age_ns > periods * self.context.period_s * NS or self.port is None or at_ns < self.port.sure_ns
 
     def alike(self, stream: Stream, answers: Answers) -> None:
         """What a frame held: where every second one of many belongs together, two devices send them."""
@@ -183,7 +189,7 @@ class Listener(CanDriver):
             stream.name
             for stream in self.streams
             if stream.device == device
-            and (stream.at_ns is None or self.cycle_ns - stream.at_ns > max(SILENT_S * NS, 3 * stream.interval_ns))
+            and (stream.at_ns is None or self._heard_ns - stream.at_ns > max(SILENT_S * NS, 3 * stream.interval_ns))
         ]
 
     def _line(self, device: str) -> str:

@@ -1,0 +1,193 @@
+"""Motion files: what the arm's own controller is asked to do.
+
+A motion file is a CSV table::
+
+    # hilfit/motion/1 machine=folding-arm rods=pinned
+    time,joint1,joint2
+    0,0.1,-0.2
+    0.02,0.100013,-0.200021
+
+``rods=pinned``: joint positions in rad (m), columns named after the joints. ``rods=unpinned``: the rods are
+taken off the arm, and the columns are piston positions in m, named ``<joint>.piston``. Time starts at 0 and
+rises; a motion starts and ends at rest. Joints without a column hold still.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from daq.errors import InputError
+from daq.machine.machine_file import Machine
+
+FloatArray = npt.NDArray[np.float64]
+Rods = Literal["pinned", "unpinned"]
+
+SCHEMA = "hilfit/motion/1"
+_PISTON = ".piston"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A motion program.
+
+    Attributes
+    ----------
+    machine
+        Name of the machine that it was made for.
+    rods
+        ``pinned``: the columns are joint positions; ``unpinned``: piston positions of free cylinders.
+    time
+        Shape (N,), s, from 0.
+    columns
+        Per joint name, positions of shape (N,): rad (m) of the joint, or m of its piston.
+    """
+
+    machine: str
+    rods: Rods
+    time: FloatArray
+    columns: Mapping[str, FloatArray]
+
+    @property
+    def seconds(self) -> float:
+        """Duration in s."""
+        return float(self.time[-1])
+
+    def joint_positions(self, machine: Machine, hold: npt.ArrayLike | None = None) -> FloatArray:
+        """Positions of all joints, shape (N, n); those without a column at ``hold`` (n,), or mid-range."""
+        still = (
+            np.array([sum(joint.limits.position) / 2 for joint in machine.joints])
+            if hold is None
+            else np.asarray(hold, dtype=float)
+        )
+        columns = [
+            self.columns.get(joint.name, np.full(self.time.shape, still[i])) for i, joint in enumerate(machine.joints)
+        ]
+        return np.column_stack(columns)
+
+
+def write_motion(path: str | Path, motion: Motion) -> None:
+    """Write a motion file; the file appears whole or not at all.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path = Path(path)
+    suffix = _PISTON if motion.rods == "unpinned" else ""
+    lines = [
+        f"# {SCHEMA} machine={motion.machine} rods={motion.rods}",
+        ",".join(["time", *(name + suffix for name in motion.columns)]),
+    ]
+    table = np.column_stack([motion.time, *motion.columns.values()])
+    lines += [",".join(f"{value:.9g}" for value in row) for row in table]
+    # Hidden: a controller that watches the folder takes every other file for a motion.
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):  # where nothing could be written, there is nothing to remove
+            part.unlink()
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+
+
+def read_motion(path: str | Path, machine: Machine | None = None, *, slack: float = 1e-6) -> Motion:
+    """Read a motion file; with ``machine``, check that it was made for it.
+
+    Parameters
+    ----------
+    slack : of a joint's or piston's range, by which a position may be beyond its ends
+
+    Raises
+    ------
+    InputError
+        With one line: file, line or column, what is wrong and what to do.
+    """
+    path = Path(path)
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; 'hilfit excite' makes one") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file; give a motion file (CSV)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file (CSV)") from None
+    name, rods = _first_line(path, lines[0] if lines else "")
+    header = lines[1].split(",") if len(lines) > 1 else []
+    if header[:1] != ["time"] or len(header) < 2 or len(set(header)) != len(header):
+        raise InputError(f"{path}:2: must name 'time' and then one column per joint, each once")
+    table = _numbers(path, lines[2:], header)
+    suffix = _PISTON if rods == "unpinned" else ""
+    joints = []
+    for column in header[1:]:
+        if suffix and not column.endswith(suffix):
+            raise InputError(f"{path}:2: column '{column}' must end with '{_PISTON}', because rods=unpinned")
+        joints.append(column.removesuffix(suffix))
+    motion = Motion(name, rods, table[:, 0], {joint: table[:, k + 1] for k, joint in enumerate(joints)})
+    if machine is not None:
+        _fits(path, motion, machine, slack)
+    return motion
+
+
+def _first_line(path: Path, line: str) -> tuple[str, Rods]:
+    words = line.split()
+    fields = dict(word.split("=", 1) for word in words[2:] if "=" in word)
+    rods = fields.get("rods")
+    if words[:2] != ["#", SCHEMA] or "machine" not in fields:
+        raise InputError(f"{path}:1: not a motion file; it must start with '# {SCHEMA} machine=NAME rods=pinned'")
+    if rods == "pinned":
+        return fields["machine"], "pinned"
+    if rods == "unpinned":
+        return fields["machine"], "unpinned"
+    raise InputError(f"{path}:1: rods is {rods!r}; it must be pinned or unpinned")
+
+
+def _numbers(path: Path, lines: list[str], header: list[str]) -> FloatArray:
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines, start=3):
+        cells = line.split(",")
+        try:
+            row = [float(cell) for cell in cells]
+        except ValueError:
+            raise InputError(f"{path}:{number}: not numbers: '{line[:40]}'") from None
+        if len(row) != len(header):
+            raise InputError(f"{path}:{number}: has {len(row)} values for {len(header)} columns")
+        rows.append(row)
+    if len(rows) < 6:
+        raise InputError(f"{path}: has {len(rows)} rows; a motion needs six or more")
+    table = np.array(rows)
+    if not np.isfinite(table).all():
+        bad = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
+        raise InputError(f"{path}:{bad + 3}: holds a value that is not finite")
+    if table[0, 0] != 0.0 or np.any(np.diff(table[:, 0]) <= 0):
+        raise InputError(f"{path}: time must start at 0 and rise from row to row")
+    return table
+
+
+def _fits(path: Path, motion: Motion, machine: Machine, slack: float) -> None:
+    if motion.machine != machine.name:
+        raise InputError(f"{path}:1: is a motion of machine '{motion.machine}', not of '{machine.name}'")
+    for name, positions in motion.columns.items():
+        joint = next((joint for joint in machine.joints if joint.name == name), None)
+        if joint is None:
+            raise InputError(f"{path}:2: there is no joint '{name}' on {machine.name}")
+        if motion.rods == "unpinned" and joint.cylinder is None:
+            raise InputError(f"{path}:2: {name} has no cylinder, so no piston; remove the column")
+        if motion.rods == "pinned" or joint.cylinder is None:
+            (low, high), unit = joint.limits.position, "rad" if joint.type == "revolute" else "m"
+        else:
+            low, high, unit = 0.0, joint.cylinder.stroke, "m"
+        more = slack * (high - low)
+        if positions.min() < low - more or positions.max() > high + more:
+            raise InputError(
+                f"{path}: {name} goes from {positions.min():.4g} to {positions.max():.4g} {unit}, "
+                f"beyond its {low:.4g} to {high:.4g} {unit}; make a smaller motion"
+            )
