@@ -18,9 +18,9 @@ from scipy.optimize import least_squares
 
 from benchmarks.targets import Check, Outcome, fact, figure
 from daq.machine.machine_file import load_machine
+from daq.motion_files import read_motion
 from daq.recordings.recording import read_recording
 from fitting.arrays import FloatArray
-from fitting.excitation.motion import read_motion
 from server.commands.demo_command import run_demo
 
 

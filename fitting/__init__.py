@@ -9,7 +9,7 @@
 ``effects``     the catalogue, one file each
 ``residual``    views, terms, scores, replicas, spectral lines, changes in time: what evidence is made of
 ``selection``   priors, evidence, search, gate, probabilities
-``excitation``  motion files and their design
+``excitation``  motions and their design (as files: :mod:`daq.motion_files`)
 ``planning``    what a motion will show: forecast, detection limits, the next experiment
 ``checks``      mistakes in files and wiring
 ``report``      the report and its figures

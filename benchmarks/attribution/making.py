@@ -112,7 +112,8 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
     if key.kind == "null":
         measured = {stem: bare[stem][0] for stem in STEMS}
         return BenchCase(key, plan.machine, measured, plan.truth, quality, (), ())
-    bench = _Workbench(plan, quality, Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()}))
+    sight = Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()})
+    bench = _Workbench(plan, quality, sight, RECIPES[selection.recipe].zeros)
     redrawn: list[Redrawn] = []
     specs: list[EffectSpec] = []
     seen: list[float] = []
@@ -170,6 +171,7 @@ class _Workbench:
     plan: CasePlan
     quality: SensorQuality
     sight: Sight
+    zeros: int
 
     @cached_property
     def _undisturbed(self) -> tuple[SensorQuality, Tables]:
@@ -203,5 +205,5 @@ class _Workbench:
 
     def _seen(self, effect: str, ideal: Tables, bare: Tables | None) -> float:
         if effect in (*KINEMATIC, *MISMATCH):
-            return self.sight.mismatch(ideal, without_mean=effect in ("backlash", *MISMATCH))
+            return self.sight.mismatch(ideal, zeros=self.zeros if effect in ("backlash", *MISMATCH) else 0)
         return self.sight.broadband(ideal) if effect == "supply_ripple" else self.sight.force(ideal, bare)

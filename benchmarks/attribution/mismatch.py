@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline
 from benchmarks.attribution.judging import Said, recordings_of
 from benchmarks.attribution.making import TrueEffect
 from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, TARGETS, draw_quality
+from benchmarks.attribution.sight import beyond, zeros_of
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.targets import Check, rate
 from daq.machine.machine_file import Machine
@@ -203,7 +204,7 @@ def _scaled(
         if unit.id not in GEOMETRY:
             largest = float(np.max(np.abs(moved)))
             # A zero of either sensor looks like this much of it: play on one side is an offset.
-            zeros = np.column_stack([np.ones(len(lever)), lever])
+            zeros = zeros_of(lever)
             if unit.id in OUTSIDE_MISMATCH:  # and so much of it is one of the catalogue's
                 load = np.concatenate([blocks[stem].load[:, joint] for stem in ("train-1", "train-2")])
                 zeros = np.column_stack([zeros, load, load * lever**2])
@@ -212,7 +213,7 @@ def _scaled(
             )
             if across:
                 return None
-            moved = moved - zeros @ np.linalg.lstsq(zeros, moved, rcond=None)[0]
+            moved = beyond(zeros, moved)
         seen = float(np.sqrt(np.mean(moved**2))) / width
         if not seen > 0:
             return None

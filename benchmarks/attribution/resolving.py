@@ -128,12 +128,18 @@ def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
     """How the ambiguous ones ended."""
     right = [line for line in lines if line["result"] == "right" and not line["surplus"]]
     there = [line for line in lines if line["true_in_set"]]
-    attempted = [line for line in lines if line["motions"]]
+    closable = [line for line in lines if line["motions"]]
     return [
         rate("ambiguous, of the cases looked at", len(lines), looked_at),
-        rate("end in the single right name", len(right), len(lines), "at least", TARGET),
-        rate("a motion was worth an attempt", len(attempted), len(lines)),
-        rate("of those, end in the single right name", sum(line in right for line in attempted), len(attempted)),
+        rate("end in the single right name", len(right), len(lines)),
+        rate("said to be closable", len(closable), len(lines)),
+        rate(
+            "of those, end in the single right name",
+            sum(line in right for line in closable),
+            len(closable),
+            "at least",
+            TARGET,
+        ),
         rate("the same, where the first set holds it", sum(line in right for line in there), len(there)),
         rate("end in a wrong name alone", sum(line["result"] == "wrong" for line in lines), len(lines)),
     ]

@@ -37,6 +37,16 @@ _TRIM = 50  # samples at each end: the fit's trajectory filter cannot use them e
 _REST = 1e-9
 
 
+def zeros_of(lever: FloatArray) -> FloatArray:
+    """What a zero that is off does to the gap at these levers (n,): the piston's, and the joint's, (n, 2)."""
+    return np.column_stack([np.ones(len(lever)), lever])
+
+
+def beyond(columns: FloatArray, values: FloatArray) -> FloatArray:
+    """What columns (n, k) do not explain of values (n,)."""
+    return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
+
+
 class Sight:
     """What can be seen on one machine with one motion and one measurement chain.
 
@@ -88,9 +98,10 @@ class Sight:
                 total += float(np.sum(weight * power / density)) / len(difference)
         return float(np.sqrt(total))
 
-    def mismatch(self, tables: Mapping[str, Table], *, without_mean: bool = False) -> float:
+    def mismatch(self, tables: Mapping[str, Table], *, zeros: int = 0) -> float:
         """Largest root mean square over the joints of what the gap between both position sensors changed by, in
-        noise widths of one sample of that gap."""
+        noise widths of one sample of that gap; beyond what ``zeros`` sensors' zeros explain: the piston's, the joint's.
+        """
         worst = 0.0
         for number in range(len(self._machine.joints)):
             parts = [
@@ -99,8 +110,8 @@ class Sight:
                 if stem != "unloaded"
             ]
             change = np.concatenate(parts)
-            if without_mean:
-                change = change - change.mean()
+            if zeros:
+                change = beyond(zeros_of(self._levers(tables, number))[:, :zeros], change)
             worst = max(worst, float(np.sqrt(np.mean(change**2))) / self._position_std[number])
         return worst
 
@@ -116,6 +127,13 @@ class Sight:
         return np.asarray(
             tables[stem][f"{described.name}.piston_position"] - described.cylinder.linkage.piston_position(angle)
         )
+
+    def _levers(self, tables: Mapping[str, Table], joint: int) -> FloatArray:
+        described = self._machine.joints[joint]
+        assert described.cylinder is not None
+        stems = (stem for stem in FITTED if stem != "unloaded")
+        angles = [tables[stem][_encoder(self._machine, described.name)] for stem in stems]
+        return np.asarray(lever_arm(described.cylinder.linkage, np.concatenate(angles)))
 
     def _gap_noise(self, quality: SensorQuality, joint: int) -> float:
         described = self._machine.joints[joint]

@@ -165,7 +165,7 @@ def resolve(
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
 ) -> Outcome:
-    """Ambiguous cases: how many end in the single right name after at most two designed motions."""
+    """Ambiguous cases: how many end in the single right name after designed motions."""
     one_blas_thread()
     from benchmarks.attribution import resolving
     from fitting.loop.session import Options

@@ -166,21 +166,20 @@ def coupled_regressor(
     machine
         Arm of ``n`` joints, ``c`` of whose motors are coupled to other joints.
     qd, qdd
-        Joint speeds and accelerations, (N, n).
+        Joint speeds and accelerations, (N, n); or expressions in their place.
     speed_noise
         Standard deviation of every joint's speed, (n,): the sign is then its expectation.
     """
     geometry = geometry_of(machine)
-    speed, acceleration = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
-    out = np.zeros((3 * len(geometry.coupled), geometry.joints, len(speed)))
+    speed, acceleration = np.asanyarray(qd), np.asanyarray(qdd)
     noise = np.zeros(geometry.joints) if speed_noise is None else np.asarray(speed_noise, dtype=float)
     felt = np.array([float(joint not in geometry.link_side) for joint in range(geometry.joints)])
-    for place, row in enumerate(geometry.coupling):
+    columns = []
+    for row in geometry.coupling:
         own = speed @ row
-        columns = (expected_sign(own, float(np.linalg.norm(noise * row))), own, acceleration @ row)
-        for number, column in enumerate(columns):
-            out[3 * place + number] = (felt * row)[:, None] * column
-    return out.transpose(2, 1, 0)
+        for column in (expected_sign(own, float(np.linalg.norm(noise * row))), own, acceleration @ row):
+            columns.append((felt * row)[:, None] * column)
+    return np.stack(columns).transpose(2, 1, 0) if columns else np.zeros((len(speed), geometry.joints, 0))
 
 
 def stacked(Y: FloatArray) -> FloatArray:

@@ -20,8 +20,8 @@ _FAR = 6.0
 
 def expected_sign(speed: npt.ArrayLike, noise: float) -> FloatArray:
     """``E[sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation."""
-    speed = np.asarray(speed, dtype=float)
-    return np.sign(speed) if noise <= 0 else np.asarray(erf(speed / (np.sqrt(2.0) * noise)))
+    speed = np.asanyarray(speed)
+    return np.asanyarray(np.sign(speed) if noise <= 0 else erf(speed / (np.sqrt(2.0) * noise)))
 
 
 def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> FloatArray:
@@ -31,6 +31,8 @@ def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> Float
     Kummer's function (the normal distribution's signed fractional moments; Abramowitz and Stegun, ch. 13); beyond six
     noise widths its asymptotic series, which is good to 1e-4 there.
     """
+    if hasattr(speed, "expected_power"):  # expressions have a word of their own for it
+        return np.asanyarray(speed.expected_power(noise, exponent))
     speed = np.asarray(speed, dtype=float)
     power = np.abs(speed) ** exponent * np.sign(speed)
     if noise <= 0:

@@ -35,7 +35,7 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     linkage
         Linkage of the machine file.
     q
-        Joint positions in rad (m), any shape.
+        Joint positions in rad (m), any shape; or expressions in their place, here and in all that follows.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
         ``r`` in m/rad (m/m), shape of ``q``. For three pins ``r = a b sin(q + offset) / length``; for a four-bar
         linkage that of its rocker times the rocker's speed per unit of the joint's.
     """
-    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asanyarray(q) * 1.0
     if isinstance(linkage, FourBar):
         turned, ratio, _ = rocker_motion(linkage, q)
         return lever_arm(linkage.at_rocker, turned) * ratio
@@ -70,13 +70,13 @@ def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
     For three pins ``r' = (a b cos(q + offset) - r^2) / length``.
     """
-    linkage, q = reduced(linkage), np.asarray(q, dtype=float)
+    linkage, q = reduced(linkage), np.asanyarray(q) * 1.0
     if isinstance(linkage, FourBar):
         turned, ratio, bend = rocker_motion(linkage, q)
         return lever_arm_slope(linkage.at_rocker, turned) * ratio**2 + lever_arm(linkage.at_rocker, turned) * bend
     if isinstance(linkage, ThreePin):
         r = lever_arm(linkage, q)
-        return np.asarray((linkage.a * linkage.b * np.cos(q + linkage.offset) - r**2) / linkage.length(q), dtype=float)
+        return np.asarray((linkage.a * linkage.b * np.cos(q + linkage.offset) - r**2) / linkage.length(q))
     if isinstance(linkage, Polynomial):
         return np.asarray(_polynomial.polyval(q, _polynomial.polyder(np.asarray(linkage.coefficients), 2)))
     return np.zeros(q.shape)
@@ -86,7 +86,7 @@ def piston_motion(
     linkage: Linkage, q: npt.ArrayLike, qd: npt.ArrayLike, qdd: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Piston position (m), speed (m/s) and acceleration (m/s^2) for a joint's motion."""
-    qd, qdd = np.asarray(qd, dtype=float), np.asarray(qdd, dtype=float)
+    qd, qdd = np.asanyarray(qd), np.asanyarray(qdd)
     r = lever_arm(linkage, q)
     return linkage.piston_position(q), r * qd, r * qdd + lever_arm_slope(linkage, q) * qd**2
 

@@ -12,10 +12,11 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.arm.geometry import Geometry, geometry_of
+from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
 from fitting.checks.mistakes.physical import Trial, friction, measured_effort
+from fitting.regression.plausible_arm import rods, standard_of_bodies
 
 #: Inertia over the plausible one from which on (or below its inverse) a joint's is impossible, with others and where it
 #: is the only one that tells; joints agree within.
@@ -26,8 +27,6 @@ _WRIST = 0.03
 #: so much of its effort; and a weight that is told so well.
 _SIGMAS, _INDEPENDENT, _MAKES_UP = 6.0, 4.0, 0.1
 _LEAST_ROWS = 60
-#: Points along a rod, and its thickness over its length; shortest rod over the mean link, as they are heavy.
-_POINTS, _THICK, _SHORTEST = 5, 0.15, 0.2
 
 
 def inertia_findings(trial: Trial) -> list[Finding]:
@@ -58,10 +57,10 @@ def inertia_findings(trial: Trial) -> list[Finding]:
 def inertia_ratios(trial: Trial) -> FloatArray:
     """Inertia of each joint that tells its own, over that of rods of the weight that the efforts carry, (k,)."""
     motion, samples, n = trial.motion, trial.samples, len(trial.machine.joints)
-    rods = rod_parameters(geometry_of(trial.machine))
+    links = standard_of_bodies(rods(geometry_of(trial.machine)))
     zero = np.zeros_like(motion.q)
     static = rigid_body_regressor(trial.machine, motion.q, zero, zero)
-    plausible = np.array([_inertia(trial, joint, static, rods) for joint in range(n)])
+    plausible = np.array([_inertia(trial, joint, static, links) for joint in range(n)])
     weights, found = np.zeros(2), []
     for joint in range(n):
         rows = motion.active[:, joint] & samples.loaded & samples.used
@@ -73,7 +72,7 @@ def inertia_ratios(trial: Trial) -> FloatArray:
         rest = np.column_stack([friction(motion.v[rows, joint], motion.speed_noise[joint]), np.ones(len(x)), x])
         own = static[rows, joint]
         # What the rods weigh of one kilogram, and what the joint's effort says of it.
-        weight = _without(np.column_stack([rest, acceleration]), np.column_stack([own @ rods, effort[rows]]))
+        weight = _without(np.column_stack([rest, acceleration]), np.column_stack([own @ links, effort[rows]]))
         weights += [float(weight[:, 0] @ weight[:, 1]) / size**2, float(weight[:, 0] @ weight[:, 0]) / size**2]
         left = _without(np.column_stack([rest, own]), np.column_stack([acceleration, effort[rows]]))
         square = float(left[:, 0] @ left[:, 0])
@@ -90,30 +89,12 @@ def inertia_ratios(trial: Trial) -> FloatArray:
     return np.array([own / (mass * plausible[j]) for j, own in counted])
 
 
-def _inertia(trial: Trial, joint: int, static: FloatArray, rods: FloatArray) -> float:
+def _inertia(trial: Trial, joint: int, static: FloatArray, links: FloatArray) -> float:
     """Mean inertia at a joint of an arm of one kilogram of rods, kg m^2 (kg); ``static`` is its regressor at rest."""
     unit = np.zeros_like(trial.motion.q)
     unit[:, joint] = 1.0
     moved = rigid_body_regressor(trial.machine, trial.motion.q, np.zeros_like(unit), unit)
-    return float(np.mean((moved - static)[:, joint] @ rods))
-
-
-def rod_parameters(geometry: Geometry) -> FloatArray:
-    """Standard parameters (10 n,) of an arm of one kilogram of thick rods along the links."""
-    begins, ends = geometry.ends
-    lengths = np.linalg.norm(ends - begins, axis=1)
-    least = max(_SHORTEST * float(np.mean(lengths)), 1e-3)
-    masses = np.maximum(lengths, least)
-    result = np.zeros(10 * geometry.joints)
-    for link in range(geometry.joints):
-        mass = masses[link] / masses.sum() / _POINTS
-        for p in np.linspace(begins[link], ends[link], _POINTS):
-            x, y, z = p
-            own = [1.0, x, y, z, y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
-            result[10 * link : 10 * link + 10] += mass * np.array(own)
-        thick = _POINTS * mass * (_THICK * masses[link]) ** 2 / 2
-        result[10 * link + np.array([4, 7, 9])] += thick
-    return result
+    return float(np.mean((moved - static)[:, joint] @ links))
 
 
 def _without(A: FloatArray, B: FloatArray) -> FloatArray:

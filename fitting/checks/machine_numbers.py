@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import yaml
-
-from daq.machine.machine_file import Machine, machine_to_yaml
+from daq.machine.machine_file import Machine, machine_content
 from daq.machine.plausible import Doubt, doubts
 from fitting.checks.findings import Finding
 from fitting.checks.places import Places
@@ -31,7 +29,7 @@ _STRENGTH = 9.5
 
 def machine_findings(machine: Machine, places: Places) -> list[Finding]:
     """Findings on the machine file alone."""
-    content = yaml.safe_load(machine_to_yaml(machine))
+    content = machine_content(machine)
     found = list(doubts(content))
     bores = {doubt.place[:-1] for doubt in found if doubt.place[-1] == "bore"}
     # A rod is only compared with its bore.

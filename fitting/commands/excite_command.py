@@ -14,6 +14,7 @@ import typer
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
+from daq.motion_files import SCHEMA, Motion, read_motion, write_motion
 from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import read_table
 from fitting.arm.base_parameters import BaseParameters, reduce_parameters
@@ -34,7 +35,6 @@ from fitting.excitation import (
     limits_used,
 )
 from fitting.excitation.limits import holding_efforts, joint_numbers
-from fitting.excitation.motion import SCHEMA, Motion, read_motion, write_motion
 from fitting.planning.excite_text import show
 from fitting.planning.guess import USUAL_SUPPLY, Guess, default_guess, guess_from_file, worst_friction
 

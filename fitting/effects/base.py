@@ -215,17 +215,26 @@ class DriveView:
     def body_change(self, position: FloatArray) -> FloatArray:
         """Change (N, n) of all drive efforts when this joint's link moves by ``position`` (N,), to first order.
 
-        By a difference along the whole trajectory: speed and acceleration change with the position.
+        Along the whole trajectory: speed and acceleration change with the position.
         """
-        segment = self.segment
-        largest = max(float(np.max(np.abs(position))), 1e-12)
-        step = 1e-6 / largest  # of a smooth function: error 1e-6 of the second derivative, rounding 1e-10
         rates = self.bank.rate(position)
-        moved = [values.copy() for values in (segment.q, segment.qd, segment.qdd)]
-        for values, delta in zip(moved, (position, rates, self.bank.rate(rates)), strict=True):
-            values[:, self.joint] += step * delta
-        there = base_regressor(self.machine, self.base, *moved) @ self.base_values
-        return np.asarray((there / segment.r - self.loads) / step)
+        moved = np.stack([position, rates, self.bank.rate(rates)])
+        return np.asarray(np.einsum("kn,knj->nj", moved, self._body_slopes))
+
+    @property
+    def _body_slopes(self) -> FloatArray:
+        """Drive efforts per position, speed and acceleration of this joint, (3, N, n)."""
+        if "body_slopes" not in self.cache:
+            slopes = []
+            # Of a smooth function: errors of 1e-6 of the second derivative, roundings of 1e-10; the last is linear.
+            for k, step in enumerate((1e-6, 1e-6, 1.0)):
+                motion = [values.copy() for values in (self.segment.q, self.segment.qd, self.segment.qdd)]
+                motion[k][:, self.joint] += step
+                speeds = [own.speed for own in self.noise]
+                there = base_regressor(self.machine, self.base, *motion, speed_noise=speeds) @ self.base_values
+                slopes.append((there / self.segment.r - self.loads) / step)
+            self.cache["body_slopes"] = np.array(slopes)
+        return self.cache["body_slopes"]
 
     def speed_of(self, other: int) -> FloatArray:
         """Speed of another joint's driving element."""
@@ -282,6 +291,8 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     confounders: ClassVar[tuple[str, ...]] = ()
     experiment: ClassVar[str]
+    #: False where the experiment takes a hand or an instrument: a design of motions cannot make it.
+    by_motion: ClassVar[bool] = True
     #: Which part of the machine, or which line of its file, a person should look at when this was found.
     look_at: ClassVar[str] = ""
     source: ClassVar[str]

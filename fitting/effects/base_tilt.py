@@ -28,6 +28,7 @@ class BaseTilt(Effect):
     )
     confounders = ("encoder_offset", "pressure_offset")
     experiment = "an inclinometer on the base, or the same motion after half a slew turn"
+    by_motion = False
     look_at = "the base: level it, or write its tilt into the machine file"
     source = "gravity in the base frame is linear in two small angles"
     machine_wide = True

@@ -28,6 +28,7 @@ class CounterbalanceValve(Effect):
     discrete_shapes = frozenset({"side"})
     confounders = ("asymmetric_friction",)
     experiment = "move the sensor to the cylinder port"
+    by_motion = False
     look_at = "the load-holding valve: its setting, and on which side of it the pressure is measured"
     source = "ISO 8643 (load-holding valves of earth-moving machinery)"
 

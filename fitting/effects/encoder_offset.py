@@ -26,6 +26,7 @@ class EncoderOffset(Effect):
     parameters = (Parameter("q_0", "rad", low=-0.3, high=0.3),)
     confounders = ("linkage_geometry", "base_tilt")
     experiment = "drive the joint to a mechanical zero and read the encoder"
+    by_motion = False
     look_at = "the zero of the joint encoder: set it again at a mechanical mark"
     source = "first order in the offset: -r q_0 between piston and joint, -(dY/dq) pi q_0 in the efforts"
     spreads = True

@@ -28,6 +28,7 @@ class GasSpring(Effect):
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("hose_stiffness", "end_cushion")
     experiment = "isolate the accumulator"
+    by_motion = False
     look_at = "gas in the chamber or an accumulator on the line: bleed the cylinder, check the accumulator"
     source = "polytropic compression of a gas volume"
 

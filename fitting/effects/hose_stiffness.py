@@ -30,6 +30,7 @@ class HoseStiffness(Effect):
     )
     confounders = ("gas_spring", "linkage_geometry")
     experiment = "take the harness off and repeat"
+    by_motion = False
     look_at = "hoses and cable harness across the joint: how they are led and where they are clamped"
     source = "polynomial of the joint angle; k_0 because nobody knows where the hoses rest"
 

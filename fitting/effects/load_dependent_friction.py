@@ -23,6 +23,7 @@ class LoadDependentFriction(Effect):
     parameters = (Parameter("mu", "1", low=0.0, high=0.5),)
     confounders = ("position_dependent_friction", "pressure_dependent_friction", "linkage_geometry")
     experiment = "the same stroke with two loads"
+    by_motion = False
     look_at = "seals and bearings of the cylinder and its pins: lubrication and wear under load"
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014 (load-dependent joint friction)"
 

@@ -28,6 +28,7 @@ class Payload(Effect):
     shape_units: ClassVar[Mapping[str, str]] = {"t_0": "s"}
     confounders = ("thermal_viscosity_drift", "pressure_drift")
     experiment = "an empty and a loaded run"
+    by_motion = False
     look_at = "what the arm carries at its tip: take it off, or tell the model its mass"
     source = "point mass at the origin of the last link frame"
     machine_wide = True

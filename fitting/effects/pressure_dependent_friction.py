@@ -25,6 +25,7 @@ class PressureDependentFriction(Effect):
     discrete_shapes = frozenset({"head", "rod"})
     confounders = ("load_dependent_friction",)
     experiment = "change the back-pressure at constant load"
+    by_motion = False
     look_at = "seals of the cylinder that chamber pressure presses: type and wear"
     source = "Nissing, seal friction of hydraulic cylinders; Zillen, TU Delft data set on seal friction"
 

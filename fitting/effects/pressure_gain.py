@@ -23,6 +23,7 @@ class PressureGain(Effect):
     discrete_shapes = frozenset({"chamber"})
     confounders = ("asymmetric_friction", "load_dependent_friction")
     experiment = "a known mass, or both ports joined"
+    by_motion = False
     look_at = "the pressure sensor's range and scale in the machine file, then the sensor itself"
     source = "transducer data sheets: span error"
 

@@ -22,6 +22,7 @@ class PressureOffset(Effect):
     parameters = (Parameter("F_0", "N"),)
     confounders = ("asymmetric_friction", "base_tilt")
     experiment = "vent both chambers and read the sensors"
+    by_motion = False
     look_at = "the pressure sensor's zero: vent both chambers and set it"
     source = "transducer data sheets: zero error"
 

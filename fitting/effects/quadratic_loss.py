@@ -21,7 +21,8 @@ class QuadraticLoss(Effect):
     dependence = "odd in v"
     parameters = (Parameter("f_q", "N s^2/m^2", low=0.0),)
     confounders = ("stribeck", "velocity_root_friction")
-    experiment = "fast strokes; move the sensor to the port"
+    experiment = "a pressure gauge at the cylinder port during fast strokes"
+    by_motion = False
     look_at = "port, fittings and hose between pressure sensor and chamber: a throttle, or a sensor far from the port"
     source = "Merritt, Hydraulic Control Systems, 1967 (orifice flow)"
 

@@ -27,6 +27,7 @@ class StructuralFlexibility(Effect):
     discrete_shapes = frozenset({"about", "friction"})
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"
+    by_motion = False
     look_at = "the link behind the joint: cracks, loose bolts, a boom that gives way"
     source = "Moberg and Hanssen, flexible manipulators (elastic joint, to first order in the compliance)"
     machine_wide = False

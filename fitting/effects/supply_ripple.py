@@ -33,6 +33,7 @@ class SupplyRipple(Effect):
     shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
     confounders = ()
     experiment = "change the pump's speed: the line moves with it"
+    by_motion = False
     look_at = "the pump and its accumulator: worn elements, lost gas charge"
     source = "flow ripple of positive-displacement pumps: shaft speed times number of pistons or teeth, and aliases"
 

@@ -26,6 +26,7 @@ class ThermalViscosityDrift(Effect):
     shape_units: ClassVar[Mapping[str, str]] = {"tau": "s"}
     confounders = ("payload", "pressure_drift")
     experiment = "the same cycle cold and warm"
+    by_motion = False
     look_at = "the oil: warm the machine up before recordings, or add an oil temperature sensor"
     source = "Merritt, Hydraulic Control Systems, 1967 (viscosity of oil)"
 

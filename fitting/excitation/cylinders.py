@@ -21,11 +21,11 @@ import numpy as np
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
+from daq.motion_files import Motion
 from fitting.arm.linkage import lever_arm
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse, joint_numbers
-from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
 from fitting.excitation.staircase import LEVEL_SECONDS, staircase

@@ -16,12 +16,12 @@ import numpy as np
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from fitting.arm.base_parameters import BaseParameters, base_regressor, unidentifiable
 from fitting.arm.dynamics import stacked
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import HydraulicLimits, LimitUse, hydraulic_limits_used, joint_limits_used
-from fitting.excitation.motion import Motion
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions, Problem, pose_problem
 from fitting.excitation.search import search

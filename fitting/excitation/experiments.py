@@ -24,12 +24,12 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
+from daq.motion_files import Motion
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
 from fitting.arrays import FloatArray
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
-from fitting.excitation.motion import Motion
 from fitting.excitation.shapes import ACCELERATION_OF_STEP, SPEED_OF_STEP, burst, step, wave
 from fitting.excitation.staircase import staircase
 

@@ -9,11 +9,11 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.joint_side import at_joints
 from fitting.arrays import FloatArray
-from fitting.excitation.motion import Motion
 from fitting.excitation.objective import information
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import position_noise, segments_of

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from fitting.arm.linkage import stroke_limits
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
-from fitting.excitation.motion import Motion
 
 _HARMONICS = 5
 _HIGHEST = (0.2, 0.35, 0.6)  # Hz

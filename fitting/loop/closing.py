@@ -1,6 +1,6 @@
 """Closing an ambiguity: the designed motion is recorded, joins the data, and everything is identified again.
 
-:func:`close` does that until one hypothesis has 95 %, or two motions were made, or no motion of this arm would help. It
+:func:`close` does that until one hypothesis has 95 %, as long as a motion of this arm is expected to get there. It
 knows neither a plant nor a bus: whoever can record a motion is a :class:`Recorder`. What is identified again is an
 :class:`Identified`: :class:`Examined` here, the whole program with its stages in :mod:`fitting.pipeline.resolving`.
 """
@@ -11,21 +11,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self, TypeVar
 
+from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
-from fitting.excitation.motion import Motion
 from fitting.loop.attribution import attributed
 from fitting.loop.kinematic_check import Kinematics, kinematics
 from fitting.loop.session import Session
-from fitting.planning.next_experiment import NextExperiment, design_next, term_label
+from fitting.planning.next_experiment import MOST_RECORDINGS, NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.posterior import MOST_NAMED, together
 
-#: Motions that are made at most.
-MOST_MOTIONS = 2
 #: Seconds of a designed motion, and generations of its search: one that a machine makes by itself may be long.
 SECONDS, GENERATIONS = 60.0, 6
 
@@ -112,7 +110,7 @@ def settled(hypotheses: Sequence[Hypothesis]) -> bool:
     return bool(hypotheses) and hypotheses[0].probability >= priors.SAID
 
 
-def close(first: Kind, record: Recorder, most: int = MOST_MOTIONS) -> tuple[Kind, tuple[Step, ...]]:
+def close(first: Kind, record: Recorder, most: int = MOST_RECORDINGS) -> tuple[Kind, tuple[Step, ...]]:
     """Record designed motions until one hypothesis has 95 %.
 
     Parameters
@@ -185,13 +183,13 @@ def next_experiment(session: Session, found: Attribution) -> NextExperiment | No
 
 
 def asked_of(designed: NextExperiment, session: Session) -> Asked | None:
-    """What somebody is asked to record; None if no motion is expected to help."""
-    attempt = designed.attempt
-    if attempt is None or attempt.motion is None:
+    """What somebody is asked to record; None if no motion is expected to close the set."""
+    best = designed.best
+    if best is None or best.motion is None:
         return None
     names = tuple(joint.name for joint in session.machine.joints)
     labels = tuple(term_label(term, names) for term in designed.rivals)
-    return Asked(attempt.motion, attempt.text, labels, attempt.expected.probability)
+    return Asked(best.motion, best.text, labels, designed.chance)
 
 
 def rivals_of(item: Accepted, found: Attribution) -> tuple[tuple[Term, ...], tuple[float, ...]]:

@@ -2,7 +2,8 @@
 
 Every joint's gap has a posterior over sets of effects and laws (:mod:`fitting.selection.gaps`). What is said of it is
 rebuilt into positions or linkages, the arm's forces are fitted again with that, and the gap as it was measured is
-looked at once more with those forces. Whether play is at the pin or in the sensor the efforts decide.
+looked at once more with those forces. Between explanations that the gap leaves, the efforts decide: an encoder that is
+off turns the link in the model, a pin that is off changes a lever arm, and play is at the pin or in the sensor.
 """
 
 from __future__ import annotations
@@ -13,11 +14,14 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
+from scipy.special import logsumexp
 
 from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
+from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis
 from fitting.residual.kinematics import (
     GapLaw,
@@ -31,6 +35,8 @@ from fitting.residual.kinematics import (
 )
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.views import Views
+from fitting.selection import priors
+from fitting.selection.decision import shares_believed
 from fitting.selection.gaps import GapConclusion, GapPosterior, GapSet, gap_posterior
 from fitting.selection.posterior import MOST_NAMED
 from fitting.signals.corrections import Corrections
@@ -135,17 +141,14 @@ def kinematics(session: Session, progress: Progress = lambda fraction, text: Non
         if not any(said.values()):
             break
         if not again:
-            found = [
-                score
-                for j, own in said.items()
-                for score in _scores(posteriors[j], own)
-                if not score.effect.stays_in_gap
-            ]
-            if not found:
+            as_measured = corrections
+            for joint, told in said.items():
+                if told:
+                    corrections = _geometry_of(corrections, posteriors[joint], told[0].chosen)
+            if corrections is as_measured:
                 break
-            for score in found:
-                corrections = corrected(corrections, score)
             views = _with_forces(session, views, corrections)
+    posteriors = _with_efforts(session, posteriors)
     corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
     for own in posteriors.values():
         rebuilt, corrections = _rebuilt(session, corrections, own)
@@ -166,6 +169,74 @@ def _with_forces(session: Session, views: Views, corrections: Corrections) -> Vi
         tuple(replace(view, forces=new[0].forces, loads=new[0].loads, cache={}, shared={}) for view in old)
         for old, new in zip(views, model.views, strict=True)
     ]
+
+
+def _with_efforts(session: Session, posteriors: Mapping[int, GapPosterior]) -> dict[int, GapPosterior]:
+    """Posteriors where the gap leaves several sets, their chances times what the efforts say of their geometry.
+
+    The base is fitted with the positions as each set has them, and those of the other joints as their best sets have
+    them. The chi-square that is left counts, divided by how much noisier the rows are that tell two sets apart, and as
+    far as a formula is believed (:func:`fitting.selection.decision.shares_believed`).
+    """
+    weighed = dict(posteriors)
+    for joint, own in posteriors.items():
+        sets, rest = [pair for pair in own.sets if pair[1] > LEAST], [pair for pair in own.sets if pair[1] <= LEAST]
+        if own.sets[0][1] >= priors.SAID or len({_geometry(chosen) for chosen, _ in sets}) < 2:
+            continue
+        start = Corrections(session.machine)
+        for other in (other for j, other in weighed.items() if j != joint):
+            start = _geometry_of(start, other, other.sets[0][0])
+        fits: dict[tuple[object, ...], Model] = {}
+        for chosen, _ in sets:
+            if _geometry(chosen) not in fits:
+                prepared = session.prepared(_geometry_of(start, own, chosen), noise=session.plain.noise)
+                fits[_geometry(chosen)] = session.fit(prepared)
+        least = min(fits.values(), key=_left)
+        left, spread = Leftover.of(least), _spread(least)
+        behind, sizes = list[float](), list[float]()
+        for model in (fits[_geometry(chosen)] for chosen, _ in sets):
+            both = zip(_spread(model), spread, strict=True)
+            apart = {n: ((own - best) * there)[kept] for n, ((own, there), (best, kept)) in enumerate(both)}
+            behind.append(0.5 * (_left(model) - _left(least)) / left.inflation(apart))
+            sizes.append(sum(float(each @ each) for each in apart.values()))
+        odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * shares_believed(
+            np.array(sizes)[:, None]
+        )
+        chances = np.exp(odds - logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
+        pairs = [(chosen, p) for (chosen, _), p in zip(sets, chances.tolist(), strict=True)]
+        weighed[joint] = replace(own, sets=tuple(sorted([*pairs, *rest], key=lambda pair: -pair[1])))
+    return weighed
+
+
+def _geometry(chosen: GapSet) -> tuple[object, ...]:
+    """What of a set changes the model: what gives way to a force leaves each sensor to its own side."""
+    return tuple((p.effect.id, *sorted(p.shape.items())) for p in chosen.parts if not p.effect.stays_in_gap)
+
+
+def _geometry_of(start: Corrections, posterior: GapPosterior, chosen: GapSet) -> Corrections:
+    """Corrections with the geometry of a set rebuilt as well; ``start`` itself where it has none."""
+    corrections = start
+    for score in posterior.scores(chosen):
+        if not score.effect.stays_in_gap:
+            corrections = corrected(corrections, score)
+    return corrections
+
+
+def _left(model: Model) -> float:
+    """Chi-square beyond one of each row."""
+    return model.fit.chi_square - sum(map(len, model.fit.residual))
+
+
+def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
+    """Of each joint the whitened residual in all rows, 0 where they are not fitted, and which are; a prior's last."""
+    result = []
+    for joint, own in enumerate(model.fit.residual):
+        rows = [model.noise.kept(joint, model.design.blocks[joint][index].keep) for index in model.fitted]
+        there = np.concatenate([*rows, np.ones(len(own) - sum(map(np.count_nonzero, rows)), dtype=bool)])
+        spread = np.zeros(len(there))
+        spread[there] = own
+        result.append((spread, there))
+    return result
 
 
 def _scores(posterior: GapPosterior, said: Sequence[GapConclusion]) -> tuple[GapScore, ...]:

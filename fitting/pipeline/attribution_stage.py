@@ -7,7 +7,7 @@ from itertools import zip_longest
 import numpy as np
 
 from fitting.loop.attribution import attributed
-from fitting.loop.closing import next_experiment
+from fitting.loop.closing import asked_of, next_experiment
 from fitting.loop.everything import said
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.noise_scale import words as noise_words
@@ -116,18 +116,17 @@ def _called(family: Family, names: tuple[str, ...]) -> str:
 
 
 def _next_experiment(session: Session, found: Attribution) -> Designed | None:
-    """The experiment that best separates the members of the first set, and a motion that is worth an attempt."""
+    """The experiment that best separates the members of the first set, and its motion where the set is closable."""
     designed = next_experiment(session, found)
     if designed is None:
         return None
-    best, attempt = designed.best, designed.attempt
-    recommended = best is not None and best.motion is not None
-    content = designed.to_json(session.machine, NEXT_MOTION if recommended else None)
-    if attempt is None or attempt.motion is None:
+    asked = asked_of(designed, session)
+    content = designed.to_json(session.machine, None if asked is None else NEXT_MOTION)
+    if asked is None:
         return Designed(content)
-    motion = attempt.motion
+    motion = asked.motion
     columns = {name: np.round(column, 7) for name, column in motion.columns.items()}
-    return Designed(content, Program(motion.rods, motion.time, columns, attempt.text, attempt.expected.probability))
+    return Designed(content, Program(motion.rods, motion.time, columns, asked.text, asked.chance))
 
 
 def _accepted(item: Accepted) -> AcceptedTerm:

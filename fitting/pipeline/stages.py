@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from daq.errors import HilfitError, InputError
+from daq.motion_files import Motion, write_motion
 from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
-from fitting.excitation.motion import Motion, write_motion
 from fitting.loop.kinematic_check import KinematicLaw, Kinematics, kinematics
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Request, Session

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.excitation.motion import Motion
 from fitting.planning.detection import Visibility, typical_terms, visibilities
 from fitting.planning.guess import Guess
 from fitting.planning.planned import planned_segment

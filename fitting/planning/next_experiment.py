@@ -4,8 +4,9 @@ For every motion of a menu, and for motions searched for the purpose, the odds t
 predicted, for the sizes that were fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the
 rivals' columns are built on it with the model's own forces, and the base model is projected out together with
 everything recorded so far (:mod:`fitting.planning.question`).
-The best is named with its expected separation, and can be run. Where no motion of this arm separates them, that is
-said, and the catalogue's other experiments are given (another load, vented chambers, an inclinometer).
+The best is named with its expected separation, and can be run: the set is *closable*. Where no motion of this arm is
+expected to leave a single name, that is said, with how little the choice matters to the efforts, and which of the
+catalogue's experiments need no motion (vented chambers, an inclinometer).
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import Arm, menu
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
-from fitting.excitation.motion import Motion
 from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
 from fitting.planning.question import Question
@@ -31,10 +32,6 @@ from fitting.residual.terms import Model, Term
 
 #: Chance of a single name from which on an experiment is worth making.
 ENOUGH = 0.8
-#: Chance of a single name below which a motion is not worth the time of a machine that can be asked at any moment.
-_LEAST = 0.05
-#: Chi-square between rivals that it has to add: what only the number of their parameters decides needs no motion.
-_LEAST_GROWTH = 1.0
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
@@ -69,35 +66,28 @@ class NextExperiment:
     ----------
     rivals : the terms that the data cannot tell apart, best first
     now : their separation by what is recorded
-    options : all experiments that were weighed, best first
+    options : all experiments that were weighed, best first; what was recorded, once more, last
     recordings : how often the best one has to be recorded to be enough; None if no motion separates the rivals
-    advice : the catalogue's experiments for these effects
+    chance : of a single name after these recordings, or with the best motion once
+    by_hand : experiments of the catalogue that no motion makes: an instrument, a vented chamber, another load
     """
 
     rivals: tuple[Term, ...]
     now: Separation
     options: tuple[Option, ...]
     recordings: int | None
-    advice: tuple[str, ...]
+    chance: float
+    by_hand: tuple[str, ...]
 
     @property
     def best(self) -> Option | None:
         """The experiment to make; None if no motion separates the rivals."""
-        return self.options[0] if self.recordings is not None else None
+        return self.options[0] if self.closable else None
 
     @property
-    def attempt(self) -> Option | None:
-        """The best motion for somebody who can record at little cost, also where it may well not be enough.
-
-        None if no motion improves the chance of a single name.
-        """
-        for option in self.options:
-            if option.motion is None or option.expected.probability < _LEAST:
-                continue
-            pairs = zip(option.expected.pairs, self.now.pairs, strict=True)
-            helps = any(then.chi_square - now.chi_square > _LEAST_GROWTH for then, now in pairs)
-            return option if helps and option.expected.margin > self.now.margin else None
-        return None
+    def closable(self) -> bool:
+        """Whether a motion of this arm is expected to leave a single name."""
+        return self.recordings is not None
 
     def to_json(self, machine: Machine, motion_file: str | None = None) -> dict[str, Any]:
         """As ``loop.next_experiment`` of the report; ``motion_file`` is where the motion was written."""
@@ -107,6 +97,7 @@ class NextExperiment:
         best = self.best
         return {
             "motion": self._text(),
+            "closable": self.closable,
             "why": self._why(names),
             "separates": ids,
             "joint": None if joint is None else names[joint],
@@ -121,13 +112,13 @@ class NextExperiment:
                 {"kind": option.kind, "motion": option.text, **_separation_to_json(option.expected)}
                 for option in self.options
             ],
-            "otherwise": list(self.advice),
+            "otherwise": list(self.by_hand),
         }
 
     def _text(self) -> str:
         best = self.best
         if best is None:
-            return "; or ".join(self.advice)
+            return "; or ".join(self.by_hand)
         return best.text if self.recordings == 1 else f"{best.text}; record it {self.recordings} times"
 
     def _labels(self, names: Sequence[str]) -> list[str]:
@@ -135,26 +126,19 @@ class NextExperiment:
 
     def _why(self, names: Sequence[str]) -> str:
         ids = " and ".join(self._labels(names))
-        d = self.now.standard_deviations
-        first = f"{ids} differ by {d:.1f} standard deviations in these recordings ({_own(self.now)})"
-        best = self.best
-        if best is None:
-            attempt = self.attempt
-            if attempt is None:
-                most = self.options[0].expected
-                return (
-                    f"{first}, and by {most.standard_deviations:.1f} ({_own(most)}) with the best motion that this arm "
-                    "may make: no motion tells them apart"
-                )
+        best, most = self.best, self.options[0]
+        first = f"{ids} differ by {_differ(self.now)} in these recordings"
+        if best is not None:
             return (
-                f"{first}, and by {attempt.expected.standard_deviations:.1f} ({_own(attempt.expected)}) with "
-                f"{attempt.text}, which leaves a chance of only {100 * attempt.expected.probability:.0f} % of a "
-                "single name"
+                f"{first}; closable by this motion: {_differ(best.expected)} with one recording, recordings needed: "
+                f"{self.recordings}, chance of a single name: {100 * self.chance:.0f} %"
             )
-        return (
-            f"{first}; with this experiment once by {best.expected.standard_deviations:.1f} "
-            f"({_own(best.expected)}), a {100 * best.expected.probability:.0f} % chance of a single name"
+        apart = 100 * np.sqrt(most.expected.share)
+        said = (
+            f"{first}, and by {_differ(most.expected)} with the best motion that this arm may make: these sensors "
+            f"cannot tell; all mean the same effort to {apart:.2g} % of the effect"
         )
+        return f"{said}; what would tell: {'; or '.join(self.by_hand)}" if self.by_hand else said
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:
@@ -163,8 +147,8 @@ def term_label(term: Term, joints: Sequence[str]) -> str:
     return f"law of {content.variable(tuple(joints))}" if isinstance(content, Law) else term.id
 
 
-def _own(value: Separation) -> str:
-    return f"{100 * value.share:.2g} % of the effect are its own"
+def _differ(value: Separation) -> str:
+    return f"{value.standard_deviations:.1f} standard deviations ({100 * value.share:.2g} % of the effect)"
 
 
 def _separation_to_json(value: Separation) -> dict[str, float]:
@@ -225,10 +209,9 @@ def design_next(
     designed = _designed(question, np.random.default_rng(seed), seconds, use, generations)
     if designed is not None:
         options.append(designed)
-    options.sort(key=lambda option: -option.expected.margin + (_SIMPLER if option.kind == "designed" else 0.0))
-    return NextExperiment(
-        tuple(rivals), question.now, tuple(options), _recordings(question, options[0], seconds), _advice(rivals)
-    )
+    options.sort(key=lambda o: (o.motion is None, -o.expected.margin + (_SIMPLER if o.kind == "designed" else 0.0)))
+    times, chance = _recordings(question, options[0], seconds)
+    return NextExperiment(tuple(rivals), question.now, tuple(options), times, chance, _by_hand(rivals))
 
 
 def supply_of(model: Model) -> HydraulicLimits:
@@ -241,8 +224,9 @@ def supply_of(model: Model) -> HydraulicLimits:
     return limits_of_machine(machine, values, worst_friction(machine, fitted))
 
 
-def _advice(rivals: Sequence[Term]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(t.content.experiment for t in rivals if isinstance(t.content, Effect)))
+def _by_hand(rivals: Sequence[Term]) -> tuple[str, ...]:
+    effects = [term.content for term in rivals if isinstance(term.content, Effect)]
+    return tuple(dict.fromkeys(effect.experiment for effect in effects if not effect.by_motion))
 
 
 def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
@@ -253,18 +237,20 @@ def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
     return tuple((shares / shares.sum()).tolist())
 
 
-def _recordings(question: Question, option: Option, seconds: float) -> int | None:
-    """How often an experiment has to be recorded to be enough; None if more often than is sensible."""
+def _recordings(question: Question, option: Option, seconds: float) -> tuple[int | None, float]:
+    """How often an experiment has to be recorded to be enough, None if more often than is sensible; and the chance."""
     if option.expected.probability >= ENOUGH:
-        return 1
-    for times in range(2, MOST_RECORDINGS + 1):
-        if option.motion is None:
-            found = question.again(times * seconds)
-        else:
-            found = question.repeated(option.motion, times)
+        return 1, option.expected.probability
+    repeats = range(2, MOST_RECORDINGS + 1)
+    separations = (
+        (question.again(times * seconds) for times in repeats)
+        if option.motion is None
+        else question.repeated(option.motion, repeats)
+    )
+    for times, found in zip(repeats, separations, strict=True):
         if found.probability >= ENOUGH:
-            return times
-    return None
+            return times, found.probability
+    return None, option.expected.probability
 
 
 def _designed(

@@ -13,9 +13,9 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.motion_files import Motion
 from fitting.arm.linkage import lever_arms, piston_motion
 from fitting.arrays import BoolArray, FloatArray
-from fitting.excitation.motion import Motion
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests
 

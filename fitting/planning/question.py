@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from daq.motion_files import Motion
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.limits import HydraulicLimits, holding_efforts
-from fitting.excitation.motion import Motion
 from fitting.planning.planned import States, planned_segment, segment_of_states
 from fitting.planning.planned_views import chamber_models, planned_views
 from fitting.planning.separation import Rival, Separation, leads, products, projected, separation
@@ -135,6 +135,7 @@ class Question:
         """Separation with ``seconds`` more of the training motions."""
         return self._separation(self.recorded + seconds * self.training)
 
-    def repeated(self, motion: Motion, times: int) -> Separation:
-        """Separation with a motion recorded several times."""
-        return self._separation(self.recorded + times * self.gathered([self.segment(motion)])[0])
+    def repeated(self, motion: Motion, times: Iterable[int]) -> Iterator[Separation]:
+        """Separations with a motion recorded so many times each."""
+        (more,) = self.gathered([self.segment(motion)])
+        return (self._separation(self.recorded + number * more) for number in times)

@@ -12,13 +12,17 @@ with several joints) and whatever else has columns. ``own_i = sum_j |A_ij|^2 / |
 larger than the joint's own effort; ``f_i`` is 1, and ``1 / r^2`` where a parameter that cannot be negative is below
 zero. ``J0_l`` is a rod along the link; the mass of all rods together is what the measured efforts ask for.
 
-Newton steps in ``J = L (1 + X) L'``, ``L`` the root of ``J``: in ``X`` the divergence has the gradient
-``L' J0^-1 L - 1`` and the Hessian 1, so a step is one least-squares problem. At the optimum the prior is, to second
-order, the Gaussian that :meth:`Optimum.rows` gives as rows of unit noise; beside them plain least squares has the same
-solution, and whatever is made of rows (evidence, intervals, predicted deviations) knows the prior.
+A primal-dual interior-point method finds it: beside every link its dual ``Z_l`` (4 x 4, positive definite) with
+``J Z = mu 1``, ``mu`` falling to ``w``. In the coordinates ``J = G (D + X) G'`` in which link and dual are the same
+diagonal matrix ``D`` (Nesterov and Todd), a step is one least-squares problem in which the logarithm has the Hessian 1,
+also where the rows press a link against what can exist. At the optimum, in ``J = L (1 + X) L'`` with ``L`` the root of
+``J``, the divergence has the gradient ``L' J0^-1 L - 1`` and the Hessian 1, so the prior is, to second order, the
+Gaussian that :meth:`Optimum.rows` gives as rows of unit noise; beside them plain least squares has the same solution,
+and whatever is made of rows (evidence, intervals, predicted deviations) knows the prior.
 
 Sources: Lee, Wensing and Park, IEEE T-RO 36 (2020) 318 (divergence); Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60
-(pseudo-inertia); Nocedal and Wright, *Numerical Optimization*, 2006, 3.1 (line search).
+(pseudo-inertia); Nesterov and Todd, SIAM J. Optimization 8 (1998) 324 (scaling); Nocedal and Wright, *Numerical
+Optimization*, 2006, 3.1 (line search), 14.2 (step to the boundary, how fast ``mu`` falls).
 """
 
 from __future__ import annotations
@@ -48,8 +52,8 @@ NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
 _THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
 _LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
 _STEPS, _CONVERGED, _ROUNDING = 60, 1e-10, 1e-13
-#: Factor of the weight along the path, steps at each, what a step promises where it goes on, links where it begins.
-_FACTOR, _ALONG, _NEAR, _HEAVY = 10.0, 8, 0.5, 100.0
+#: ``mu`` of the first step as a share of the slope in a link, and the share of the way to the boundary that is taken.
+_FIRST, _SHARE = 1.0, 0.95
 
 
 def _basis() -> FloatArray:
@@ -90,9 +94,9 @@ def rods(geometry: Geometry) -> FloatArray:
     return np.array(bodies)
 
 
-def link_map(root: FloatArray) -> FloatArray:
-    """``pi_i`` (10,) from ``X`` (4, 4, row by row) with ``J = root X root'``: matrix (10, 16)."""
-    return np.asarray(_OF_BODY @ np.kron(root, root))
+def standard_of_bodies(bodies: FloatArray) -> FloatArray:
+    """Standard parameters (10 n,) of links with pseudo-inertias (n, 4, 4)."""
+    return np.asarray((bodies.reshape(-1, 16) @ _OF_BODY.T).ravel())
 
 
 @dataclass(frozen=True)
@@ -144,22 +148,24 @@ class PlausibleArm:
             both = both - free @ (free.T @ both)
         problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), weight, held)
         if start is None:
-            state = _State(np.sqrt(_HEAVY) * np.linalg.cholesky(self.bodies), np.zeros(len(self.own)))
-            for barrier in problem.path(state):
-                state = problem.solved(state, barrier, _NEAR * barrier)
+            state = problem.solved(_State(np.asarray(np.linalg.cholesky(self.bodies)), np.zeros(len(self.own))))
         else:
-            state = _State(start.roots, start.phi)
-        state = problem.solved(state, weight)
+            state = problem.solved(_State(start.roots, start.phi))
         return Optimum(self, state.roots, state.phi, weight, held)
 
     def fields(self, roots: FloatArray) -> FloatArray:
         """Base parameters per ``X`` of every link in the orthonormal basis, (nb, 10 n)."""
-        maps = [link_map(root) @ _BASIS.reshape(10, 16).T for root in roots]
-        return np.hstack([self.regrouping[:, 10 * i : 10 * i + 10] @ T for i, T in enumerate(maps)])
+        bodies = roots[:, None] @ _BASIS @ roots[:, None].transpose(0, 1, 3, 2)
+        links = bodies.reshape(-1, 10, 16) @ _OF_BODY.T
+        of_links = self.regrouping[:, : 10 * len(roots)].reshape(-1, len(roots), 10).transpose(1, 0, 2)
+        return np.asarray((of_links @ links.transpose(0, 2, 1)).transpose(1, 0, 2).reshape(-1, 10 * len(roots)))
 
-    def slope(self, roots: FloatArray, weight: float, barrier: float) -> FloatArray:
-        """Gradient of the weighted divergence in ``X`` of every link in the orthonormal basis, (10 n,)."""
-        own = weight * (roots.transpose(0, 2, 1) @ self.inverse @ roots) - barrier * np.eye(4)
+    def slope(self, roots: FloatArray, weight: float, log: FloatArray) -> FloatArray:
+        """Gradient of the weighted divergence in ``X`` of every link in the orthonormal basis, (10 n,).
+
+        ``log`` (n, 4) is that of the weighted logarithm of the determinant, which is diagonal in these coordinates.
+        """
+        own = weight * (roots.transpose(0, 2, 1) @ self.inverse @ roots) - log[:, :, None] * np.eye(4)
         return np.asarray(np.einsum("kij,lij->lk", _BASIS, own).ravel())
 
     @property
@@ -170,7 +176,7 @@ class PlausibleArm:
     def theta(self, roots: FloatArray, phi: FloatArray) -> FloatArray:
         """Drives' and base parameters of links with these roots and of these drives."""
         bodies = roots @ roots.transpose(0, 2, 1)
-        links = self.regrouping[:, : 10 * len(roots)] @ (bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
+        links = self.regrouping[:, : 10 * len(roots)] @ standard_of_bodies(bodies)
         return np.concatenate([phi[: self.drives], links + self.of_motors @ phi[self.drives :]])
 
     def precision(self, phi: FloatArray, held: bool) -> FloatArray:
@@ -194,67 +200,81 @@ class _Problem:
         self.of_phi = np.hstack([self.A[:, : arm.drives], self.A[:, arm.drives :] @ arm.of_motors])
         self.unit = np.where(arm.own > 0, 1.0 / np.sqrt(np.where(arm.own > 0, arm.own, 1.0)), 1.0)
 
-    def cost(self, state: _State, barrier: float) -> float:
+    def cost(self, state: _State, mu: float) -> float:
         """The objective, with its own weight of the logarithm of the determinant."""
         missing = self.A @ self.arm.theta(state.roots, state.phi) - self.b
         own = state.roots.transpose(0, 2, 1) @ self.arm.inverse @ state.roots
         spread = self.weight * float(np.sum(np.trace(own, axis1=1, axis2=2) - 4.0))
-        spread -= barrier * float(np.sum(np.linalg.slogdet(own)[1]))
+        spread -= mu * float(np.sum(np.linalg.slogdet(own)[1]))
         precision = self.arm.precision(state.phi, self.held)
         return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + spread
 
-    def path(self, state: _State) -> list[float]:
-        """Weights of the determinant by which the optimum is followed from a state down to its own weight (Nocedal and
-        Wright, 19.6): near to a singular link a step is short, so links stay far from it until the rows ask for it.
-        """
-        first = self.cost(state, 0.0) / (10.0 * max(len(state.roots), 1))
-        steps = int(np.ceil(np.log(max(first / self.weight, 1.0)) / np.log(_FACTOR)))
-        return [self.weight * _FACTOR**k for k in range(steps, 0, -1)]
-
-    def solved(self, state: _State, barrier: float, near: float = 0.0) -> _State:
-        """Newton's method with a line search from a state, until a step promises no more than ``near``."""
-        cost = self.cost(state, barrier)
-        for _ in range(_ALONG if near else _STEPS):
-            X, move, fall = self._step(state, barrier)
-            if not fall > max(near, _CONVERGED * (1.0 + abs(cost))):
-                break
-            lowest = float(np.min(np.linalg.eigvalsh(X)))
-            length = 1.0 if lowest > -0.9 else 0.9 / -lowest
+    def solved(self, state: _State) -> _State:
+        """The optimum, from any links and drives."""
+        count, w, taken = len(state.roots), self.weight, 0.2
+        slope = self._slope(state, state.roots, np.zeros((count, 4)))[1][: 10 * count].reshape(count, 10)
+        mu = max(w, _FIRST * float(np.max(np.linalg.norm(slope, axis=1), initial=0.0)))
+        inverse = np.linalg.inv(state.roots)
+        dual = mu * inverse.transpose(0, 2, 1) @ inverse
+        for _ in range(_STEPS):
+            _, size, turn = np.linalg.svd(np.linalg.cholesky(dual).transpose(0, 2, 1) @ state.roots)
+            G = state.roots @ turn.transpose(0, 2, 1) / np.sqrt(size)[:, None, :]
+            D = size[:, :, None] * np.eye(4)
+            # The better the last step kept to both cones, the faster mu may follow; where it hardly could, mu rises.
+            follow = 0.1 if taken > 0.7 else 0.5 if taken > 0.3 else 1.0 if taken > 0.1 else 3.0
+            mu = max(w, follow * float(np.mean(size**2))) if count else w
+            cost = self.cost(state, mu)
+            X, move, fall = self._step(state, G, mu / size)
+            length, last = _inside(size, X), mu == w and not fall > _CONVERGED * (1.0 + abs(cost))
             while length > 1e-8:
-                roots = state.roots @ np.linalg.cholesky(np.eye(4) + length * X)
-                new = _State(roots, state.phi + length * move)
-                value = self.cost(new, barrier)
-                if value <= cost - 1e-4 * length * fall:
+                new = _State(G @ np.linalg.cholesky(D + length * X), state.phi + length * move)
+                if last or self.cost(new, mu) <= cost - 1e-4 * length * fall:
                     break
                 length /= 2
             else:
-                break
-            state, cost = new, value
+                return state
+            if last:  # the step that is too small to be seen in the cost still squares the distance
+                return new
+            back = (mu / size - size)[:, :, None] * np.eye(4) - X
+            along = _inside(size, back)
+            inverse = np.linalg.inv(G)
+            dual = inverse.transpose(0, 2, 1) @ (D + along * back) @ inverse
+            state, taken = new, min(length, along)
         return state
 
-    def _step(self, state: _State, barrier: float) -> tuple[FloatArray, FloatArray, float]:
-        """Newton step: ``X`` (n, 4, 4), change of ``phi``, and what the slope along it promises."""
+    def _slope(self, state: _State, G: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rows per ``X`` and scaled ``phi``, and the slope down; ``log`` as in :meth:`PlausibleArm.slope`."""
         arm = self.arm
-        links = len(state.roots)
         missing = self.A @ arm.theta(state.roots, state.phi) - self.b
-        g = arm.slope(state.roots, self.weight, barrier)
-        root = np.sqrt(arm.precision(state.phi, self.held))
-        M = np.hstack([self.A[:, arm.drives :] @ arm.fields(state.roots), self.of_phi * self.unit])
-        count = 10 * links
+        M = np.hstack([self.A[:, arm.drives :] @ arm.fields(G), self.of_phi * self.unit])
+        known = arm.precision(state.phi, self.held) * state.phi * self.unit
+        return M, -M.T @ missing - np.concatenate([arm.slope(G, self.weight, log), known])
+
+    def _step(self, state: _State, G: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Newton step: ``X`` (n, 4, 4), change of ``phi``, and what the slope along it promises."""
+        M, down = self._slope(state, G, log)
+        count = 10 * len(G)
         H = M.T @ M
-        H[np.diag_indices(len(H))] += np.concatenate([np.full(count, barrier), (root * self.unit) ** 2])
+        known = self.arm.precision(state.phi, self.held) * self.unit**2
+        H[np.diag_indices(len(H))] += np.concatenate([np.ones(count), known])
         H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows stays at zero
-        down = -M.T @ missing - np.concatenate([g, root**2 * state.phi * self.unit])
         # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
         size = np.sqrt(np.diag(H))
         scaled = H / np.outer(size, size)
         scaled[np.diag_indices(len(H))] += _ROUNDING
         z = linalg.cho_solve(linalg.cho_factor(scaled, check_finite=False), down / size, check_finite=False) / size
         return (
-            np.einsum("lk,kij->lij", z[:count].reshape(links, 10), _BASIS),
+            np.einsum("lk,kij->lij", z[:count].reshape(len(G), 10), _BASIS),
             z[count:] * self.unit,
             float(down @ z),
         )
+
+
+def _inside(size: FloatArray, X: FloatArray) -> float:
+    """Share of a step ``X`` from the diagonal matrices ``size`` that stays positive definite, at most 1."""
+    root = 1.0 / np.sqrt(size)
+    lowest = float(np.min(np.linalg.eigvalsh(X * root[:, :, None] * root[:, None, :]), initial=0.0))
+    return min(1.0, _SHARE / -lowest) if lowest < 0 else 1.0
 
 
 @dataclass(frozen=True)
@@ -264,7 +284,7 @@ class Optimum:
     Attributes
     ----------
     arm : the prior
-    roots : (n, 4, 4) lower triangular, pseudo-inertias are ``L L'``
+    roots : (n, 4, 4), pseudo-inertias are ``L L'``
     phi : (k,) drives' parameters, then those of coupled motors
     weight : of the divergence
     held : whether parameters below zero were held
@@ -289,8 +309,7 @@ class Optimum:
     @property
     def standard(self) -> FloatArray:
         """Standard parameters: ten of each link, then those of coupled motors."""
-        links = (self.bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
-        return np.concatenate([links, self.phi[self.arm.drives :]])
+        return np.concatenate([standard_of_bodies(self.bodies), self.phi[self.arm.drives :]])
 
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray]:
@@ -301,7 +320,7 @@ class Optimum:
         """
         arm, base = self.arm, self.theta[self.arm.drives :]
         fields = arm.fields(self.roots)
-        g = arm.slope(self.roots, self.weight, self.weight)
+        g = arm.slope(self.roots, self.weight, np.full((len(self.roots), 4), self.weight))
         precision = arm.precision(self.phi, self.held)
         own, motors = precision[: arm.drives], precision[arm.drives :]
         known = motors > 0
@@ -353,7 +372,7 @@ def plausible_arm(
 
 def _mass(base: BaseParameters, bodies: FloatArray, drives: int, rows: FloatArray) -> float:
     """Mass of all links together: the slope of the efforts on those of the arm at 1 kg, beside the drives' columns."""
-    standard = (bodies.reshape(-1, 16) @ _OF_BODY.T).ravel()
+    standard = standard_of_bodies(bodies)
     u, b = rows[:, drives:-1] @ (base.regrouping[:, : len(standard)] @ standard), rows[:, -1]
     Q = factor(rows[:, :drives]).Q if drives else np.zeros((len(rows), 0))
     beside, target = u - Q @ (Q.T @ u), b - Q @ (Q.T @ b)

@@ -44,7 +44,7 @@ _TEXTS = {
     "compare joint and piston encoder over the whole stroke; no dynamics needed": (
         "compare with a second encoder over the whole range; no dynamics needed"
     ),
-    "fast strokes; move the sensor to the port": "fast motions",
+    "a pressure gauge at the cylinder port during fast strokes": "fast motions",
     "the same stroke with two loads": "the same motion with two loads",
     "a staircase of constant speeds below 5 mm/s": "a staircase of slow constant speeds",
     "creeps over its stroke": "creeps over its range",

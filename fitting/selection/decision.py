@@ -50,7 +50,7 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     odds = np.array([r.log_odds for r in near])
     named = np.array([isinstance(r.term.content, Effect) for r in near])
     probable = []
-    for share in _shares(head.score.gain):
+    for share in shares_believed(head.score.gain):
         own = np.where(named, head.log_odds - share * (head.log_odds - odds), odds)
         probable.append(np.append(own, 0.0) - float(log_sum(np.append(own, 0.0))))
     whole = log_sum(np.array(probable), axis=0, weights=np.array(priors.weights(series))[:, None])
@@ -66,7 +66,7 @@ def odds_behind(stated: float, gain: float) -> float:
     stated : log odds, as they are said
     gain : chi-square that the effect takes; its formula is taken for a law of physics
     """
-    shares, weights = _shares(gain), np.array(priors.weights(series=False))
+    shares, weights = shares_believed(gain), np.array(priors.weights(series=False))
 
     def missing(odds: float) -> float:
         return float(weights @ expit(shares * odds)) - float(expit(abs(stated)))
@@ -76,8 +76,11 @@ def odds_behind(stated: float, gain: float) -> float:
     return float(np.copysign(found, stated))
 
 
-def _shares(gain: float) -> FloatArray:
-    """Of each of :data:`~fitting.selection.priors.EPSILONS`, which share of differences between names is believed."""
+def shares_believed(gain: float | FloatArray) -> FloatArray:
+    """Which share of a difference between names is believed, of each of :data:`~fitting.selection.priors.EPSILONS`.
+
+    Along the last axis; ``gain`` is the chi-square that the effect takes, or of each difference, (N, 1).
+    """
     return np.asarray(1.0 / (1.0 + np.array(priors.EPSILONS) ** 2 * gain / priors.CLOSE))
 
 

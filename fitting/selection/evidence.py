@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, IntArray
 from fitting.selection import priors
 
 #: Squared share of a column's norm below which what the base leaves of it is rounding.
@@ -49,6 +49,12 @@ def log_mean(values: npt.ArrayLike, axis: int = -1) -> FloatArray:
     """Logarithm of the mean of exponentials along an axis."""
     values = np.asarray(values, dtype=float)
     return np.asarray(log_sum(values, axis) - np.log(values.shape[axis]))
+
+
+def log_means(values: FloatArray, counts: IntArray) -> FloatArray:
+    """:func:`log_mean` of each of several groups of values that follow one another, of ``counts`` values each."""
+    starts = np.cumsum(counts) - counts
+    return np.asarray(np.maximum(np.logaddexp.reduceat(values, starts), np.log(1e-300)) - np.log(counts))
 
 
 def named_evidence(gain: FloatArray, live: FloatArray, amplitudes: FloatArray) -> FloatArray:
@@ -144,21 +150,21 @@ def whitened_parts(gram: FloatArray) -> FloatArray:
 def joint_evidence(
     gram: FloatArray, products: FloatArray, scales: FloatArray, first: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log Bayes factors of parameters with independent priors of these scales: (p, p), (p,), (K, p).
+    """Log Bayes factors of parameters with independent priors of these scales: (.., p, p), (.., p), (K, p).
 
     Returns
     -------
-    (K,) log Bayes factors, (K,) amplitude of what the parameters from number ``first`` on contribute at the posterior
-    mean, and (K, first) that mean of those before.
+    (.., K) log Bayes factors, (.., K) amplitude of what the parameters from number ``first`` on contribute at the
+    posterior mean, and (.., K, first) that mean of those before.
     """
-    H = scales[:, :, None] * gram * scales[:, None, :]
+    H = scales[:, :, None] * gram[..., None, :, :] * scales[:, None, :]
     values, vectors = np.linalg.eigh(H)
-    values = np.where(values > ROUNDING * values[:, -1:], values, 0.0)
-    turned = np.einsum("kij,ki->kj", vectors, scales * products) * (values > 0)
-    mean = scales * np.einsum("kij,kj->ki", vectors, turned / (1.0 + values))
-    rest = gram[first:, first:]
-    shown = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", mean[:, first:], rest, mean[:, first:]), 0.0))
-    return 0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=1), shown, mean[:, :first]
+    values = np.where(values > ROUNDING * values[..., -1:], values, 0.0)
+    turned = np.einsum("...ij,...i->...j", vectors, scales * products[..., None, :]) * (values > 0)
+    mean = scales * np.einsum("...ij,...j->...i", vectors, turned / (1.0 + values))
+    rest = gram[..., None, first:, first:]
+    shown = np.sqrt(np.maximum(np.einsum("...i,...ij,...j->...", mean[..., first:], rest, mean[..., first:]), 0.0))
+    return 0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=-1), shown, mean[..., :first]
 
 
 def least_gain(live: int, choices: int = 1) -> float:

@@ -19,6 +19,7 @@ from fitting.selection.evidence import (
     curve_roots,
     joint_evidence,
     log_mean,
+    log_means,
     log_sum,
     named_evidence,
     whitened_parts,
@@ -68,15 +69,13 @@ class RatedNames:
         """One explanation per family, with its best shape; ``each`` and ``law_each`` are log priors."""
         exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
         bent = exact | self._bent(families, scores)
-        return [
-            self._named(own, scores, law_each if f[0] == "law" else each, exact, bent) for f, own in families.items()
-        ]
+        return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
     def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
         """One shape of a name by itself."""
         exact = self._plain({number: scores[number]})
         bent = exact | self._bent({name: [number]}, scores)
-        return self._named([number], scores, 0.0, exact, bent)
+        return self._named({name: [number]}, scores, [0.0], exact, bent)[0]
 
     def _bent(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> dict[int, float]:
         """Log evidence, by number, of names whose formula may be off by a smooth curve of their own signal."""
@@ -132,20 +131,30 @@ class RatedNames:
         """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
         return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
 
-    def _as_leftover(self, score: Score, share: float, law: bool) -> float:
-        """Log evidence of a name as what found effects leave; of what acts everywhere joint by joint."""
-        if not score.term.everywhere:
-            parts = {score.term.joint or 0: 1.0}
-        else:
-            parts = {joint: max(part, 0.0) for joint, part in enumerate(score.places)}
-        total = 0.0
-        for joint, part in parts.items():
-            left = self._sizes.left(joint, law)
-            if left.max() > 0:
-                gain, live = np.array([part * score.gain * share]), np.array([float(score.live)])
-                found = named_evidence(gain, live, left)[0]
-                total += max(0.0, float(log_sum(found, weights=priors.LEFTOVER_WEIGHTS)))
-        return total
+    def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, tuple[float, float]]:
+        """Log evidence of names as what found effects leave; of what acts everywhere joint by joint.
+
+        Both forms of :class:`Rated`: as leftover and as refuted.
+        """
+        numbers = [n for n in scores if self._trust.known("left", n, scores[n]) is None]
+        parts: dict[int, list[tuple[int, float]]] = {}  # by joint: place of the number, and what of its gain is there
+        for place, n in enumerate(numbers):
+            score, share = scores[n], self._trust.of(n)
+            where = dict(enumerate(score.places)) if score.term.everywhere else {score.term.joint or 0: 1.0}
+            for joint, part in where.items():
+                parts.setdefault(joint, []).append((place, max(part, 0.0) * score.gain * share))
+        live = np.array([float(scores[n].live) for n in numbers])
+        total = np.zeros((len(numbers), 2))
+        for joint, own in parts.items():
+            places, gain = np.array([place for place, _ in own]), np.array([part for _, part in own])
+            for form, law in enumerate((True, False)):
+                left = self._sizes.left(joint, law)
+                if left.max() > 0:
+                    found = log_sum(named_evidence(gain, live[places], left), weights=priors.LEFTOVER_WEIGHTS)
+                    total[places, form] += np.maximum(found, 0.0)
+        for n, (leftover, refuted) in zip(numbers, total.tolist(), strict=True):
+            self._trust.keep("left", n, scores[n], (leftover, refuted))
+        return {n: self._trust.known("left", n, scores[n]) for n in scores}
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
         """Log evidence of names by number, if their formulas are exactly nature's."""
@@ -168,24 +177,27 @@ class RatedNames:
 
     def _named(
         self,
-        numbers: Sequence[int],
+        families: Mapping[Family, Sequence[int]],
         scores: Mapping[int, Score],
-        prior: float,
+        log_priors: Sequence[float],
         exact: Mapping[int, float],
         bent: Mapping[int, float],
-    ) -> Rated:
+    ) -> list[Rated]:
+        if not families:
+            return []
+        counts = np.array([len(own) for own in families.values()])
+        numbers = [n for own in families.values() for n in own]
         believable = np.array([self._plausible(n, scores[n]) for n in numbers])
         total = np.array([bent[n] for n in numbers]) + believable
-        number = numbers[int(np.argmax(total))]
-        best = scores[number]
-        bayes, plain = float(log_mean(total)), float(log_mean(np.array([exact[n] for n in numbers]) + believable))
-        left = self._trust.known("left", number, best)
-        if left is None:
-            share = self._trust.of(number)
-            found = tuple(self._as_leftover(best, share, laws) for laws in (True, False))
-            left = self._trust.keep("left", number, best, found)
-        leftover, refuted = left
-        return Rated(best, prior + bayes, bayes, prior + plain, leftover, refuted)
+        bayes = log_means(total, counts).tolist()
+        plain = log_means(np.array([exact[n] for n in numbers]) + believable, counts).tolist()
+        ends = np.cumsum(counts).tolist()
+        best = [numbers[e - c + int(np.argmax(total[e - c : e]))] for e, c in zip(ends, counts.tolist(), strict=True)]
+        left = self._leftovers({n: scores[n] for n in best})
+        return [
+            Rated(scores[n], prior + own, own, prior + simple, *left[n])
+            for n, prior, own, simple in zip(best, log_priors, bayes, plain, strict=True)
+        ]
 
     def _plausible(self, number: int, score: Score) -> float:
         known = self._trust.known("plausible", number, score)
@@ -211,25 +223,25 @@ class RatedNames:
         near = near if len(near) else sizes[-1:]
         weights = np.log(priors.weights(effect.series))
         pairs = [(a, e) for a in near for e in priors.EPSILONS]
-        found = []
-        for length in range(len(priors.LENGTHS)):
-            parts, start = [], len(numbers)
-            for width in widths:
-                block = S[start : start + width, start : start + width]
-                root = curve_roots(width, priors.LENGTHS)[length] if width >= LEAST_CURVE else whitened_parts(block)
-                seen = float(np.trace(root.T @ block @ root)) * len(widths)
-                parts.append(root / np.sqrt(max(seen, 1e-300)))
-                start += width
-            T = block_diag(own, *parts)
-            gram, products = T.T @ S @ T, T.T @ g
-            scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(len(gram) - k, e * shown)] for a, e in pairs])
-            values, beside, first = joint_evidence(gram, products, scales, k)
-            values[np.any((first @ own.T < low) | (first @ own.T > high), axis=1)] = -np.inf
-            values = values + np.tile(weights, len(near))
-            # A name is what explains most of it: a curve beside it may not be many times what is expected of one.
-            values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
-            found.append(log_sum(values) - np.log(len(sizes)))
-        return float(log_mean(found)) if np.isfinite(found).any() else -np.inf
+        parts, start = [own[None]], len(numbers)
+        for width in widths:
+            block = S[start : start + width, start : start + width]
+            roots = curve_roots(width, priors.LENGTHS) if width >= LEAST_CURVE else whitened_parts(block)[None]
+            seen = np.einsum("lia,ij,lja->l", roots, block, roots) * len(widths)
+            parts.append(roots / np.sqrt(np.maximum(seen, 1e-300))[:, None, None])
+            start += width
+        T = np.array([block_diag(*(p[min(c, len(p) - 1)] for p in parts)) for c in range(len(priors.LENGTHS))])
+        gram, products = T.swapaxes(1, 2) @ S @ T, g @ T
+        beyond = gram.shape[1] - k
+        scales = np.array([np.r_[np.full(k, a / np.sqrt(k)), np.full(beyond, e * shown)] for a, e in pairs])
+        values, beside, first = joint_evidence(gram, products, scales, k)
+        values[np.any((first @ own.T < low) | (first @ own.T > high), axis=-1)] = -np.inf
+        values = values + np.tile(weights, len(near))
+        # A name is what explains most of it: a curve beside it may not be many times what is expected of one.
+        values[beside > MOST_BESIDE * np.tile(priors.EPSILONS, len(near)) * shown] = -np.inf
+        if not np.isfinite(values).any():
+            return -np.inf
+        return float(log_mean(log_sum(values) - np.log(len(sizes))))
 
     def own_terms(self, term: Term) -> list[Term]:
         """The laws of :meth:`own_laws`."""

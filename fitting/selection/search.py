@@ -308,13 +308,11 @@ class Search:
         A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
         that were fitted, a term of another joint still has to gain what one has to.
         """
-        model = self.model
-        for item in self.unconfirmed:
-            if item.score.term.joint != score.term.joint:
-                model = beside(model, item.score.term)
-        if model is self.model:
+        laws = [item.score.term for item in self.unconfirmed if item.score.term.joint != score.term.joint]
+        if not laws:
             return False
-        left = score_terms(model, [score.term], [1])
+        # Fitted anew: which parameters are held at zero belongs to the set of terms.
+        left = score_terms(self.signals.refit((*self.model.terms, *laws)), [score.term], [1])
         return not left or left[0].gain < least_gain(score.live)
 
     def _waits_for(self, joint: int | None, choice: Rated) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
@@ -148,21 +149,19 @@ class Trust:
     ) -> FloatArray:
         """How alike names and others are (N, L): the share of either's contribution that the other could make."""
         cross = self._candidates.cross_products(self._model, place, names, laws)
-        first = np.cumsum([0, *(self._candidates.width(n) for n in names)])
-        then = np.cumsum([0, *(self._candidates.width(n) for n in laws)])
-        roots = {n: whitened_parts(scores[n].information) for n in (*names, *laws)}
-        found = np.empty((len(names), len(laws)))
-        for row, name in enumerate(names):
-            for column, law in enumerate(laws):
-                between = cross[first[row] : first[row + 1], then[column] : then[column + 1]]
-                found[row, column] = _explained(scores[name], between.T, roots[law]) * _explained(
-                    scores[law], between, roots[name]
-                )
-        return found
+        own, others = [scores[n] for n in names], [scores[n] for n in laws]
+        return _explained(own, others, cross.T) * _explained(others, own, cross).T
 
 
-def _explained(own: Score, cross: FloatArray, root: FloatArray) -> float:
-    """Share of what a candidate contributes that others could: their products with its columns (m, k), their root."""
-    values = np.asarray(own.values)
-    whole = float(values @ own.information @ values)
-    return min(1.0, float(np.sum((root.T @ (cross @ values)) ** 2)) / max(whole, 1e-300))
+def _explained(own: Sequence[Score], others: Sequence[Score], cross: FloatArray) -> FloatArray:
+    """Share of what each candidate contributes that each other could (N, M), by the products of columns of the others,
+    one after the other, with the candidates' own.
+    """
+    made = cross @ block_diag(*(np.reshape(score.values, (-1, 1)) for score in own))
+    whole = [float(np.asarray(score.values) @ score.information @ score.values) for score in own]
+    ends = np.cumsum([len(score.values) for score in others])
+    could = [
+        np.sum((whitened_parts(score.information).T @ part) ** 2, axis=0)
+        for score, part in zip(others, np.split(made, ends[:-1]), strict=True)
+    ]
+    return np.minimum(1.0, np.transpose(could) / np.maximum(whole, 1e-300)[:, None])

@@ -11,7 +11,7 @@ import pytest
 from benchmarks.attribution import resolving
 from benchmarks.attribution.making import BenchCase, TrueEffect, opened
 from benchmarks.attribution.recipe import INSIDE, CaseKey, Selection
-from fitting.excitation.motion import Motion
+from daq.motion_files import Motion
 from fitting.loop.closing import Asked
 
 
@@ -38,10 +38,10 @@ def test_only_the_right_name_alone_counts() -> None:
     assert shares["end in a wrong name alone"] == 0.25
 
 
-def test_where_no_motion_was_worth_an_attempt_is_counted_apart() -> None:
+def test_sets_that_no_motion_closes_are_counted_apart() -> None:
     lines = [line("right"), line("in set") | {"motions": []}]
     shares = {check.name: check.measured for check in resolving.checks(lines, looked_at=2)}
-    assert shares["a motion was worth an attempt"] == 0.5
+    assert shares["said to be closable"] == 0.5
     assert shares["of those, end in the single right name"] == 1.0
 
 

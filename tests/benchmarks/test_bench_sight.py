@@ -135,4 +135,6 @@ def test_mismatch_is_counted_in_noise_widths_of_the_gap(plan, sight) -> None:
     angle = QUALITY.encoder_std**2 + QUALITY.encoder_resolution**2 / 12
     width = np.sqrt(QUALITY.piston_std**2 + QUALITY.piston_resolution**2 / 12 + angle * np.mean(lever**2))
     assert sight.mismatch(changed) == pytest.approx(np.sqrt(np.mean(gap**2)) / width, rel=0.01)
+    assert sight.mismatch(changed, zeros=1) > 0.1 * sight.mismatch(changed)
+    assert sight.mismatch(changed, zeros=2) < 0.02 * sight.mismatch(changed), "a zero explains all of it"
     assert sight.force(changed) == 0.0

@@ -172,3 +172,14 @@ def inverse_dynamics(
         speed = np.asarray(qd, dtype=float)
         tau += table[:, 10] * np.sign(speed) + table[:, 11] * speed + table[:, 12] * np.asarray(qdd, dtype=float)
     return tau
+
+
+def link_map(root: np.ndarray) -> np.ndarray:
+    """Ten parameters of a link per entry of ``X``, (10, 16), of the pseudo-inertia ``root X root'``: by definition."""
+    columns = []
+    for unit in np.eye(16):
+        J = root @ unit.reshape(4, 4) @ root.T
+        J = (J + J.T) / 2
+        inertia = np.trace(J[:3, :3]) * np.eye(3) - J[:3, :3]
+        columns.append(np.concatenate([[J[3, 3]], J[:3, 3], inertia[np.triu_indices(3)]]))
+    return np.array(columns).T

@@ -113,8 +113,9 @@ def _explained(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]],
     loop.update(hypotheses=hypotheses, resolution=steps)
     loop["next_experiment"] = {
         "motion": "; or ".join(words.text(one.experiment) for one, _ in known if one.experiment),
-        "why": f"{ids[0]} and {ids[1]} differ by 2.5 standard deviations in these recordings (4.2 % of the effect are "
-        "its own); with this experiment once by 7.5 (3.1 % of the effect are its own), a 99 % chance of a single name",
+        "why": f"{ids[0]} and {ids[1]} differ by 2.5 standard deviations (4.2 % of the effect) in these recordings; "
+        "closable by this motion: 7.5 standard deviations (31 % of the effect) with one recording, recordings "
+        "needed: 2, chance of a single name: 99 %",
         "separates": [ids[0], "law of joint2.piston_speed"],
         "joint": "joint2",
     }

@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from synthetic_arm import Noise, make_recordings, planar_machine, truth
+from synthetic_arm import QUIET, Noise, force, make_motion, make_recordings, planar_machine, sample, truth
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import Recording, write_recording
 from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
-from fitting.checks.inertias import rod_parameters
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.mistakes.arm_motion import positions_of
 from fitting.checks.mistakes.motion_trials import recordings as role_trials
@@ -25,6 +24,7 @@ from fitting.checks.mistakes.samples import take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained
+from fitting.regression.plausible_arm import rods, standard_of_bodies
 
 JOINT = planar_machine(3, sensors="joint")
 BOTH = planar_machine(3)
@@ -73,6 +73,29 @@ def test_an_effort_turned_over_fits_without_bounds_and_not_with_them() -> None:
     after = fit(trial, own)
     assert np.nanmax(after.free) < 0.1
     assert np.nanmin(after.misfits) > 0.5
+
+
+def test_a_torque_that_is_late_at_a_cylinder_is_explained_by_its_own_rate() -> None:
+    """A joint effort is brought to the piston by the lever arm, and so is its rate: a delay leaves almost nothing."""
+    machine, arm, late = planar_machine(2, effort="cylinder_force", sensors="joint"), truth(2), 0.02
+    arm = replace(arm, drive=arm.drive * [1, 1, 0, 1, 0])  # a step of friction that is late is no rate
+    channels = tuple(
+        c.model_copy(update={"quantity": "joint_effort", "unit": "N m"}) if c.quantity == "cylinder_force" else c
+        for c in machine.channels
+    )
+    other = machine.model_copy(update={"channels": channels})
+    recordings = []
+    for number, seed in enumerate((2, 3)):
+        moved = make_motion(machine, "train", seed)
+        torque = force(machine, arm, moved) * moved.r
+        torque = np.stack([np.interp(moved.t - late, moved.t, own) for own in torque.T], axis=1)
+        recordings.append(sample(other, moved, torque, "train", number, QUIET))
+    samples = take_samples(other, recordings)
+    assert samples is not None
+    trial = Trial(samples, other, positions_of(other, samples))
+    lever = trial.motion.r[:, 1]
+    assert np.ptp(lever) > 0.2 * np.max(np.abs(lever))  # or a lever arm would be a factor
+    assert fit(trial).free[0] < 3e-4  # the delay's square is left; 7e-4 where the rate is not brought to the piston
 
 
 def swap(a: str, b: str) -> Callable[[dict[str, np.ndarray]], dict[str, Any]]:
@@ -294,15 +317,15 @@ def test_a_false_time_axis_is_named_by_the_inertias_of_all_joints(factor: float)
 
 
 def test_rods_of_one_kilogram_have_the_inertia_of_rods() -> None:
-    """About its end a thin rod has m l^2 / 3; this one is thick and made of five points."""
-    rods = rod_parameters(geometry_of(planar_machine(1)))
+    """About its end a thin rod has m l^2 / 3; this one is thick."""
+    links = standard_of_bodies(rods(geometry_of(planar_machine(1))))
     length = planar_machine(1).joints[0].dh.a
-    mass, x, xx, zz = rods[0], rods[1], rods[4], rods[9]
+    mass, x, xx, zz = links[0], links[1], links[4], links[9]
     assert mass == pytest.approx(1.0)
     assert x == pytest.approx(-length / 2)  # frame 1 is at the far end
-    # Five points instead of a rod: 3/8 of m l^2 about an end; thickness adds (0.15 l)^2 / 2.
-    assert zz == pytest.approx((0.375 + 0.15**2 / 2) * length**2)
-    assert xx == pytest.approx(0.15**2 / 2 * length**2)
+    thick = 2 * 0.15**2  # a deviation of 0.15 l along either axis across
+    assert zz == pytest.approx((1 / 3 + thick) * length**2)
+    assert xx == pytest.approx(thick * length**2)
 
 
 def test_roles_are_errors_of_cylinders_alone() -> None:

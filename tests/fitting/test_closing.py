@@ -8,13 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.effects import effect
-from fitting.excitation.motion import Motion
 from fitting.loop.closing import Asked, close, rivals_of, settled
 from fitting.loop.session import Request
 from fitting.pipeline import resolving
 from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Designed, Program, Resolution
+from fitting.planning.next_experiment import MOST_RECORDINGS
 from fitting.report.schema import ResolutionStep
 from fitting.report.wording import resolution
 from fitting.residual.confirmation.cross_validation import HeldOut
@@ -88,10 +89,10 @@ def test_one_motion_is_enough_where_it_settles_the_question():
     assert len(steps) == len(operator.made) == 1
 
 
-def test_no_more_than_two_motions_are_made():
+def test_no_more_motions_are_made_than_a_design_counts_on():
     operator = Operator()
-    last, steps = close(Told((stated(0.5, 0.4),) * 3), operator)
-    assert len(steps) == len(operator.made) == 2
+    last, steps = close(Told((stated(0.5, 0.4),) * 6, (asked(),) * 6), operator)
+    assert len(steps) == len(operator.made) == MOST_RECORDINGS
     assert not settled(last.hypotheses)
 
 

@@ -165,6 +165,28 @@ def test_parameters_of_a_coupled_motor_are_recovered_from_motor_signals() -> Non
         assert found["turn.f_v"] == pytest.approx(OWN["f_v"][1], rel=0.01)
 
 
+def test_what_a_joint_that_stands_elsewhere_changes_is_small_where_motors_are_coupled() -> None:
+    """By moving the joint a thousandth of a radian: the motor's friction changes with its speed, not by a jump."""
+    recording, rng = measured(), np.random.default_rng(1)
+    noisy = {n: v + (n.endswith("angle") * 0.02) * rng.standard_normal(len(v)) for n, v in recording.values.items()}
+    model = Session(wrist(), (replace(recording, values=noisy),), Options(loop=False)).base_model
+    for joint, view in enumerate(model.views[0]):
+        wave = np.cos(2.0 * view.segment.t)
+        segment, noise = view.segment, [own.speed for own in view.noise]
+        moved = [values.copy() for values in (segment.q, segment.qd, segment.qdd)]
+        for values, change in zip(
+            moved, (wave, -2.0 * np.sin(2.0 * segment.t), -4.0 * np.cos(2.0 * segment.t)), strict=True
+        ):
+            values[:, joint] += 1e-3 * change
+        there = base_regressor(wrist(), view.base, *moved, speed_noise=noise) @ view.base_values
+        own = view.body_change(wave)
+        smooth = np.abs(segment.qd @ geometry_of(wrist()).coupling[0]) > 0.02  # at a reversal a thousandth is not small
+        smooth[:50] = smooth[-50:] = False  # derivatives reach beyond the ends there
+        assert np.count_nonzero(smooth) > 0.8 * len(smooth)
+        assert np.max(np.abs(own)) < 1e3 * float(np.max(np.abs(own[smooth])))
+        assert own[smooth] == pytest.approx(1e3 * (there - view.loads)[smooth], abs=1e-2 * float(np.ptp(own)))
+
+
 @given(st.integers(0, 10_000))
 @settings(max_examples=20, deadline=None)
 def test_coupled_columns_are_virtual_work_of_the_motor(seed: int) -> None:

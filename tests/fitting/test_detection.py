@@ -18,9 +18,9 @@ from synthetic_arm import (
     truth,
 )
 
+from daq.motion_files import Motion
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.effects import effect, effects
-from fitting.excitation.motion import Motion
 from fitting.planning.detection import Visibility, typical_terms, visibilities, visible_size
 from fitting.planning.forecast import forecast, forecast_to_json, white_noise
 from fitting.planning.guess import default_guess

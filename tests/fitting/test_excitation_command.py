@@ -12,12 +12,12 @@ from synthetic_arm import make_recordings, planar_machine, truth
 from typer.testing import CliRunner
 
 from daq.machine.machine_file import Hydraulics, machine_to_yaml
+from daq.motion_files import read_motion
 from daq.recordings.recording import read_recording, write_recording
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from fitting.commands.excite_command import register
 from fitting.excitation import condition_of_information, information_of, information_of_recording
-from fitting.excitation.motion import read_motion
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline
 from synthetic_arm import force, make_motion, planar_machine, sample, truth
 
 from daq.errors import InputError
+from daq.motion_files import Motion
 from fitting.arm.base_parameters import base_regressor, condition_number, reduce_parameters
 from fitting.arm.dynamics import stacked
 from fitting.arm.linkage import piston_motion
@@ -25,7 +26,6 @@ from fitting.excitation import (
     information_of_recording,
 )
 from fitting.excitation.limits import chamber_pressure
-from fitting.excitation.motion import Motion
 from fitting.excitation.problem import pose_problem, random_start
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)

@@ -14,6 +14,7 @@ import pytest
 from arm_examples import driven_arm
 from scipy.interpolate import make_interp_spline
 
+from daq.motion_files import read_motion, write_motion
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.excitation import (
     Arm,
@@ -25,7 +26,6 @@ from fitting.excitation import (
     design_sequence,
     experiment,
 )
-from fitting.excitation.motion import read_motion, write_motion
 
 FINER = 20
 JOINTS = 3

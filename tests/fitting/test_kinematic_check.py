@@ -22,11 +22,20 @@ from synthetic_arm import (
 
 from daq.machine.machine_file import Machine
 from fitting.effects import effect
-from fitting.loop.kinematic_check import KinematicFinding, corrections_from_json, kinematics, step_to_json
+from fitting.effects.base import Shape
+from fitting.loop.kinematic_check import (
+    KinematicFinding,
+    _rows,
+    _with_efforts,
+    corrections_from_json,
+    kinematics,
+    step_to_json,
+)
 from fitting.loop.session import Options, Session
 from fitting.residual.findings import Hypothesis
-from fitting.residual.kinematics import checkable, gap_error
+from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error
 from fitting.residual.terms import Term
+from fitting.selection.gaps import GapPosterior, GapSet
 from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
@@ -149,6 +158,45 @@ def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(pla
     steps = [step_to_json(step) for step in finding.steps]
     assert corrections_from_json(session, steps).play == corrections.play
     assert finding.gap_after < 0.3 * finding.gap_before
+
+
+def _open_question(session: Session) -> dict[str, float]:
+    """Chances of an encoder's zero and of a pin, as likely as each other by the gap, once the efforts are asked."""
+    rows = _rows(session, session.plain, session.base_model.views, 0)
+    both = [GapSet((part,)) for part in (_part(rows, "encoder_offset", {}), _part(rows, "linkage_geometry", PIN))]
+    weighed = _with_efforts(session, {0: GapPosterior(rows, tuple((own, 0.5) for own in both))})[0]
+    return {own.names[0]: p for own, p in weighed.sets}
+
+
+def _part(rows: GapRows, name: str, shape: Shape) -> GapColumns:
+    found = gap_columns(rows, effect(name), shape)
+    assert found is not None
+    return found
+
+
+PIN = {"parameter": 1.0, "turn": 1.0, "zero": 0.0}
+
+
+@pytest.mark.slow
+def test_between_an_encoders_zero_and_a_pin_the_efforts_decide_where_they_feel_it() -> None:
+    """An encoder that is off turns all links behind it in the model; a pin that is off leaves them where they are.
+
+    Behind a joint with a twist the links feel that: between parallel axes their centres of mass take it up.
+    """
+    plain = planar_machine(2)
+    twisted = plain.joints[0].model_copy(update={"dh": plain.joints[0].dh.model_copy(update={"alpha": 0.5 * np.pi})})
+    machine = plain.model_copy(update={"joints": (twisted, plain.joints[1])})
+
+    def read(offset: float) -> Session:
+        return make_session(machine, ARM, joint_reading=lambda j, q: q + offset if j == 0 else q)
+
+    true, recordings = _shifted(machine, 0, "offset", 0.04), []
+    for number, (role, seed) in enumerate(ROLES):
+        motion = make_motion(true, role, seed)
+        recordings.append(sample(true, motion, force(true, ARM, motion), role, 1, number=number))
+    assert _open_question(read(0.04))["encoder_offset"] > 0.95
+    assert _open_question(Session(machine, recordings))["linkage_geometry"] > 0.95
+    assert _open_question(read(1e-5))["encoder_offset"] == pytest.approx(0.5, abs=0.1)
 
 
 def test_one_position_sensor_cannot_be_checked() -> None:

@@ -9,7 +9,7 @@ import pytest
 from arm_examples import driven_arm
 
 from daq.errors import InputError
-from fitting.excitation.motion import Motion, read_motion, write_motion
+from daq.motion_files import Motion, read_motion, write_motion
 
 TIME = np.arange(10) * 0.02
 
@@ -38,7 +38,6 @@ def test_unpinned_columns_are_pistons(tmp_path):
 
 
 def test_the_simulated_controller_reads_the_same_file(tmp_path):
-    """Two readers of one format, written apart from each other."""
     from sim_backends.plant.motion import read_motion as read_in_controller
 
     machine = driven_arm(2)

@@ -106,7 +106,7 @@ def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> N
     law = max(laws, key=lambda s: s.gain)
     others = score_terms(base, *catalogue_terms(base, effects()))
     others = [s for s in others if s.term.joint == 0 and s.gain > 2 * least_gain(s.live) and not s.term.everywhere]
-    others = sorted(others, key=lambda s: -s.gain)[:6]
+    others = sorted(others, key=lambda s: -s.gain)[:12]
     assert others  # what is not in the model bends the parameters that both joints have
     nothing = HeldOut(0.0, 0.0, 1)
     assert not any(search._spilled(s) for s in others)

@@ -20,9 +20,9 @@ from synthetic_arm import (
 )
 
 from daq.errors import InputError
+from daq.motion_files import Motion
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
-from fitting.excitation.motion import Motion
 from fitting.planning.guess import default_guess, guess_from_file, worst_friction
 from fitting.planning.planned import planned_segment, segment_of_states
 from fitting.planning.planned_views import chamber_models, planned_views, usual_chambers

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_examples import physical_links, planar_arm, puma_560, standard_parameters
+from arm_examples import link_map, physical_links, planar_arm, puma_560, standard_parameters
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import clean_session, make_session, planar_machine, truth
@@ -24,7 +24,6 @@ from fitting.regression.plausible_arm import (
     WEIGHT,
     Optimum,
     PlausibleArm,
-    link_map,
     plausible_arm,
     rods,
 )

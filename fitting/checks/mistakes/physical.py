@@ -240,7 +240,8 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
             stiff = _STIFF * cylinder.head_area / cylinder.stroke
             usual = np.append(usual, [stiff, stiff])
             drive = np.column_stack([drive, x - x[rows].mean(), x[rows].mean() - x])
-        free = [np.ones(len(v)), *(s for name, s in _slopes(trial, number))]
+        late = measured_effort(trial, number)[1]  # the rate of the effort as it is declared is what a delay adds
+        free = [np.ones(len(v)), *([late] if np.any(late) else [])]
         names = tuple(named)
         S = np.stack([named[name] for name in names], axis=1)
         A = np.column_stack([*free, own, drive, S, _rivals(trial, number, v)])[rows]
@@ -298,19 +299,6 @@ def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
         known = joint.cylinder.damping * motion.v[:, number] + mass * motion.a[:, number]
         result["known"] = known + samples.external[:, number]
     return result
-
-
-def _slopes(trial: Trial, number: int) -> list[tuple[str, FloatArray]]:
-    """Rate of the effort as it is declared: what a delay adds."""
-    weights = declared(trial.machine, trial.samples, number)
-    total = np.zeros(len(trial.samples))
-    for name, weight in weights.items():
-        if name != "known":
-            quantity = name.rstrip("0123456789")
-            signal = trial.samples.get(quantity, number)
-            if signal is not None:
-                total = total + weight * signal.first
-    return [("rate", total)] if np.any(total) else []
 
 
 def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fitting.excitation.motion import Rods
+from daq.motion_files import Rods
 from fitting.loop.kinematic_check import KinematicFinding, step_to_json
 from fitting.pipeline.results.stored_types import Json, Numbers, StoredHypothesis, StoredTerm, stored
 from fitting.residual.change_points import ChangePoint
@@ -161,7 +161,7 @@ class Searched:
 @stored
 @dataclass(frozen=True)
 class Program:
-    """A designed motion that is worth an attempt; ``chance`` is that of closing the ambiguity."""
+    """A designed motion that closes a set; ``chance`` is that of a single name after its recordings."""
 
     rods: Rods
     time: Numbers

@@ -6,8 +6,9 @@ are files: :func:`to_json` writes one, :func:`from_json` reads it back, equal in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -240,9 +241,13 @@ class StageResults:
         return StageResults({**self.found, type(result): result})
 
 
+#: Of a type, made once: it takes longer than what it is made for.
+_adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
+
+
 def to_json(result: Any) -> dict[str, Any]:
     """A stage's result as plain JSON content."""
-    return dict(TypeAdapter(type(result)).dump_python(result, mode="json", warnings="error"))
+    return dict(_adapter(type(result)).dump_python(result, mode="json", warnings="error"))
 
 
 def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
@@ -254,7 +259,7 @@ def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
         One line with the place and the first key that is wrong.
     """
     try:
-        result: _T = TypeAdapter(kind).validate_python(content)
+        result: _T = _adapter(kind).validate_python(content)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

@@ -148,10 +148,13 @@ class NextExperiment(Part):
     """The motion that would tell apart what these recordings cannot.
 
     ``motion`` and ``why`` are sentences, ``separates`` the ids; ``rods`` says whether the rods are on the arm
-    (``pinned``). ``motion_file`` is null where no motion is recommended; ``otherwise`` is what else can be done.
+    (``pinned``). ``closable`` says whether that motion is expected to leave a single name, null where none was
+    designed; ``motion_file`` is null where no motion is recommended; ``otherwise`` is what else tells, by hand or an
+    instrument.
     """
 
     motion: str | None = None
+    closable: bool | None = None
     why: str | None = None
     separates: list[str] = Field(default_factory=list)
     joint: str | None = None
