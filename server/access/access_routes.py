@@ -49,7 +49,8 @@ def make_pairing_code(
 
     def make() -> CodeResource:
         code = service[Access].open_code(body.role, body.machines, principal, body.days)
-        url = pairing_url(str(request.base_url).rstrip("/"), code.digits, service.fingerprint)
+        place = str(request.base_url).rstrip("/") + service.settings.base_path
+        url = pairing_url(place, code.digits, service.fingerprint)
         machines = None if code.machines is None else list(code.machines)
         return CodeResource(
             code=code.digits, role=code.role, machines=machines, expires=code.expires, url=url, qr_svg=qr_svg(url)

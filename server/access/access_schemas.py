@@ -42,7 +42,7 @@ class PrincipalResource(BaseModel):
         return cls(**value.__dict__, approves_own=approves_own)
 
 
-class CodeOrder(Body):
+class CodeOrder(Body, json_schema_extra={"examples": [{"role": "operator", "machines": ["folding-arm"], "days": 90}]}):
     """For which role, and for which machines (null: all), a device is to be paired."""
 
     role: Role
@@ -61,7 +61,7 @@ class CodeResource(BaseModel):
     qr_svg: str
 
 
-class Pairing(Body):
+class Pairing(Body, json_schema_extra={"examples": [{"code": "0123456789", "name": "tablet at the press"}]}):
     """The code, and what the device is to be called."""
 
     code: Annotated[str, Field(pattern=r"^[0-9]{10}$")]
@@ -75,7 +75,7 @@ class Paired(BaseModel):
     principal: PrincipalResource
 
 
-class KeyOrder(Body):
+class KeyOrder(Body, json_schema_extra={"examples": [{"name": "history of the plant", "role": "viewer", "days": 365}]}):
     """An API key for a program."""
 
     name: Name

@@ -141,7 +141,9 @@ class Holders:
         with self._database.write("access") as connection:
             unbound = holder.role == "admin" and holder.machines is None and self._valid(holder) is not None
             if unbound and self._admins(connection) == 1:
-                raise ConflictError(f"{kind} '{id}' is the last admin; pair another one before removing it")
+                raise ConflictError(
+                    f"{kind} '{id}' is the last admin; pair another one before removing it", "last_admin"
+                )
             connection.execute(principals.delete().where(principals.c.id == id))
         self._forget()
         self._removed(id)

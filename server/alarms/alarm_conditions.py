@@ -41,6 +41,7 @@ KINDS: dict[str, AlarmKind] = {
     "store_damaged": AlarmKind(),
     "audit_cut": AlarmKind(),
     "backup_failed": AlarmKind(),
+    "webhook_failed": AlarmKind(),
 }
 
 

@@ -48,7 +48,7 @@ class AlarmList(BaseModel):
         return cls(items=[AlarmResource.of(alarm) for alarm in page.items], next=page.next)
 
 
-class Shelf(BaseModel):
+class Shelf(BaseModel, json_schema_extra={"examples": [{"seconds": 28800, "reason": "the sensor is replaced"}]}):
     """How long an alarm is to be quiet, and why."""
 
     model_config = ConfigDict(extra="forbid")

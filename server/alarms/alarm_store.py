@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from server.alarms.alarm_lifecycle import Alarm
 from server.alarms.alarm_tables import alarms
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.outbox import put_out
 from server.platform.errors import NotFoundError
 
 
@@ -77,6 +78,7 @@ class AlarmStore:
         with self._database.write("alarms") as connection:
             changed = to(_get(connection, id))
             connection.execute(alarms.update().where(alarms.c.id == id).values(**changed.__dict__))
+            put_out(connection, "alarm", self._database.now(), changed.__dict__)
         return changed
 
     def set(self, machine: str | None, kind: str, to: Callable[[Alarm | None], Alarm | None]) -> Alarm | None:
@@ -95,6 +97,8 @@ class AlarmStore:
                 connection.execute(alarms.insert().values(**wanted.__dict__))
             elif wanted is not None:
                 connection.execute(alarms.update().where(alarms.c.id == wanted.id).values(**wanted.__dict__))
+            if wanted is not None:
+                put_out(connection, "alarm", self._database.now(), wanted.__dict__)
         return wanted
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 from server.audit.audit_log import Audit
@@ -76,9 +77,15 @@ class ByPolicy:
         """The one in use."""
         return self._calibrations.active(machine)
 
-    def propose(self, identification: str, label: str) -> Calibration:
-        """Propose an identification; the same calibration if it was proposed already."""
-        calibration, made = self._calibrations.propose(identification, label, SERVICE)
+    def propose(self, identification: str, label: str, by: tuple[str, str] | None = None) -> Calibration:
+        """Propose an identification; the same calibration if it was proposed already.
+
+        Parameters
+        ----------
+        by : id and name of the person who ordered it: to whoever asks for a second person, that one is the first
+        """
+        who = SERVICE if by is None else replace(SERVICE, id=by[0], name=by[1])
+        calibration, made = self._calibrations.propose(identification, label, who)
         if made:
             self._audit.write(SERVICE, "calibrations.propose", calibration.id, {"identification": identification})
         return calibration

@@ -13,14 +13,16 @@ from server.platform.database.engine import Page
 from server.platform.http.bodies import Body, Label
 
 
-class Proposal(Body):
+class Proposal(
+    Body, json_schema_extra={"examples": [{"identification": "idf-0123456789abcdef", "label": "after the new seal"}]}
+):
     """Propose an identification as a calibration; without a label it has the identification's."""
 
     identification: IdentificationId
     label: Label = ""
 
 
-class Decision(Body):
+class Decision(Body, json_schema_extra={"examples": [{"note": "fits better than the one in use at every joint"}]}):
     """Why."""
 
     note: Annotated[str, Field(max_length=2000)] = ""

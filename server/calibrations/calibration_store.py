@@ -13,7 +13,7 @@ import builtins
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import sqlalchemy as sa
 
@@ -22,9 +22,10 @@ from server.calibrations.calibration_tables import calibration_activations as ac
 from server.calibrations.calibration_tables import calibration_steps, calibrations
 from server.identifications.identification_store import Identification
 from server.platform.authorization.principals import Principal
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing, rows_of
 from server.platform.errors import ConflictError, NotFoundError, PreconditionError
-from server.platform.http.route_parameters import EVERYTHING, Between, Tags
+from server.platform.http.route_parameters import Tags
 
 #: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
 ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
@@ -108,26 +109,10 @@ class CalibrationStore:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(
-        self,
-        limit: int,
-        after: int = 0,
-        *,
-        machine: str | None = None,
-        machines: tuple[str, ...] | None = None,
-        state: str | None = None,
-        between: Between = EVERYTHING,
-    ) -> Page[Calibration]:
-        """Newest first; ``machines``: only those of these machines."""
-        query = between.narrowed(sa.select(calibrations), calibrations.c.created, calibrations.c.label)
-        if machine is not None:
-            query = query.where(calibrations.c.machine == machine)
-        if machines is not None:
-            query = query.where(calibrations.c.machine.in_(machines))
-        if state is not None:
-            query = query.where(calibrations.c.state == state)
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Calibration]:
+        """Newest first, narrowed to what is given."""
         with self._database.read() as connection:
-            rows, cursor = page(connection, query, calibrations.c.number, limit, after)
+            rows, cursor = rows_of(connection, calibrations, limit, after, **narrowed)
             return Page(_with_history(connection, rows), cursor)
 
     def active(self, machine: str) -> Calibration | None:
@@ -145,18 +130,21 @@ class CalibrationStore:
         Raises
         ------
         ConflictError
-            If its state forbids it, or ``by`` proposed it and wants to approve it, and the policy forbids that. What
-            schedules do by themselves has a policy of its own.
+            If its state forbids it, or ``by`` proposed it (or ordered the recalibration that did) and wants to approve
+            it, and the policy forbids that. What schedules do by themselves has a policy of its own.
         PreconditionError
             If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
             found = _expect(connection, id, revisions)
             if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
-                raise ConflictError(f"calibration '{id}' is {found.state}; only a proposed one can be {state}")
+                raise ConflictError(
+                    f"calibration '{id}' is {found.state}; only a proposed one can be {state}", **_is(found)
+                )
             own = found.proposed_by_id == by.id and by.kind != "service"
             if state == "approved" and own and not self._approves_own:
-                raise ConflictError(f"calibration '{id}' was proposed by you; a second person has to approve it")
+                text = f"calibration '{id}' was proposed by you; a second person has to approve it"
+                raise ConflictError(text, "second_person", calibration=id)
             approved_by = by.name if state == "approved" else found.approved_by
             _update(connection, found, state=state, note=note, approved_by=approved_by)
             self._step(connection, id, state, by, note)
@@ -177,7 +165,9 @@ class CalibrationStore:
             if found.state == "active":
                 return found
             if found.state not in ("approved", "retired"):
-                raise ConflictError(f"calibration '{id}' is {found.state}; it has to be approved before it is used")
+                raise ConflictError(
+                    f"calibration '{id}' is {found.state}; it has to be approved before it is used", **_is(found)
+                )
             now = self._database.now()
             connection.execute(
                 activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
@@ -190,7 +180,10 @@ class CalibrationStore:
         with self._database.write("calibrations") as connection:
             lasting = self._lasting(connection, machine)
             if len(lasting) < 2 or _get(connection, lasting[0].calibration).state != "active":
-                raise ConflictError(f"machine '{machine}' had no other calibration in use before; activate one instead")
+                raise ConflictError(
+                    f"machine '{machine}' had no other calibration in use before; activate one instead",
+                    "no_calibration_before",
+                )
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
             again = _get(connection, before.calibration)
@@ -210,7 +203,9 @@ class CalibrationStore:
         with self._database.write("calibrations") as connection:
             found = _expect(connection, id, revisions)
             if found.state != "active":
-                raise ConflictError(f"calibration '{id}' is {found.state}; only the one in use can be taken out of use")
+                raise ConflictError(
+                    f"calibration '{id}' is {found.state}; only the one in use can be taken out of use", **_is(found)
+                )
             newest = self._lasting(connection, found.machine)[0]
             connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
             _update(connection, found, state="retired")
@@ -237,8 +232,13 @@ class CalibrationStore:
 def _expect(connection: sa.Connection, id: str, revisions: Tags) -> Calibration:
     found = _get(connection, id)
     if revisions is not None and str(found.revision) not in revisions:
-        raise PreconditionError(f"calibration '{id}' changed since you read it; read it again")
+        raise PreconditionError(f"calibration '{id}' changed since you read it; read it again", calibration=id)
     return found
+
+
+def _is(found: Calibration) -> dict[str, str]:
+    """What a refusal says to programs: the state that forbids something."""
+    return {"code": f"calibration_is_{found.state}", "calibration": found.id}
 
 
 def _update(connection: sa.Connection, found: Calibration, **values: Any) -> None:
@@ -250,7 +250,7 @@ def _update(connection: sa.Connection, found: Calibration, **values: Any) -> Non
 def _get(connection: sa.Connection, id: str) -> Calibration:
     row = connection.execute(sa.select(calibrations).where(calibrations.c.id == id)).first()
     if row is None:
-        raise NotFoundError(f"there is no calibration '{id}'")
+        raise NotFoundError(f"there is no calibration '{id}'", calibration=id)
     return _with_history(connection, [row])[0]
 
 

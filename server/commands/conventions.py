@@ -18,8 +18,8 @@ SERVICE_COMMANDS = ("serve", "worker", "backup", "restore", "access pair")
 #: Settings of the service that are options of these commands; a test holds them against the settings.
 SERVICE_OPTIONS = frozenset(
     {
-        "data_dir", "database_url", "faults", "host", "port", "simulate", "simulation_speed", "tls", "tls_cert",
-        "tls_key",
+        "base_path", "data_dir", "database_url", "faults", "host", "port", "simulate", "simulation_speed", "tls",
+        "tls_cert", "tls_key",
     }
 )  # fmt: skip
 #: Options that mean the same in every command.
@@ -49,6 +49,7 @@ METAVARS = {
     "rate": "HZ",
     "host": "ADDRESS",
     "port": "PORT",
+    "base_path": "PATH",
     "database_url": "URL",
     "undeclared": "EFFECT:JOINT:SIZE",
     "require": "CHANNEL",

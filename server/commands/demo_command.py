@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.acquisition.recorder import RecordingSummary
     from daq.machine.machine_file import Machine
+    from daq.motion_files import Motion
     from daq.recordings.recording import Recording
-    from fitting.excitation.motion import Motion
     from fitting.loop.closing import Asked
     from sim_backends.simulated_machine import SimulatedMachine
 
@@ -308,7 +308,7 @@ def _effects(texts: Sequence[str] | None, machine: Machine) -> Any:
 
 def save_motion(path: Path, motion: Motion) -> None:
     """Write a motion file, and the folder that it is in."""
-    from fitting.excitation.motion import write_motion
+    from daq.motion_files import write_motion
 
     path.parent.mkdir(parents=True, exist_ok=True)
     write_motion(path, motion)

@@ -170,6 +170,21 @@ def scheduling() -> Line:
     )
 
 
+def precedence() -> Line:
+    """Whether the service may stand above ordinary work; tried as :func:`scheduling` is."""
+    from server.platform.processes.precedence import NICENESS, take_niceness
+
+    got: list[bool] = []
+    thread = threading.Thread(target=lambda: got.append(take_niceness()))
+    thread.start()
+    thread.join()
+    if got == [True]:
+        return Line("precedence", "ok", f"the service answers before ordinary work (niceness {NICENESS})")
+    text = "the service is no more than other programs: answers wait while they keep the processor busy"
+    do = f"LimitNICE={NICENESS} in the unit, or '@hilfit - nice {NICENESS}' in /etc/security/limits.d/hilfit.conf; "
+    return Line("precedence", "note", text, do + "in a container --ulimit nice=30, and --cpu-shares 4096")
+
+
 def can_interfaces(root: Path = Path("/sys/class/net"), wanted: Mapping[str, str] | None = None) -> Iterator[Line]:
     """CAN interfaces of this computer.
 
@@ -220,6 +235,11 @@ def bus_places(places: Collection[str]) -> Line:
         return Line("bus places", "ok", f"uploaded machines may be acquired from {', '.join(places)}")
     do = "list places in the file of --config to acquire them: bus_places: [can:socketcan:can0]"
     return Line("bus places", "ok", "uploaded machines may be acquired from nowhere", do)
+
+
+def webhook_places(places: Collection[str]) -> Line:
+    """Where webhooks may be delivered to."""
+    return Line("webhook places", "ok", f"webhooks may be delivered to {', '.join(places) or 'nowhere'}")
 
 
 def time_is_synchronised() -> Line:

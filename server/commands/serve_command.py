@@ -33,6 +33,7 @@ def serve(
         Path | None, typer.Option(help="Certificate (PEM) to serve HTTPS with.", dir_okay=False)
     ] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Its key (PEM).", dir_okay=False)] = None,
+    base_path: Annotated[str, typer.Option(help="Path of a reverse proxy that all of it stands below.")] = "",
     tls: Annotated[str, typer.Option(help="self-signed: HTTPS with a certificate that the service makes.")] = "off",
     simulate: Annotated[bool, typer.Option(help="Start the simulated machine and acquire from it.")] = False,
     simulation_speed: Annotated[
@@ -54,6 +55,7 @@ def serve(
         "host": host,
         "port": port,
         "data_dir": data_dir,
+        "base_path": base_path,
         "tls_cert": tls_cert,
         "tls_key": tls_key,
         "tls": tls,
@@ -65,21 +67,24 @@ def serve(
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
     _check_faults(settings)
     with ExitStack() as stack:
-        given: dict[Key, Any] = {}
-        if settings.simulate:
-            from server.machines.simulation import Simulation
-
-            simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
-            from server.machines.faults.fault_routes import BREAKABLE
-            from server.machines.machine_resource import SIMULATE
-
-            given |= {SIMULATE: simulation.machine, BREAKABLE: simulation}
+        given = _simulated(settings, stack) if settings.simulate else {}
         from server.composition.serve import serve as run
 
         run(settings, ready, given)
     from server.platform.processes.leaving import leave
 
     leave()
+
+
+def _simulated(settings: Settings, stack: ExitStack) -> dict[Key, Any]:
+    """What a simulated machine gives; it stops with the stack."""
+    from server.machines.simulation import Simulation
+
+    simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
+    from server.machines.faults.fault_routes import BREAKABLE
+    from server.machines.machine_resource import SIMULATE
+
+    return {SIMULATE: simulation.machine, BREAKABLE: simulation}
 
 
 def _check_faults(settings: Settings) -> None:

@@ -17,6 +17,7 @@ from server.live.revisions import Revisions
 from server.platform.authorization.guard import is_about_every_machine, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http import problems
+from server.platform.http.base_path import BasePath
 from server.platform.http.conditional import Conditional
 from server.platform.http.health import Health
 from server.platform.http.kept_answers import KeptAnswers
@@ -30,6 +31,7 @@ from server.platform.service import Service
 API = "/api/v1"
 
 _RESPONSES = {str(status): response for status, response in problem_responses(401, 403, 429, 503).items()}
+_NO_SUCH = {str(status): response for status, response in problem_responses(404).items()}
 _TOKEN = {"type": "http", "scheme": "bearer", "description": "Of a paired device, or an API key; `docs/access.md`"}
 _UNCHANGED = {"description": "Not Modified: `If-None-Match` names the `ETag` of this answer"}
 
@@ -41,14 +43,18 @@ class _Application(FastAPI):
         """The OpenAPI description."""
         description = super().openapi()
         description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
-        description["servers"] = [{"url": "/", "description": "The service that this description was read from"}]
+        base = self.state.service.settings.base_path
+        told = "The service that this description was read from"
+        description["servers"] = [{"url": base or "/", "description": told}]
         description["components"]["securitySchemes"] = {"token": _TOKEN}
         for path, operations in description["paths"].items():
             for method, operation in operations.items():  # what the layers around all routes answer
                 operation["responses"] = {**_RESPONSES, **operation["responses"]}
+                if any(own["name"] == "machine" for own in operation.get("parameters", ())):
+                    operation["responses"] |= _NO_SUCH  # to whoever is bound to others (TypedRoute)
                 if path.startswith(CLOSED) and path not in OPEN:
                     operation["security"] = [{"token": []}, {}]  # without one where access control is off
-                if method == "get":
+                if method == "get" and "text/event-stream" not in operation["responses"]["200"].get("content", {}):
                     operation["responses"]["304"] = _UNCHANGED
         return description
 
@@ -80,7 +86,7 @@ def create_app(service: Service) -> FastAPI:
     metrics = Metrics(service)
     _add_health(app, service, metrics)
     # Behind all routes: a mount at / would take what a route answers with 405.
-    app.router.default = Pages(page_files(), app.router.not_found)
+    app.router.default = Pages(page_files(service.settings.base_path), app.router.not_found)
     _add_layers(app, service, metrics)
     return app
 
@@ -172,3 +178,4 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     app.add_middleware(Conditional)
     app.add_middleware(SafeHeaders)
     app.add_middleware(RequestTimes, metrics=metrics)
+    app.add_middleware(BasePath, base=settings.base_path)

@@ -19,6 +19,7 @@ from server.live.live_resource import LIVE
 from server.log_lines.log_resource import LOG_LINES
 from server.machines.machine_resource import MACHINES
 from server.monitor.monitor_resource import MONITOR
+from server.outward.outward_resource import OUTWARD
 from server.platform.resource import tables_of
 from server.recalibrations.recalibration_resource import RECALIBRATIONS
 from server.recordings.recording_resource import RECORDINGS
@@ -45,6 +46,7 @@ RESOURCES = (
     JOBS,
     EFFECTS,
     ALARMS,
+    OUTWARD,
     ACCESS,
     AUDIT,
     LOG_LINES,

@@ -77,8 +77,7 @@ def serve(settings: Settings, ready: Callable[[str], None], given: Mapping[Key, 
         signal.signal(number, _interrupt)
     with _listen(settings.host, settings.port) as listening:
         port = listening.getsockname()[1]
-        host = f"[{settings.host}]" if ":" in settings.host else settings.host
-        url = f"{settings.scheme}://{host}:{port}"
+        url = settings.local_url(port)
         service = Service(settings, RESOURCES, given)
         try:
             service.start()

@@ -23,7 +23,7 @@ def effect(id: str) -> dict[str, Any]:
     for entry in effects():
         if entry["id"] == id:
             return entry
-    raise NotFoundError(f"there is no effect '{id}'; /api/v1/effects lists them")
+    raise NotFoundError(f"there is no effect '{id}'; read the list of effects", effect=id)
 
 
 def _describe(entry: Effect) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine, load_machine
+from daq.motion_files import Motion, write_motion
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.excitation import (
@@ -27,7 +28,6 @@ from fitting.excitation import (
     design_motion,
     limits_of_machine,
 )
-from fitting.excitation.motion import Motion, write_motion
 from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
 from server.platform.files import write_atomically
 

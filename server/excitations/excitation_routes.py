@@ -14,7 +14,15 @@ from server.jobs.job_store import Jobs
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
-from server.platform.http.route_parameters import Cursor, Idempotency, Limit, MachineQuery, ServiceDep, problems
+from server.platform.http.route_parameters import (
+    BetweenDep,
+    Cursor,
+    Idempotency,
+    Limit,
+    MachineQuery,
+    ServiceDep,
+    problems,
+)
 from server.platform.service import Service
 
 router = APIRouter(prefix="/excitations", tags=["excitations"], route_class=TypedRoute)
@@ -39,12 +47,13 @@ def order(
 def list_excitations(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> ExcitationList:
     """List excitations, newest first."""
-    page = service[Excitations].list(limit, cursor, machine=machine, machines=principal.machines)
+    page = service[Excitations].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
     return ExcitationList(items=[_resource(service, value) for value in page.items], next=page.next)
 
 

@@ -12,7 +12,10 @@ from server.platform.authorization.named_things import MachineName
 from server.platform.http.bodies import Label
 
 
-class ExcitationOrder(BaseModel):
+class ExcitationOrder(
+    BaseModel,
+    json_schema_extra={"examples": [{"machine": "folding-arm", "rods": "pinned", "duration_s": 60, "use": 0.8}]},
+):
     """What motion to design.
 
     ``rods``: ``pinned`` moves the arm, ``unpinned`` the free cylinders (stage 1). ``joints``: only these move.

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
 from server.excitations.excitation_tables import excitations
 from server.jobs.job_store import Jobs, Result
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
+from server.platform.database.lists import Narrowing, listed
 from server.platform.errors import NotFoundError
 
 
@@ -57,18 +58,9 @@ class Excitations:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(
-        self, limit: int, after: int = 0, *, machine: str | None = None, machines: tuple[str, ...] | None = None
-    ) -> Page[Excitation]:
-        """Newest first, of one machine, or of those that whoever asks may see."""
-        query = sa.select(excitations)
-        if machine is not None:
-            query = query.where(excitations.c.machine == machine)
-        if machines is not None:
-            query = query.where(excitations.c.machine.in_(machines))
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, excitations.c.number, limit, after)
-        return Page(tuple(_excitation(row) for row in rows), cursor)
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Excitation]:
+        """Newest first, narrowed to what is given."""
+        return listed(self._database, excitations, _excitation, limit, after, **narrowed)
 
     @staticmethod
     def result(id: str, found: dict[str, Any]) -> Result:
@@ -79,7 +71,7 @@ class Excitations:
 def _get(connection: sa.Connection, id: str) -> Excitation:
     row = connection.execute(sa.select(excitations).where(excitations.c.id == id)).first()
     if row is None:
-        raise NotFoundError(f"there is no excitation '{id}'")
+        raise NotFoundError(f"there is no excitation '{id}'", excitation=id)
     return _excitation(row)
 
 

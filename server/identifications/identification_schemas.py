@@ -40,7 +40,20 @@ class IdentificationOptions(Body):
     resample: bool = False
 
 
-class IdentificationOrder(Body):
+class IdentificationOrder(
+    Body,
+    json_schema_extra={
+        "examples": [
+            {
+                "machine": "folding-arm",
+                "recordings": [
+                    {"id": "rec-0123456789abcdef", "role": "train"},
+                    {"id": "rec-fedcba9876543210", "role": "validate"},
+                ],
+            }
+        ]
+    },
+):
     """What to identify."""
 
     machine: MachineName

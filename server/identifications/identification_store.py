@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
 from server.identifications.identification_tables import identification_recordings, identifications
 from server.jobs.job_store import Result
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
+from server.platform.database.lists import Narrowing, rows_of
 from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.route_parameters import EVERYTHING, Between
 from server.recordings.recording_tables import recordings
 
 
@@ -82,23 +82,10 @@ class Identifications:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(
-        self,
-        limit: int,
-        after: int = 0,
-        *,
-        machine: str | None = None,
-        machines: tuple[str, ...] | None = None,
-        between: Between = EVERYTHING,
-    ) -> Page[Identification]:
-        """Newest first; ``machines``: only those of these machines."""
-        query = between.narrowed(sa.select(identifications), identifications.c.created, identifications.c.label)
-        if machine is not None:
-            query = query.where(identifications.c.machine == machine)
-        if machines is not None:
-            query = query.where(identifications.c.machine.in_(machines))
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Identification]:
+        """Newest first, narrowed to what is given."""
         with self._database.read() as connection:
-            rows, cursor = page(connection, query, identifications.c.number, limit, after)
+            rows, cursor = rows_of(connection, identifications, limit, after, **narrowed)
             return Page(tuple(_get(connection, row.id) for row in rows), cursor)
 
     @staticmethod
@@ -111,7 +98,7 @@ class Identifications:
 def _get(connection: sa.Connection, id: str) -> Identification:
     row = connection.execute(sa.select(identifications).where(identifications.c.id == id)).first()
     if row is None:
-        raise NotFoundError(f"there is no identification '{id}'")
+        raise NotFoundError(f"there is no identification '{id}'", identification=id)
     used = connection.execute(
         sa.select(identification_recordings)
         .where(identification_recordings.c.identification == id)

@@ -54,6 +54,8 @@ def tidy(files: DataDirectory, directory: Path, keep: str | None, kept: Collecti
         for path in directory.iterdir():
             if path.is_dir() and path.name != keep:
                 shutil.rmtree(path, ignore_errors=True)
+        if keep is None:
+            directory.rmdir()
     files.storage.tidy(files.key(directory), kept)
 
 

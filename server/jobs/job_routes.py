@@ -17,7 +17,7 @@ from server.jobs.job_store import FINAL, Jobs
 from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
@@ -31,10 +31,15 @@ State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
 def list_jobs(
-    service: ServiceDep, principal: PrincipalDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0
+    service: ServiceDep,
+    principal: PrincipalDep,
+    between: BetweenDep,
+    state: State | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
 ) -> JobList:
     """List jobs, newest first; a page may be short where jobs of other machines are left out."""
-    jobs = JobList.of(service[Jobs].list(limit, cursor, state=state), service[JobTimes].expected_end)
+    jobs = JobList.of(service[Jobs].list(limit, cursor, state=state, between=between), service[JobTimes].expected_end)
     if principal.machines is not None:
         machines = service.ownership.machines_of_jobs(job.id for job in jobs.items)
         jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]

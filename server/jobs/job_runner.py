@@ -14,7 +14,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from server.platform.disk import RESERVE_BYTES
 from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.children import GRACE_S, LOOK_S, Child, ChildResult
+from server.platform.processes.errands import Errands
 from server.platform.storage import StorageAwayError, digest, input_key
 
 #: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
@@ -117,6 +118,7 @@ class JobRunner:
 
     Attributes
     ----------
+    errands : small durable work beside jobs
     away : why the storage could not be reached when it was last asked for something
     """
 
@@ -145,6 +147,7 @@ class JobRunner:
         self._at_work = 0
         self._workflows: dict[str, Any] = {}
         self._started = False
+        self.errands = Errands()
         self.away: str | None = None
 
     def start(self) -> None:
@@ -167,9 +170,10 @@ class JobRunner:
         )
         for name in self._kinds:
             self._workflows[name] = self._workflow(name)
-        DBOS.listen_queues(list(self._queues))
+        self.errands.register(self._errand)
+        DBOS.listen_queues([*self._queues, *self.errands.queues])
         DBOS.launch()
-        for queue, count in QUEUES.items():
+        for queue, count in {**QUEUES, **self.errands.queues}.items():
             self._patiently(partial(_register, queue, count))
         if self._executor == EXECUTOR:  # whoever stores jobs also sees to it that they are queued
             for job in self._patiently(self._jobs.unfinished):
@@ -182,6 +186,12 @@ class JobRunner:
         # A stage cannot take the server down (it is a process of its own), so a job that was resumed
         # often is a victim, not a cause: no limit on attempts.
         return DBOS.workflow(name=name, max_recovery_attempts=None)(workflow)
+
+    def _errand(self, run: Callable[[], Value]) -> Value:
+        with self._counted():
+            if self._stopping.is_set():
+                raise ServiceStopping
+            return self._patiently(run)
 
     def reconcile(self) -> None:
         """Queue jobs that were stored and not queued; end those that the engine gave up. Called now and then."""
@@ -213,6 +223,7 @@ class JobRunner:
         self._warm.close()
         if self._started:
             self._started = False
+            self.errands.forget()
             DBOS.destroy(destroy_registry=True)
             _ENGINE.release()
 
@@ -374,14 +385,16 @@ class JobRunner:
 
     @contextmanager
     def _working(self, kind: JobKind) -> Iterator[None]:
+        with self._counted(), self._one_at_a_time if kind.queue == NUMERICAL else nullcontext():
+            yield  # a resumed job may come beside the queue
+
+    @contextmanager
+    def _counted(self) -> Iterator[None]:
+        """Work that is waited for before the engine stops."""
         with self._idle:
             self._at_work += 1
         try:
-            if kind.queue == NUMERICAL:
-                with self._one_at_a_time:  # a resumed job may come beside the queue
-                    yield
-            else:
-                yield
+            yield
         finally:
             with self._idle:
                 self._at_work -= 1

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import sqlalchemy as sa
 
 from server.jobs.claims import Claim
 from server.jobs.job_tables import job_events, job_files, jobs
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing, listed
+from server.platform.database.outbox import put_out
 from server.platform.database.schema import store_identity
 from server.platform.errors import NotFoundError
 
@@ -108,15 +110,12 @@ class Jobs:
         with self._database.read() as connection:
             row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).first()
         if row is None:
-            raise NotFoundError(f"there is no job '{id}'")
+            raise NotFoundError(f"there is no job '{id}'", job=id)
         return _job(row)
 
-    def list(self, limit: int, after: int = 0, *, state: str | None = None) -> Page[Job]:
-        """Newest first."""
-        query = sa.select(jobs) if state is None else sa.select(jobs).where(jobs.c.state == state)
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, jobs.c.number, limit, after)
-        return Page(tuple(_job(row) for row in rows), cursor)
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Job]:
+        """Newest first, narrowed to what is given."""
+        return listed(self._database, jobs, _job, limit, after, **narrowed)
 
     def unfinished(self) -> tuple[Job, ...]:
         """Queued and running jobs, oldest first."""
@@ -230,6 +229,7 @@ class Jobs:
                 .values(state=state, text=text, error=error, fraction=fraction, ended=self._database.now(), place=place)
             )
             self._event(connection, id, state, row.stage, fraction, text)
+            put_out(connection, "result", self._database.now(), {"job": id})
         return True
 
     def store(self) -> str:

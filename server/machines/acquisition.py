@@ -15,7 +15,7 @@ import structlog
 from daq import Machine, Quality, load_machine
 from daq.acquisition.acquisition import AcquisitionStatistics
 from daq.errors import HilfitError
-from daq.machine.bus_places import is_listed, place_of
+from daq.machine.bus_places import is_listed
 from server.platform.errors import ConflictError, UnavailableError
 
 #: Seconds between two looks at a running acquisition.
@@ -177,7 +177,7 @@ class Supervisor:
 def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
     """Raise ConflictError if a bus of a machine leads to a place that is not among ``places`` (None: all are)."""
     for bus in machine.buses if places is not None else ():
-        place = place_of(bus)
+        place = bus.place
         if not is_listed(place, places or ()):
             raise ConflictError(
                 f"machine '{machine.name}' cannot be acquired: its bus '{bus.name}' leads to {place}, which is not in "
@@ -269,7 +269,9 @@ class Acquisition:
             supervisor = self._supervisors.get(name)
         if supervisor is None:
             raise ConflictError(
-                f"machine '{name}' is not being acquired; enable it at /api/v1/machines/{name}/acquisition"
+                f"machine '{name}' is not being acquired; enable its acquisition",
+                "not_acquired",
+                machine=name,
             )
         running = supervisor.running
         if running is None:
@@ -277,7 +279,9 @@ class Acquisition:
             reason = f" ({state['error']})" if state["error"] else ""
             starts = state["state"] == "starting"  # which is no fault of the service, and soon over
             raise (ConflictError if starts else UnavailableError)(
-                f"acquisition of machine '{name}' is {state['state']}{reason}; try again"
+                f"acquisition of machine '{name}' is {state['state']}{reason}; try again",
+                f"acquisition_{state['state']}",
+                machine=name,
             )
         return running
 
@@ -290,7 +294,9 @@ class Acquisition:
         with RingReader(feed.ring_name) as reader:
             row = reader.latest()
         if row is None:
-            raise UnavailableError(f"machine '{name}' has not sent a frame yet; try again")
+            raise ConflictError(
+                f"machine '{name}' has not sent a frame yet; try again", "acquisition_starting", machine=name
+            )
         frame = frame_from_row(row[0])
         channels = {}
         for index, channel in enumerate(machine.channels):

@@ -86,6 +86,8 @@ class MachineDesk:
             return
         recording = self._recorded(name)
         if recording is not None:
-            raise ConflictError(f"machine '{name}' is being recorded as {recording}; stop that recording first")
+            raise ConflictError(
+                f"machine '{name}' is being recorded as {recording}; stop that recording first", "being_recorded"
+            )
         self._machines.set_acquire(name, False)
         self._acquisition.stop(name)

@@ -54,7 +54,7 @@ class MachineList(BaseModel):
         return cls(items=[MachineSummary.of(row) for row in page.items], next=page.next)
 
 
-class AcquisitionWish(Body):
+class AcquisitionWish(Body, json_schema_extra={"examples": [{"enabled": True}]}):
     """Whether acquisition of a machine should run."""
 
     enabled: Flag

@@ -71,7 +71,7 @@ class Machines:
             row = connection.execute(_versions().where(machines.c.name == name, wanted)).first()
         if row is None:
             which = f"machine '{name}'" if version is None else f"version {version} of machine '{name}'"
-            raise NotFoundError(f"there is no {which}; upload its machine file to /api/v1/machines")
+            raise NotFoundError(f"there is no {which}; upload its machine file", machine=name)
         return _machine(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:

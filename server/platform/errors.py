@@ -23,108 +23,86 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from daq.errors import HilfitError, InputError
 
 
 class ServiceError(HilfitError):
-    """A request that the service refuses; the text may be shown to whoever asked."""
+    """A request that the service refuses; the text may be shown to whoever asked.
+
+    Parameters
+    ----------
+    text : one line that says what to do
+    code : what a program tells it by; by default that of its kind
+    values : what the text is about, by name
+    """
 
     status: ClassVar[int] = 500
     slug: ClassVar[str] = "internal"
     title: ClassVar[str] = "Internal error"
     headers: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
+    def __init_subclass__(cls, **said: Any) -> None:
+        """Take what a kind says of itself, in the place of what the kind above it does."""
+        for name, value in said.items():
+            setattr(cls, name, value)
 
-class UnauthenticatedError(ServiceError):
+    def __init__(self, text: str = "", code: str | None = None, **values: str | int) -> None:
+        super().__init__(text)
+        self.code = code or self.slug.replace("-", "_")
+        self.values = values
+
+
+# RFC 9110 section 11.6.1
+class UnauthenticatedError(
+    ServiceError,
+    status=401,
+    slug="unauthenticated",
+    title="Unauthenticated",
+    headers={"WWW-Authenticate": 'Bearer realm="hilfit"'},
+):
     """The request comes from nobody that is known."""
 
-    status = 401
-    slug = "unauthenticated"
-    title = "Unauthenticated"
-    headers = MappingProxyType({"WWW-Authenticate": 'Bearer realm="hilfit"'})  # RFC 9110 section 11.6.1
 
-
-class ForbiddenError(ServiceError):
+class ForbiddenError(ServiceError, status=403, slug="forbidden", title="Forbidden"):
     """Whoever asks may not do this."""
 
-    status = 403
-    slug = "forbidden"
-    title = "Forbidden"
 
-
-class NotFoundError(ServiceError):
+class NotFoundError(ServiceError, status=404, slug="not-found", title="Not found"):
     """There is no such resource."""
 
-    status = 404
-    slug = "not-found"
-    title = "Not found"
 
-
-class ConflictError(ServiceError):
+class ConflictError(ServiceError, status=409, slug="conflict", title="Conflict"):
     """The state of the resource forbids what was asked."""
 
-    status = 409
-    slug = "conflict"
-    title = "Conflict"
 
-
-class PreconditionError(ServiceError):
+class PreconditionError(ServiceError, status=412, slug="precondition-failed", title="Changed meanwhile"):
     """The resource was changed since the client read it (``If-Match``)."""
 
-    status = 412
-    slug = "precondition-failed"
-    title = "Changed meanwhile"
 
-
-class InvalidError(ServiceError):
+class InvalidError(ServiceError, status=422, slug="invalid", title="Invalid content"):
     """The content of the request cannot be used."""
 
-    status = 422
-    slug = "invalid"
-    title = "Invalid content"
 
-
-class TooLargeError(ServiceError):
+class TooLargeError(ServiceError, status=413, slug="too-large", title="Too large"):
     """The request has more bytes than the service takes."""
 
-    status = 413
-    slug = "too-large"
-    title = "Too large"
 
-
-class UnsupportedFormatError(ServiceError):
+class UnsupportedFormatError(ServiceError, status=415, slug="unsupported-format", title="Unsupported format"):
     """The service does not read this kind of file."""
 
-    status = 415
-    slug = "unsupported-format"
-    title = "Unsupported format"
 
-
-class TooManyError(ServiceError):
+class TooManyError(ServiceError, status=429, slug="too-many", title="Too many", headers={"Retry-After": "5"}):
     """Too many requests, or too many of something at once."""
 
-    status = 429
-    slug = "too-many"
-    title = "Too many"
-    headers = MappingProxyType({"Retry-After": "5"})
 
-
-class UnavailableError(ServiceError):
+class UnavailableError(ServiceError, status=503, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"}):
     """A part of the service is not there at the moment."""
 
-    status = 503
-    slug = "unavailable"
-    title = "Unavailable"
-    headers = MappingProxyType({"Retry-After": "5"})
 
-
-class BusyError(UnavailableError):
+class BusyError(UnavailableError, slug="busy", title="Busy"):
     """There is more heavy work than the service takes at once."""
-
-    slug = "busy"
-    title = "Busy"
 
 
 class StartError(InputError):

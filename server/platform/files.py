@@ -13,6 +13,7 @@
     ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html,
     │                                    report.de.html, <stage>.log
     ├── tls/                     the site's own certificate and key
+    ├── webhooks/site.key        what secrets of webhooks are made of; in no backup
     ├── monitor/                 what monitors learnt, per calibration, and their logs
     ├── cache/<SHA-256>/         what a worker fetched (server.platform.storage)
     └── simulation/              machine file and inbox of the simulated machine

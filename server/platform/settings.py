@@ -21,6 +21,8 @@ from server.platform.database.database_copies import postgresql_url
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory
+from server.platform.http.base_path import BASE_PATH
+from server.platform.receiver_places import check_receiver_entry
 
 
 class Settings(BaseSettings):
@@ -46,6 +48,7 @@ class Settings(BaseSettings):
     access : ``required``: every request needs a token; ``loopback``: none does, and HTTP is for this computer only
     public_hosts : names by which other computers reach the service, ``hilfit.example`` or with a port; addresses need
         not be listed
+    base_path : path of a reverse proxy that the whole service stands below, ``/hilfit``
     trusted_proxies : addresses of proxies whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed
     token_days : that the token of a paired device or an API key is good for, unless an admin says another number
     second_person : whether whoever proposed a calibration may not approve it; by default where access control is on
@@ -53,6 +56,17 @@ class Settings(BaseSettings):
     requests_per_second : of each paired device and API key in the long run, four times as many at once
     bus_places : where uploaded machines may be acquired from, ``can:socketcan:can0``, ``serial:/dev/ttyUSB*`` or
         ``tcp:192.0.2.0/24:502`` (:mod:`daq.machine.bus_places`); by default nowhere
+    webhook_places : where webhooks may be delivered to, ``https://erp.example`` or ``https://erp.example in
+        192.0.2.0/24`` (:mod:`server.platform.receiver_places`); by default nowhere
+    webhook_ca : authorities (PEM) that vouch for their receivers, in the place of the computer's own
+    mqtt_url : broker that states, results and alarms are published at, ``mqtts://host[:port]`` or ``mqtt://host[:port]``
+    mqtt_prefix : what its topics begin with
+    mqtt_ca : authorities (PEM) that vouch for it, in the place of the computer's own
+    mqtt_user, mqtt_password_file : as whom, and the file that holds the password alone
+    opcua : address and port of an OPC UA server of the same, ``127.0.0.1:4840``; other than this computer's it needs
+        all that follows
+    opcua_cert, opcua_key : files of its certificate and its key (PEM); then nothing is sent in the clear
+    opcua_user, opcua_password_file : who may read, and the file that holds the password alone
     simulate : start the simulated machine and acquire from it
     simulation_speed : its machine seconds per second
     faults : a fault file, what breaks in it while it runs
@@ -80,11 +94,24 @@ class Settings(BaseSettings):
     port: Annotated[int, Field(ge=0, le=65535)] = 8350
     access: Literal["loopback", "required"] = "loopback"
     public_hosts: tuple[str, ...] = ()
+    base_path: Annotated[str, Field(max_length=200, pattern=BASE_PATH)] = ""
     trusted_proxies: tuple[str, ...] = ()
     token_days: Annotated[int, Field(ge=1, le=3650)] = 365
     second_person: bool | None = None
     requests_per_second: Annotated[float, Field(gt=0, le=10_000)] = 100.0
     bus_places: tuple[Annotated[str, AfterValidator(check_entry)], ...] = ()
+    webhook_places: tuple[Annotated[str, AfterValidator(check_receiver_entry)], ...] = ()
+    webhook_ca: Path | None = None
+    mqtt_url: str | None = None
+    mqtt_prefix: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+(/[A-Za-z0-9._-]+)*$")] = "hilfit"
+    mqtt_ca: Path | None = None
+    mqtt_user: str | None = None
+    mqtt_password_file: Path | None = None
+    opcua: str | None = None
+    opcua_cert: Path | None = None
+    opcua_key: Path | None = None
+    opcua_user: str | None = None
+    opcua_password_file: Path | None = None
     simulate: bool = False
     simulation_speed: Annotated[float, Field(gt=0, le=4)] = 1.0
     faults: Path | None = None
@@ -108,14 +135,17 @@ class Settings(BaseSettings):
         """URL of PostgreSQL with its password; StartError if the file that holds it cannot be read."""
         if self.database_url is None or self.database_password_file is None:
             return self.database_url
-        try:
-            password = self.database_password_file.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            raise StartError(
-                f"database_password_file {self.database_password_file}: cannot be read ({error})"
-            ) from None
+        password = self.password("database")
         postgresql_url(self.database_url)  # else SQLAlchemy says something about a URL that it cannot parse
         return sa.make_url(self.database_url).set(password=password).render_as_string(hide_password=False)
+
+    def password(self, of: str) -> str | None:
+        """The password in the file of ``<of>_password_file``; None without one, StartError if it cannot be read."""
+        path: Path | None = getattr(self, f"{of}_password_file")
+        try:
+            return None if path is None else path.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise StartError(f"{of}_password_file {path}: cannot be read ({error})") from None
 
     def site(self, files: DataDirectory) -> SiteMarker:
         """The marker of the site that this data directory belongs to."""
@@ -130,9 +160,16 @@ class Settings(BaseSettings):
         """The address that other computers use, as far as it is known here."""
         if self.public_hosts:
             first = self.public_hosts[0]
-            return f"{self.scheme}://{first}" if ":" in first else f"{self.scheme}://{first}:{port}"
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}:{port}"
+            return self.url(first) if ":" in first else self.url(f"{first}:{port}")
+        return self.local_url(port)
+
+    def local_url(self, port: int) -> str:
+        """The address that it listens at."""
+        return self.url(f"[{self.host}]:{port}" if ":" in self.host else f"{self.host}:{port}")
+
+    def url(self, place: str) -> str:
+        """The address of the page at a name with a port."""
+        return f"{self.scheme}://{place}{self.base_path}"
 
 
 def load_settings(config: Path | None = None, **given: Any) -> Settings:

@@ -57,8 +57,11 @@ class CalibrationPolicy(Protocol):
     def active(self, machine: str) -> CalibrationLike | None:
         """The active one of a machine."""
 
-    def propose(self, identification: str, label: str) -> CalibrationLike:
-        """Propose an identification; the same calibration if it was proposed already."""
+    def propose(self, identification: str, label: str, by: tuple[str, str] | None) -> CalibrationLike:
+        """Propose an identification, in the name of a person (id, name) or of the service.
+
+        It is the same calibration if it was proposed already.
+        """
 
     def activate(self, id: str, note: str) -> None:
         """Approve and activate by policy; nothing happens if it is active already."""
@@ -207,7 +210,7 @@ class RecalibrationKind:
 
     def _propose(self, run: StageRun, this: Recalibration) -> ChildResult:
         assert this.identification is not None
-        calibration = self._around.calibrations.propose(this.identification, this.label)
+        calibration = self._around.calibrations.propose(this.identification, this.label, this.plan.ordered_by)
         self._recalibrations.note(this.id, calibration=calibration.id)
         comparison = this.comparison or {}
         grew = comparison.get("grew") or []

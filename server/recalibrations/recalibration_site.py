@@ -57,7 +57,7 @@ class Site:
     def motion_seconds(self, excitation: str) -> float:
         """Length of a designed motion, s."""
         # Loads scipy, which takes as long as all the rest of the service.
-        from fitting.excitation.motion import read_motion
+        from daq.motion_files import read_motion
 
         try:
             self._excitations.get(excitation)
@@ -82,4 +82,4 @@ class Site:
         except NotFoundError as error:
             raise ConflictError(str(error)) from None
         if not row.acquire:
-            raise ConflictError(f"machine '{machine}' is not being acquired; enable its acquisition")
+            raise ConflictError(f"machine '{machine}' is not being acquired; enable its acquisition", "not_acquired")

@@ -28,6 +28,7 @@ class Plan:
     deadline_s : how long it waits for the machine, or for the person who lets it follow the motion
     options : of the identification
     activate : ``if_better``: the new calibration is activated if it is better by every joint
+    ordered_by : id and name of the person who ordered it by hand, in whose name it proposes
     """
 
     motion: Literal["operation", "standard"] = "operation"
@@ -36,11 +37,14 @@ class Plan:
     deadline_s: float = 3600.0
     options: dict[str, Any] = field(default_factory=dict)
     activate: Literal["never", "if_better"] = "never"
+    ordered_by: tuple[str, str] | None = None
 
     @classmethod
     def of(cls, content: dict[str, Any]) -> Plan:
         """From the store."""
-        return cls(**{**content, "excitations": tuple(content["excitations"])})
+        by = content.get("ordered_by")
+        tuples = {"excitations": tuple(content["excitations"]), "ordered_by": by and (by[0], by[1])}
+        return cls(**{**content, **tuples})
 
     def content(self) -> dict[str, Any]:
         """For the store."""
@@ -82,7 +86,10 @@ class Recalibrations:
         """
         running = self.unfinished(connection, new.machine)
         if running is not None:
-            raise ConflictError(f"machine '{new.machine}' is being recalibrated by {running}; wait for it or cancel it")
+            raise ConflictError(
+                f"machine '{new.machine}' is being recalibrated by {running}; wait for it or cancel it",
+                "being_recalibrated",
+            )
         self._jobs.insert(connection, id=new.job, kind="recalibration", label=new.label, subject=new.id, stages=STAGES)
         connection.execute(recalibrations.insert().values(**{**new.__dict__, "plan": new.plan.content()}))
 
@@ -101,7 +108,7 @@ class Recalibrations:
         with self._database.read() as connection:
             row = connection.execute(sa.select(recalibrations).where(recalibrations.c.id == id)).first()
         if row is None:
-            raise NotFoundError(f"there is no recalibration '{id}'")
+            raise NotFoundError(f"there is no recalibration '{id}'", recalibration=id)
         values = {key: value for key, value in row._mapping.items() if key != "number"}
         return Recalibration(**{**values, "plan": Plan.of(values["plan"])})
 

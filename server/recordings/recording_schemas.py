@@ -14,7 +14,10 @@ from server.recordings.recording_store import RecordingRow
 RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
 
 
-class RecordingStart(Body):
+class RecordingStart(
+    Body,
+    json_schema_extra={"examples": [{"machine": "folding-arm", "role": "train", "label": "morning", "seconds": 60}]},
+):
     """Start recording a machine that is being acquired; without ``seconds`` until it is stopped."""
 
     machine: MachineName

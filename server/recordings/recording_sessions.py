@@ -157,7 +157,7 @@ class Sessions:
         with self._lock:
             session = self._sessions.get(id)
         if session is None:
-            raise ConflictError(f"recording '{id}' is {state}; there is nothing to stop")
+            raise ConflictError(f"recording '{id}' is {state}; there is nothing to stop", "not_recording", recording=id)
         session.stop.set()
         session.thread.join(SEALING_S)
         if session.thread.is_alive():

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import sqlalchemy as sa
 
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing, listed
 from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.route_parameters import EVERYTHING, Between
 from server.recordings.recording_tables import recordings
 
 State = Literal["recording", "sealed", "failed"]
@@ -59,7 +59,10 @@ class Recordings:
                 ).scalar()
                 if running is not None:
                     raise ConflictError(
-                        f"machine '{row.machine}' is being recorded already as {running}; stop that one first"
+                        f"machine '{row.machine}' is being recorded already as {running}; stop that one first",
+                        "being_recorded",
+                        machine=row.machine,
+                        recording=running,
                     )
             connection.execute(recordings.insert().values(**row.__dict__))
 
@@ -82,7 +85,7 @@ class Recordings:
         with self._database.read() as connection:
             row = connection.execute(sa.select(recordings).where(recordings.c.id == id)).first()
         if row is None:
-            raise NotFoundError(f"there is no recording '{id}'")
+            raise NotFoundError(f"there is no recording '{id}'", recording=id)
         return _recording(row)
 
     def with_digest(self, machine: str, sha256: str) -> str | None:
@@ -97,31 +100,9 @@ class Recordings:
         with self._database.read() as connection:
             return frozenset(connection.execute(sa.select(recordings.c.id)).scalars())
 
-    def list(
-        self,
-        limit: int,
-        after: int = 0,
-        *,
-        machine: str | None = None,
-        machines: tuple[str, ...] | None = None,
-        role: str | None = None,
-        state: str | None = None,
-        between: Between = EVERYTHING,
-    ) -> Page[RecordingRow]:
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[RecordingRow]:
         """Newest first, narrowed to what is given."""
-        query = between.narrowed(sa.select(recordings), recordings.c.created, recordings.c.label)
-        if machines is not None:
-            query = query.where(recordings.c.machine.in_(machines))
-        for column, wanted in (
-            (recordings.c.machine, machine),
-            (recordings.c.role, role),
-            (recordings.c.state, state),
-        ):
-            if wanted is not None:
-                query = query.where(column == wanted)
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, recordings.c.number, limit, after)
-        return Page(tuple(_recording(row) for row in rows), cursor)
+        return listed(self._database, recordings, _recording, limit, after, **narrowed)
 
     def delete(self, id: str, used_by: Callable[[sa.Connection, str], str | None]) -> None:
         """Forget a recording.
@@ -140,12 +121,14 @@ class Recordings:
         with self._database.write("recordings") as connection:
             row = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == id)).first()
             if row is None:
-                raise NotFoundError(f"there is no recording '{id}'")
+                raise NotFoundError(f"there is no recording '{id}'", recording=id)
             if row.state == "recording":
-                raise ConflictError(f"recording '{id}' is still being recorded; stop it first")
+                raise ConflictError(
+                    f"recording '{id}' is still being recorded; stop it first", "being_recorded", recording=id
+                )
             used = used_by(connection, id)
             if used is not None:
-                raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay")
+                raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay", "in_use", recording=id)
             connection.execute(recordings.delete().where(recordings.c.id == id))
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import structlog
 
+from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.recalibrations.recalibration_job import new_recalibration
@@ -29,11 +31,17 @@ class RecalibrationOrders:
         self._enqueue = enqueue
         self._ready = ready
 
-    def order(self, schedule: Schedule) -> str:
-        """Do now what a schedule does; the job. ConflictError if the machine is being recalibrated."""
+    def order(self, schedule: Schedule, by: Principal | None = None) -> str:
+        """Do now what a schedule does; the job. ConflictError if the machine is being recalibrated.
+
+        Parameters
+        ----------
+        by : the person who orders it
+        """
         self._ready(schedule.machine)
+        plan = replace(schedule.plan, ordered_by=None if by is None else (by.id, by.name))
         now = self._database.now()
-        new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, now)
+        new = new_recalibration(schedule.machine, schedule.id, schedule.label, plan, now)
         self._schedules.order(new)
         self._enqueue(new.job)
         return new.job

@@ -19,6 +19,7 @@ from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import as_stored
 from server.platform.errors import InvalidError
 from server.platform.http.route_parameters import (
+    BetweenDep,
     Cursor,
     Idempotency,
     KnownTags,
@@ -69,12 +70,13 @@ def create(
 def list_schedules(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> ScheduleList:
     """List schedules, newest first."""
-    page = service[Schedules].list(limit, cursor, machine=machine, machines=principal.machines)
+    page = service[Schedules].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
     return ScheduleList(items=[_resource(service, schedule) for schedule in page.items], next=page.next)
 
 
@@ -111,9 +113,9 @@ def delete(id: str, service: ServiceDep, tags: KnownTags) -> None:
 
 
 @router.post("/{id}/run", status_code=202, responses=problems(404, 409, 422), dependencies=[require("operate")])
-def run(id: str, response: Response, service: ServiceDep) -> JobResource:
+def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> JobResource:
     """Recalibrate now, whatever the clock says; its job is at ``Location``."""
-    job = service[RecalibrationOrders].order(service[Schedules].get(id))
+    job = service[RecalibrationOrders].order(service[Schedules].get(id), principal)
     response.headers["Location"] = f"/api/v1/jobs/{job}"
     return JobResource.of(service[Jobs].get(job))
 

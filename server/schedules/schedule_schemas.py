@@ -14,7 +14,12 @@ from server.schedules.schedule_clock import next_slot
 from server.schedules.schedule_store import Schedule, Slot
 
 
-class ScheduleWish(BaseModel):
+class ScheduleWish(
+    BaseModel,
+    json_schema_extra={
+        "examples": [{"machine": "folding-arm", "cron": "30 2 * * 1", "timezone": "Europe/Vienna", "duration_s": 600}]
+    },
+):
     """When and how a machine is recalibrated.
 
     ``motion``: record normal ``operation`` for ``duration_s`` of machine time (two thirds are fitted, one third
@@ -61,6 +66,7 @@ class ScheduleResource(ScheduleWish):
     def of(cls, schedule: Schedule, last: Slot | None) -> ScheduleResource:
         """From the store."""
         plan: dict[str, Any] = schedule.plan.content()
+        del plan["ordered_by"]
         return cls(
             id=schedule.id,
             machine=schedule.machine,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
 from server.jobs.job_tables import jobs
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing, listed
 from server.platform.errors import NotFoundError, PreconditionError
 from server.platform.http.route_parameters import Tags
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
@@ -90,18 +91,9 @@ class Schedules:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(
-        self, limit: int, after: int = 0, *, machine: str | None = None, machines: tuple[str, ...] | None = None
-    ) -> Page[Schedule]:
-        """Newest first, of one machine, or of those that whoever asks may see."""
-        query = sa.select(schedules)
-        if machine is not None:
-            query = query.where(schedules.c.machine == machine)
-        if machines is not None:
-            query = query.where(schedules.c.machine.in_(machines))
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, schedules.c.number, limit, after)
-        return Page(tuple(_schedule(row) for row in rows), cursor)
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Schedule]:
+        """Newest first, narrowed to what is given."""
+        return listed(self._database, schedules, _schedule, limit, after, **narrowed)
 
     def enabled(self) -> tuple[Schedule, ...]:
         """All that run, the oldest first."""
@@ -217,7 +209,7 @@ class Schedules:
 def _get(connection: sa.Connection, id: str) -> Schedule:
     row = connection.execute(sa.select(schedules).where(schedules.c.id == id)).first()
     if row is None:
-        raise NotFoundError(f"there is no schedule '{id}'")
+        raise NotFoundError(f"there is no schedule '{id}'", schedule=id)
     return _schedule(row)
 
 

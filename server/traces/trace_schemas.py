@@ -68,7 +68,7 @@ class RecordingRemarks(BaseModel):
     findings: list[dict[str, Any]]
 
 
-class Cut(Body):
+class Cut(Body, json_schema_extra={"examples": [{"start": 12.5, "end": 42.5, "label": "without the stop at the end"}]}):
     """A part of a recording, s since its first row."""
 
     start: Seconds

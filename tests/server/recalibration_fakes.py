@@ -38,11 +38,13 @@ class FakeCalibrations:
         self.now: FakeCalibration | None = None
         self.proposed: dict[str, FakeCalibration] = {}
         self.activated: list[tuple[str, str]] = []
+        self.ordered_by: list[tuple[str, str] | None] = []
 
     def active(self, machine: str) -> FakeCalibration | None:
         return self.now
 
-    def propose(self, identification: str, label: str) -> FakeCalibration:
+    def propose(self, identification: str, label: str, by: tuple[str, str] | None) -> FakeCalibration:
+        self.ordered_by.append(by)
         made = FakeCalibration(f"cal-{len(self.proposed) + 1}", identification)
         return self.proposed.setdefault(identification, made)
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "153ca482c1385bdc9469ad75f69650816c520c142237c5c401a29c10ae7fa3d1"
+SOURCE_SHA256 = "7c612db7884ad4597ac35b119d24fdb4622f3f2196179ee0e2fe0f31e8ebf29a"
 
 
 class AcquisitionWish(TypedDict):
@@ -292,6 +292,26 @@ class DelayOfJoint(TypedDict):
     joint: str
     kind: str
     std_ms: float
+
+
+class DeliveryList(TypedDict):
+    """A page of deliveries."""
+
+    items: list[DeliveryResource]
+    next: int | None
+
+
+class DeliveryResource(TypedDict):
+    """A message on its way; `message` is what the receiver knows it by, `error` why the last try failed."""
+
+    created: str
+    ended: str | None
+    error: str | None
+    id: str
+    message: str
+    state: Literal["pending", "delivered", "given_up"]
+    tries: int
+    type: Literal["state", "result", "alarm", "test"]
 
 
 class EntryList(TypedDict):
@@ -667,6 +687,18 @@ class NewKey(TypedDict):
     streams: int
 
 
+class NewWebhook(TypedDict):
+    """A webhook and its secret (`whsec_...`), which is shown this once."""
+
+    created: str
+    created_by: str
+    events: list[Literal["alarm", "result"]]
+    id: str
+    label: str
+    secret: str
+    url: str
+
+
 class OverloadJoint(TypedDict):
     """How near a joint came to an overload within the last second."""
 
@@ -732,12 +764,14 @@ class PrincipalResource(TypedDict):
 class Problem(TypedDict):
     """A problem document: what went wrong with one request, and what to do."""
 
+    code: str
     detail: str
     errors: NotRequired[list[dict[str, Any]] | None]
     instance: str
     status: int
     title: str
     type: str
+    values: NotRequired[dict[str, str | int]]
 
 
 class Proposal(TypedDict):
@@ -970,6 +1004,32 @@ class VerificationResource(TypedDict):
     first_broken: int | None
     intact: bool
     last_hash: str | None
+
+
+class WebhookList(TypedDict):
+    """A page of webhooks."""
+
+    items: list[WebhookResource]
+    next: int | None
+
+
+class WebhookOrder(TypedDict):
+    """Where messages of which types are delivered to; `url` has to be in the setting `webhook_places`."""
+
+    events: NotRequired[list[Literal["alarm", "result"]]]
+    label: NotRequired[str]
+    url: str
+
+
+class WebhookResource(TypedDict):
+    """A webhook, without its secret."""
+
+    created: str
+    created_by: str
+    events: list[Literal["alarm", "result"]]
+    id: str
+    label: str
+    url: str
 
 
 class WorkerList(TypedDict):
@@ -1319,11 +1379,27 @@ class ExcitationsApi:
         self._transport = transport
 
     def list_excitations(
-        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+        self,
+        *,
+        machine: str | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> ExcitationList:
         """List excitations, newest first."""
         answer: ExcitationList = self._transport.json(
-            "GET", "/api/v1/excitations", query={"machine": machine, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/excitations",
+            query={
+                "machine": machine,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1438,10 +1514,15 @@ class JobsApi:
         state: Literal["queued", "running", "done", "failed", "cancelled"] | None = None,
         limit: int | None = None,
         cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> JobList:
         """List jobs, newest first; a page may be short where jobs of other machines are left out."""
         answer: JobList = self._transport.json(
-            "GET", "/api/v1/jobs", query={"state": state, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/jobs",
+            query={"state": state, "limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
         )
         return answer
 
@@ -1757,11 +1838,27 @@ class SchedulesApi:
         self._transport = transport
 
     def list_schedules(
-        self, *, machine: str | None = None, limit: int | None = None, cursor: int | None = None
+        self,
+        *,
+        machine: str | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> ScheduleList:
         """List schedules, newest first."""
         answer: ScheduleList = self._transport.json(
-            "GET", "/api/v1/schedules", query={"machine": machine, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/schedules",
+            query={
+                "machine": machine,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1826,6 +1923,55 @@ class StatusApi:
     def status(self) -> Status:
         """Revision counters, jobs and acquisition."""
         answer: Status = self._transport.json("GET", "/api/v1/status")
+        return answer
+
+
+class WebhooksApi:
+    """What is below ``/webhooks``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_webhooks(self, *, limit: int | None = None, cursor: int | None = None) -> WebhookList:
+        """List webhooks, newest first."""
+        answer: WebhookList = self._transport.json("GET", "/api/v1/webhooks", query={"limit": limit, "cursor": cursor})
+        return answer
+
+    def add_webhook(self, *, idempotency_key: str | None = None, **body: Unpack[WebhookOrder]) -> NewWebhook:
+        """Add a webhook; its secret is shown this once. Its address has to be in the setting `webhook_places`."""
+        answer: NewWebhook = self._transport.json(
+            "POST", "/api/v1/webhooks", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def remove_webhook(self, id: str) -> None:
+        """Remove a webhook and what is known of its deliveries; what is on its way is tried no more."""
+        self._transport.nothing("DELETE", f"/api/v1/webhooks/{self._transport.quoted(id)}")
+
+    def get_webhook(self, id: str) -> WebhookResource:
+        """Read a webhook, without its secret."""
+        answer: WebhookResource = self._transport.json("GET", f"/api/v1/webhooks/{self._transport.quoted(id)}")
+        return answer
+
+    def list_deliveries(
+        self,
+        id: str,
+        *,
+        state: Literal["pending", "delivered", "given_up"] | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+    ) -> DeliveryList:
+        """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
+        answer: DeliveryList = self._transport.json(
+            "GET",
+            f"/api/v1/webhooks/{self._transport.quoted(id)}/deliveries",
+            query={"state": state, "limit": limit, "cursor": cursor},
+        )
+        return answer
+
+    def test_webhook(self, id: str) -> DeliveryResource:
+        """Send a message of type `test`; what becomes of it is in the list at `Location`."""
+        answer: DeliveryResource = self._transport.json("POST", f"/api/v1/webhooks/{self._transport.quoted(id)}/test")
         return answer
 
 
@@ -1912,6 +2058,7 @@ class Api:
         self.recordings = RecordingsApi(transport)
         self.schedules = SchedulesApi(transport)
         self.status = StatusApi(transport)
+        self.webhooks = WebhooksApi(transport)
         self.workers = WorkersApi(transport)
         self.healthz = HealthzApi(transport)
         self.livez = LivezApi(transport)

@@ -17,6 +17,7 @@ class ProblemError(Exception):
     Attributes
     ----------
     status, title, detail : as in the document; ``detail`` is one line that says what to do
+    code, values : what it was, and what that is about, for programs
     document : all of it
     """
 
@@ -24,6 +25,8 @@ class ProblemError(Exception):
         self.status = status
         self.title = str(document.get("title", ""))
         self.detail = str(document.get("detail", ""))
+        self.code = str(document.get("code", ""))
+        self.values: dict[str, Any] = dict(document.get("values") or {})
         self.document = document
         super().__init__(f"{status} {self.title}: {self.detail}")
 

@@ -26,7 +26,12 @@ class MachineFaults(BaseModel):
     running: list[dict[str, Any]]
 
 
-class FaultWish(BaseModel):
+class FaultWish(
+    BaseModel,
+    json_schema_extra={
+        "examples": [{"faults": [{"at": 0, "for": 5, "fault": "node_death", "bus": "can", "node": 31}]}]
+    },
+):
     """Faults to begin, with the keys of a fault file (``hilfit/faults/1``); ``at`` counts from now.
 
     ``{"faults": [{"at": 0, "for": 5, "fault": "node_death", "bus": "can", "node": 31}]}``

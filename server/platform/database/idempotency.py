@@ -43,7 +43,7 @@ def earlier(connection: sa.Connection, key: IdempotencyKey | None) -> str | None
     if row is None:
         return None
     if row.request_sha256 != key.request_sha256:
-        raise ConflictError("this Idempotency-Key came before with another request; use a new key")
+        raise ConflictError("this Idempotency-Key came before with another request; use a new key", "key_used")
     return str(row.subject)
 
 

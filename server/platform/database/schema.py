@@ -35,4 +35,15 @@ idempotency_keys = sa.Table(
     sa.Column("created", sa.String, nullable=False),
 )
 
-PLATFORM_TABLES = (store_version, store_identity, revisions, idempotency_keys)
+#: What is still to be said beyond this service (:mod:`server.platform.database.outbox`).
+outbox = sa.Table(
+    "outbox",
+    metadata,
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("id", sa.String, nullable=False, unique=True),
+    sa.Column("kind", sa.String, nullable=False),  # alarm, result
+    sa.Column("time", sa.String, nullable=False),
+    sa.Column("content", sa.JSON, nullable=False),
+)
+
+PLATFORM_TABLES = (store_version, store_identity, revisions, idempotency_keys, outbox)

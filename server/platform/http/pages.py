@@ -68,19 +68,24 @@ class PageFile:
         )
 
     def response(self, headers: Headers, status: int = 200) -> Response:
-        """The answer to a request with ``headers``: 304 if whoever asks has it."""
+        """The answer to a request with ``headers``."""
         sent = {"ETag": self.etag, "Cache-Control": self.cache, "Vary": "Accept-Encoding"}
-        known = {tag.strip().removeprefix("W/") for tag in headers.get("if-none-match", "").split(",")}
-        if status == 200 and self.etag in known:
-            return Response(status_code=304, headers=sent)
         if self.compressed is not None and _takes_gzip(headers.get("accept-encoding", "")):
             return Response(self.compressed, status, {**sent, "Content-Encoding": "gzip"}, self.media_type)
         return Response(self.content, status, sent, self.media_type)
 
 
-def page_files() -> Mapping[str, PageFile]:
-    """All built files of this package by their names, ``index.html`` or ``assets/page-0123abcd.js``."""
-    return {name: PageFile.of(name, file.read_bytes()) for name, file in _walk(files("server") / "web" / "dist", "")}
+def page_files(base: str = "") -> Mapping[str, PageFile]:
+    """All built files of this package by their names, ``index.html`` or ``assets/page-0123abcd.js``.
+
+    Parameters
+    ----------
+    base : path that the service stands below
+    """
+    found = {name: file.read_bytes() for name, file in _walk(files("server") / "web" / "dist", "")}
+    if NOT_FOUND in found:  # of any path, so its links cannot be relative, as those of all others are
+        found[NOT_FOUND] = found[NOT_FOUND].replace(b'href="/', f'href="{base}/'.encode())
+    return {name: PageFile.of(name, content) for name, content in found.items()}
 
 
 class Pages:

@@ -21,6 +21,7 @@ from daq.errors import AcquisitionError, HilfitError, InputError
 from daq.validation_words import in_words
 from server.platform.database.patience import away
 from server.platform.errors import ServiceError
+from server.platform.http.base_path import below
 
 INVALID = "Invalid content"
 #: Names of statuses that Python 3.13 renamed with RFC 9110; types of problems are made of them and stay what they were.
@@ -35,13 +36,18 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class Problem(BaseModel):
-    """A problem document: what went wrong with one request, and what to do."""
+    """A problem document: what went wrong with one request, and what to do.
+
+    ``code`` tells a program what it was, ``values`` what that is about; ``detail`` says both to a person.
+    """
 
     type: str
     title: str
     status: int
     detail: str
     instance: str
+    code: str
+    values: dict[str, str | int] = {}
     errors: list[dict[str, Any]] | None = None
 
 
@@ -57,17 +63,25 @@ def problem(
     *,
     slug: str | None = None,
     title: str | None = None,
+    code: str | None = None,
+    values: dict[str, str | int] | None = None,
     errors: list[dict[str, Any]] | None = None,
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
-    """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1."""
+    """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1.
+
+    ``code`` is the slug where nothing more is known.
+    """
     phrase = title or status_phrase(status)
+    slug = slug or phrase.lower().replace(" ", "-")
     document = Problem(
-        type=f"urn:hilfit:problem:{slug or phrase.lower().replace(' ', '-')}",
+        type=f"urn:hilfit:problem:{slug}",
         title=phrase,
         status=status,
         detail=detail,
-        instance=request.url.path,
+        instance=below(request.scope, request.url.path),
+        code=code or slug.replace("-", "_"),
+        values=values or {},
         errors=errors,
     )
     return JSONResponse(
@@ -93,7 +107,16 @@ def install(app: FastAPI) -> None:
 
 async def _service_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, ServiceError)
-    return problem(request, error.status, str(error), slug=error.slug, title=error.title, headers=dict(error.headers))
+    return problem(
+        request,
+        error.status,
+        str(error),
+        slug=error.slug,
+        title=error.title,
+        code=error.code,
+        values=error.values,
+        headers=dict(error.headers),
+    )
 
 
 async def _input_error(request: Request, error: Exception) -> JSONResponse:
@@ -116,7 +139,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     if error.status_code == 400:  # a body that is no JSON in UTF-8, or nested without end
         return problem(request, 422, "the body is no JSON that can be read", slug="invalid", title=INVALID)
     detail = {
-        404: f"there is nothing at {request.url.path}; the resources are listed in /api/v1/openapi.json",
+        404: f"there is nothing at {request.url.path}; the resources are listed in openapi.json",
         405: f"{request.method} is not possible here; see the header Allow",
     }.get(error.status_code, str(error.detail))
     return problem(request, error.status_code, detail, headers=headers)
@@ -125,7 +148,8 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     errors = [
-        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry)} for entry in error.errors()
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry), "code": entry["type"]}
+        for entry in error.errors()
     ]
     first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""

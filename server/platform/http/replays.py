@@ -56,7 +56,9 @@ class Replays:
             known = self._kept.get((who, what, key))
             if known is not None:
                 if known[1] != digest:
-                    raise ConflictError("this Idempotency-Key came before with another request; use a new key")
+                    raise ConflictError(
+                        "this Idempotency-Key came before with another request; use a new key", "key_used"
+                    )
                 return known[2]  # type: ignore[no-any-return]
             value = make()
             self._kept[who, what, key] = now, digest, value

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated, Any
 
-import sqlalchemy as sa
 from fastapi import Depends, Header, Query, Request
 
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
+from server.platform.database.lists import Between
 from server.platform.errors import InvalidError
 from server.platform.http.problems import MEDIA_TYPE, status_phrase
 from server.platform.service import Service
@@ -48,27 +47,6 @@ def _known_tags(
 
 
 Moment = Annotated[datetime | None, Query(description="ISO 8601 with a time zone, as `created` has it")]
-
-
-@dataclass(frozen=True)
-class Between:
-    """Of a list: what was made from ``since`` on and before ``until``, and whose label has ``labelled`` in it."""
-
-    since: datetime | None = None
-    until: datetime | None = None
-    labelled: str = ""
-
-    def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
-        """The query of these; times are stored as text that sorts."""
-        if self.since is not None:
-            query = query.where(created >= as_stored(self.since))
-        if self.until is not None:
-            query = query.where(created < as_stored(self.until))
-        return query.where(label.icontains(self.labelled, autoescape=True)) if self.labelled else query
-
-
-#: Whatever there is.
-EVERYTHING = Between()
 
 
 def _between(

@@ -1,1 +1,1 @@
-"""Child processes, which never outlive this one, and heavy work in threads of its own."""
+"""Child processes, which never outlive this one, heavy work in threads of its own, and errands that are tried again."""

@@ -34,7 +34,9 @@ from typing import IO, Any, Literal, Self
 from daq import confinement
 from server.platform.files import LOCK_FILE, TEMPORARY
 
-NICENESS = 19
+#: Within the session of a child, and of that among others: a third of an ordinary one. At 19 nothing was ever done on a
+#: computer that has always something to do.
+NICENESS, SESSION_NICENESS = 19, 5
 #: One core stays free of numerical work, for acquisition and HTTP.
 THREADS = str(max(1, (os.cpu_count() or 1) - 1))
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -185,7 +187,7 @@ def _started(command: Sequence[str], log: Path, threads: str, room: Path) -> sub
     writable = os.pathsep.join((str(room), "/dev"))
     with log.open("ab") as errors:
         process = subprocess.Popen(
-            [*guard, str(os.getpid()), str(NICENESS), confinement.__file__, writable, *command],
+            [*guard, str(os.getpid()), f"{NICENESS} {SESSION_NICENESS}", confinement.__file__, writable, *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,
@@ -200,10 +202,13 @@ def _started(command: Sequence[str], log: Path, threads: str, room: Path) -> sub
 def room_of(log: Path) -> Path:
     """Where a child may write: in the folder of the data directory that its log is in.
 
-    So it reaches what jobs or uploads leave there, and neither the store, nor keys, nor what other resources keep.
+    So it reaches what jobs or uploads leave there, and neither the store, nor keys, nor what other resources keep. A
+    worker's directory has the lock of its name.
     """
     folder = log.resolve().parent
-    return next((own for own in (folder, *folder.parents) if (own.parent / LOCK_FILE).is_file()), folder)
+    locks = (LOCK_FILE, f"{LOCK_FILE}-worker-*")
+    rooms = (own for own in (folder, *folder.parents) if any(any(own.parent.glob(lock)) for lock in locks))
+    return next(rooms, folder)
 
 
 def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:

@@ -268,6 +268,23 @@ def test_history_says_who_and_when(guarded: Guarded, identified: Any) -> None:
     assert [step["time"] for step in found["history"]] == sorted(step["time"] for step in found["history"])
 
 
+def test_whoever_ordered_a_recalibration_does_not_approve_what_it_proposes(guarded: Guarded, identified: Any) -> None:
+    """It is the service that proposes, in the name of the person who ordered it."""
+    admin, other = (
+        guarded.client.get(f"{API}/access/me", headers=guarded.bearer(r)).json() for r in ("admin", "engineer")
+    )
+    policy = guarded.running.service[ByPolicy]
+    made = policy.propose(identified(report(80.0)), "", (admin["id"], admin["name"]))
+    assert (made.proposed_by_id, made.proposed_by) == (admin["id"], admin["name"])
+    place = f"{API}/calibrations/{made.id}/approve"
+    refused = guarded.client.post(place, json={}, headers=guarded.bearer("admin"))
+    assert refused.status_code == 409
+    assert (refused.json()["code"], refused.json()["values"]) == ("second_person", {"calibration": made.id})
+    assert "a second person has to approve it" in refused.json()["detail"]
+    approved = guarded.client.post(place, json={}, headers=guarded.bearer("engineer"))
+    assert approved.json()["approved_by"] == other["name"]
+
+
 @pytest.mark.parametrize("second_person", [True, False])
 def test_whether_one_person_is_enough_is_a_policy(guarded: Guarded, identified: Any, second_person: bool) -> None:
     """On this computer only there is one principal: it may approve its own unless the policy says otherwise."""

@@ -78,6 +78,23 @@ def test_refused_real_time_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> N
     assert line.level == "note" and "CAP_SYS_NICE" in line.do
 
 
+def test_asking_for_precedence_leaves_the_caller_as_it_was() -> None:
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    line = probes.precedence()
+    assert os.getpriority(os.PRIO_PROCESS, 0) == before
+    assert line.level == "ok" or "LimitNICE" in line.do
+
+
+def test_refused_precedence_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("os.setpriority", refuse)
+    monkeypatch.setattr("os.getpriority", lambda *_: 0)  # whatever ran in this process before
+    line = probes.precedence()
+    assert line.level == "note" and "LimitNICE=-10" in line.do and "--ulimit nice=30" in line.do
+
+
 def test_a_library_that_is_too_new_is_a_problem(monkeypatch: pytest.MonkeyPatch) -> None:
     real = probes.version
     monkeypatch.setattr(probes, "version", lambda name: "99.0" if name == "numpy" else real(name))
@@ -96,7 +113,18 @@ def test_every_note_and_problem_says_what_to_do(
     assert ended.value.code == 1 and not said["ready"]
     assert all(line["do"] for line in said["lines"] if line["level"] != "ok")
     topics = {line["topic"].split()[0] for line in said["lines"]}
-    assert topics >= {"program", "libraries", "extra", "environment", "data", "shared", "scheduling", "CAN", "time"}
+    assert topics >= {
+        "program",
+        "libraries",
+        "extra",
+        "environment",
+        "data",
+        "shared",
+        "scheduling",
+        "precedence",
+        "CAN",
+        "time",
+    }
 
 
 def test_a_machine_whose_interface_is_not_there(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -108,3 +136,9 @@ def test_a_machine_whose_interface_is_not_there(capsys: pytest.CaptureFixture[st
     out = capsys.readouterr().out
     assert ("interface: socketcan" in text) == ("is not there" in out) == (ended.value.code == 1)
     assert "is not there" in out
+
+
+def test_where_webhooks_may_go_is_said() -> None:
+    assert probes.webhook_places(()).text == "webhooks may be delivered to nowhere"
+    places = ("https://erp.example", "http://192.0.2.7")
+    assert probes.webhook_places(places).text.endswith("https://erp.example, http://192.0.2.7")

@@ -1,4 +1,5 @@
-"""Made-up requests over the whole interface, by nobody, by each role, and one after another as links lead.
+"""Made-up requests over the whole interface, by nobody, by each role, by one who is bound to a machine, and one after
+another as links lead.
 
 No undocumented status, no 5xx but 503, every answer as described.
 """
@@ -57,11 +58,13 @@ def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
     """Of a principal of its own: one that ends its session must not end that of the next operation."""
     if who == "nobody":
         return HOST
-    _, token = guarded.running.service[Access].make_key(who, who, None, SERVICE)  # type: ignore[arg-type]
+    role, _, machine = who.partition(" of ")
+    machines = (machine,) if machine else None
+    _, token = guarded.running.service[Access].make_key(who, role, machines, SERVICE)  # type: ignore[arg-type]
     return HOST | {"Authorization": f"Bearer {token}"}
 
 
-@pytest.mark.parametrize("who", ["nobody", *ROLES])
+@pytest.mark.parametrize("who", ["nobody", *ROLES, "engineer of lever"])
 def test_generated_requests_are_answered_as_described(guarded: Guarded, who: str) -> None:
     operations = [found.ok() for found in schema_of(guarded).get_all_operations()]
     assert len(operations) > 60

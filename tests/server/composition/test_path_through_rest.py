@@ -20,7 +20,7 @@ import httpx2
 import pytest
 from service_fakes import API
 
-from fitting.excitation.motion import Motion, write_motion
+from daq.motion_files import Motion, write_motion
 from server.commands.demo_command import PLAN, design_motions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

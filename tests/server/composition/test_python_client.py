@@ -63,6 +63,7 @@ def test_a_refusal_says_what_to_do(client: Client) -> None:
         client.recordings.get("rec ä")
     assert refused.value.status == 404
     assert "rec ä" in refused.value.detail
+    assert (refused.value.code, refused.value.values) == ("not_found", {"recording": "rec ä"})
 
 
 def test_an_etag_guards_a_change(client: Client) -> None:

@@ -12,7 +12,7 @@ from live_lever import signals
 from service_fakes import MACHINE
 
 from daq import parse_machine, write_recording
-from fitting.excitation.motion import read_motion
+from daq.motion_files import read_motion
 from fitting.loop.session import Options, Request
 from fitting.pipeline.stage_names import STAGES
 from fitting.pipeline.stages import run_stage

@@ -15,7 +15,7 @@ import pytest
 
 from daq.confinement import landlock_version
 from server.platform.files import LOCK_FILE
-from server.platform.processes.children import Child, ChildResult, run_child
+from server.platform.processes.children import Child, ChildResult, room_of, run_child
 
 
 def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
@@ -105,6 +105,19 @@ while True:
     with open(json.loads(order)["log"], "a") as log:
         log.write("told\\n")
 """
+
+
+SAYS_RANK = """
+import json, os
+group = open("/proc/self/autogroup").read().split()[-1]
+print(json.dumps({"summary": {"nice": os.nice(0), "session": int(group)}}))
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/autogroup").is_file(), reason="the kernel knows no ranks of sessions")
+def test_a_childs_session_is_nice_as_well(tmp_path: Path) -> None:
+    """Else it has as much of the processor as the whole session of the service (sched(7), autogroup)."""
+    assert child(SAYS_RANK, tmp_path).summary == {"nice": 19, "session": 5}
 
 
 def test_a_child_that_stays_does_what_comes_next(tmp_path: Path) -> None:
@@ -201,3 +214,10 @@ with tempfile.NamedTemporaryFile() as file:
     del process
     gc.collect()
     assert not Path(result.summary["scratch"]).exists()
+
+
+@pytest.mark.parametrize("lock", [LOCK_FILE, f"{LOCK_FILE}-worker-fits-1"])
+def test_all_jobs_of_a_server_or_a_worker_are_in_one_room_so_their_process_can_stay(tmp_path: Path, lock: str) -> None:
+    (tmp_path / lock).touch()
+    logs = [tmp_path / "identifications" / id / "1-check" / "check.log" for id in ("idn-1", "idn-2")]
+    assert {room_of(log) for log in logs} == {tmp_path.resolve() / "identifications"}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
 from acquired_machines import MACHINES, named
+from pydantic import BaseModel
 from service_fakes import API, Running
 
 
@@ -51,6 +54,56 @@ def test_the_description_says_how_to_get_in_and_where(running: Running) -> None:
     names = [own["operationId"] for path in told["paths"].values() for own in path.values()]
     assert len(set(names)) == len(names)
     assert {"machines.upload", "recordings.upload", "health.readyz"} <= set(names)
+
+
+def test_every_body_has_an_example_that_is_taken(running: Running) -> None:
+    told = running.client.get(f"{API}/openapi.json").json()
+    bodies = [
+        own["requestBody"]["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]
+        for path in told["paths"].values()
+        for own in path.values()
+        if "application/json" in own.get("requestBody", {}).get("content", {})
+    ]
+    models = {model.__name__: model for model in models_of(BaseModel) if model.__module__.startswith("server.")}
+    assert len(bodies) > 12
+    for name in bodies:
+        for example in told["components"]["schemas"][name]["examples"]:
+            models[name].model_validate(example)
+
+
+def models_of(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    for below in model.__subclasses__():
+        yield below
+        yield from models_of(below)
+
+
+def test_a_stream_is_never_unchanged(running: Running) -> None:
+    paths = running.client.get(f"{API}/openapi.json").json()["paths"]
+    assert "304" not in paths[f"{API}/events"]["get"]["responses"]
+    assert "304" in paths[MACHINES]["get"]["responses"]
+
+
+def test_lists_are_narrowed_by_time_and_label(running: Running) -> None:
+    running.client.post(MACHINES, content=named("listed"))
+    wish = {"machine": "listed", "cron": "0 0 * * *"}
+    made = running.client.post(f"{API}/schedules", json={**wish, "label": "Each 50 % night"}).json()
+    for query, found in (
+        ({"label": "50 %"}, True),
+        ({"label": "each"}, True),
+        ({"label": "5_ %"}, False),
+        ({"since": made["created"]}, True),
+        ({"until": made["created"]}, False),
+        ({"since": "2999-01-01T00:00:00+02:00"}, False),
+        ({"label": "night", "until": "2999-01-01T00:00:00Z", "machine": "listed"}, True),
+    ):
+        for path in ("schedules", "jobs", "excitations", "recordings", "identifications", "calibrations"):
+            if path == "jobs":
+                query = {key: value for key, value in query.items() if key != "machine"}
+            answer = running.client.get(f"{API}/{path}", params=query)
+            assert answer.status_code == 200, (path, query, answer.text)
+            if path == "schedules":
+                assert (made["id"] in [own["id"] for own in answer.json()["items"]]) is found, query
+    assert running.client.get(f"{API}/jobs", params={"since": "2026-01-01T00:00:00"}).status_code == 422
 
 
 @pytest.mark.parametrize("method", ["post", "put", "delete"])

@@ -36,6 +36,7 @@ def test_titles_places_and_experiments_of_all_effects_have_a_german_text(drive: 
 #: Where alarms and what a job does are worded; the demonstration is no job.
 WORDED = (
     "server/alarms/alarm_watch.py",
+    "server/outward/webhook_desk.py",
     "server/monitor/monitor_supervisor.py",
     "server/monitor/overload_text.py",
     "server/jobs/job_runner.py",
@@ -147,8 +148,9 @@ FINDING = (
     "fitting/checks",
     "fitting/signals/rods.py",
     *(f"daq/recordings/{name}.py" for name in ("recording_checks", "encoder_wraps")),
-    *(f"daq/commissioning/{name}.py" for name in ("check", "running_check", "identities")),
-    "daq/drivers/can/bus_driver.py",
+    *(f"daq/commissioning/{name}.py" for name in ("check", "identities")),
+    "server/bus_checks/running_check.py",
+    "daq/drivers/bus_driver.py",
     *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "care", "lead", "look", "node")),
     *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
 )
@@ -156,6 +158,7 @@ FINDING = (
 FITTING = (
     *(f"fitting/{name}" for name in ("arm", "estimators", "excitation", "loop", "pipeline", "planning", "regression")),
     *("fitting/report/html.py", "fitting/report/schema/definition.py", "fitting/signals/preparation.py"),
+    "daq/motion_files.py",
     *(f"fitting/model/{name}.py" for name in ("codec", "comparison", "prediction", "tails")),
 )
 #: Kinds of errors there, and those of its own.
@@ -232,8 +235,7 @@ def test_no_german_refusal_or_finding_is_left_over_from_a_sentence_that_changed(
 
 #: Events of recordings that no finding is made of.
 EVENTS = tuple(
-    f"daq/{name}.py"
-    for name in ("drivers/can/health", "drivers/can/listening", "acquisition/cycles", "acquisition/trace")
+    f"daq/{name}.py" for name in ("drivers/can/health", "drivers/listening", "acquisition/cycles", "acquisition/trace")
 )
 #: Where reports get their texts: reasons, warnings, motions, verdicts, estimates.
 REPORTED = (

@@ -162,6 +162,32 @@ def test_a_store_of_version_1_is_copied_and_brought_up_to_date(tmp_path: Path, u
         run_sql(url, "TRUNCATE audit_log")
 
 
+def test_a_store_of_the_version_before_is_copied_and_keeps_what_it_has(tmp_path: Path, url: str) -> None:
+    database = Database(url, TABLES, changed=nothing, backups=tmp_path / "backups")
+    Machines(database).add("lever", 1, "hash")
+    database.close()
+    before = schema.SCHEMA_VERSION - 1
+    run_sql(
+        url,
+        "ALTER TABLE principals DROP COLUMN expires",
+        "ALTER TABLE pairing_codes DROP COLUMN days",
+        "DROP TABLE hosts",
+        f"UPDATE store_version SET version = {before}",
+    )
+    again = Database(url, TABLES, changed=nothing, backups=tmp_path / "backups")
+    assert Machines(again).get("lever").version == 1
+    with again.read() as connection:
+        assert connection.exec_driver_sql("SELECT expires FROM principals").all() == []
+        assert connection.exec_driver_sql("SELECT id FROM hosts").all() == []
+    again.close()
+    (copy,) = (tmp_path / "backups").iterdir()
+    assert copy.name == f"before-version-{before + 1}-{before}.pgdump"
+    # The copy is the store as it was, for whoever goes back.
+    copies.restore_database(copy, copies.postgresql_url(url))
+    with pytest.raises(sa.exc.DBAPIError, match="expires"):
+        run_sql(url, "SELECT expires FROM principals")
+
+
 def test_the_audit_log_of_version_2_gets_its_trigger(tmp_path: Path, url: str) -> None:
     database = Database(url, TABLES, changed=nothing, backups=tmp_path / "backups")
     Audit(database).write("person", "recordings.start", "rec-1")

@@ -64,6 +64,18 @@ def test_every_error_is_a_problem_document(running: Running, method: str, path: 
     assert document["instance"] == path.partition("?")[0]
 
 
+def test_programs_are_told_by_code_and_values(running: Running) -> None:
+    """Sentences may be worded anew; a program reads these."""
+    absent = problem(running.client.get(f"{API}/jobs/absent"), 404)
+    assert (absent["code"], absent["values"]) == ("not_found", {"job": "absent"})
+    machine = problem(running.client.get(f"{API}/machines/absent"), 404)
+    assert (machine["code"], machine["values"]) == ("not_found", {"machine": "absent"})
+    nowhere = problem(running.client.get(f"{API}/nothing"), 404)
+    assert (nowhere["code"], nowhere["values"]) == ("not_found", {})
+    wrong = problem(running.client.get(f"{API}/jobs?limit=0"), 422)
+    assert (wrong["code"], wrong["errors"][0]["code"]) == ("invalid", "greater_than_equal")
+
+
 def test_a_body_that_is_no_json_names_the_place(running: Running) -> None:
     response = running.client.post(f"{API}/identifications", content="{", headers={"content-type": "application/json"})
     assert problem(response, 422)["errors"]

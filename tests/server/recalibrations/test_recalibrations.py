@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from recalibration_fakes import GREW, PLAN, FakeCalibration, Setting, setting
-from service_fakes import ran
+from service_fakes import API, ran
 
 from server.identifications.identification_store import Identifications
 from server.jobs.job_runner import JobRunner
@@ -120,6 +120,16 @@ def test_only_the_policy_activates_and_only_what_is_better(
     assert made.comparison == {**content, "active": "cal-0"}
     assert len(site.calibrations.activated) == activated
     assert "joint1" in site.alarms()["residual_grew"]
+
+
+def test_a_person_who_orders_one_is_who_proposes_and_a_slot_is_nobody(site: Setting) -> None:
+    schedule = site.schedule()
+    (job,) = site.later(1)
+    assert site.running.follow(job)[-1]["state"] == "done"
+    ordered = site.running.client.post(f"{API}/schedules/{schedule.id}/run").json()["id"]
+    assert site.running.follow(ordered)[-1]["state"] == "done"
+    me = site.running.client.get(f"{API}/access/me").json()
+    assert site.calibrations.ordered_by == [None, (me["id"], me["name"])]
 
 
 def identified(site: Setting) -> str:

@@ -4,13 +4,14 @@
  * Reading may be tried again; a command is sent exactly once. When the connection breaks before its answer, the outcome
  * is `unknown`: the caller shows that and reads the resource again, it never sends the command again by itself.
  */
+import { BASE } from "../place";
 import type { components } from "./api.gen";
 import { t } from "../texts";
 import { said, tables } from "../texts/report";
 
 type Problem = components["schemas"]["Problem"];
 
-export const API = "/api/v1";
+export const API = `${BASE}api/v1`;
 
 export interface Refusal {
   kind: "refused";

@@ -267,6 +267,7 @@ export const de: Record<Key, string> = {
   "history.storeWasDamaged": "Die Datenbank war beschädigt",
   "history.auditLogWasCut": "Das Protokoll wurde gekürzt",
   "history.backupFailed": "Eine tägliche Sicherung ist fehlgeschlagen",
+  "history.webhookFailed": "Meldungen an einen Webhook wurden aufgegeben",
   "history.at": "{title} an {joint}",
   "history.errorTimesNoise": ", Fehler das {error}-Fache des Rauschens",
   "history.by": " von {by}",

@@ -263,6 +263,7 @@ export const en = {
   "history.storeWasDamaged": "The store was damaged",
   "history.auditLogWasCut": "The audit log was cut",
   "history.backupFailed": "A daily backup failed",
+  "history.webhookFailed": "Messages to a webhook were given up",
   "history.at": "{title} at {joint}",
   "history.errorTimesNoise": ", error {error} times the noise",
   "history.by": " by {by}",

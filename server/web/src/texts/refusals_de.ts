@@ -86,6 +86,8 @@ const SERVICE: Record<string, string> = {
   "bus '{}': {}": "Bus „$1“: $2",
   "machine '{}' cannot be acquired: its bus '{}' leads to {}, which is not in bus_places; have the administrator of this service add it to the file of --config":
     "Die Maschine „$1“ lässt sich nicht erfassen: Ihr Bus „$2“ führt zu $3, und das steht nicht in bus_places; vom Verwalter des Dienstes in die Datei von --config eintragen lassen",
+  "{} is not in webhook_places; have it added to the file of --config":
+    "$1 steht nicht in webhook_places; in die Datei von --config eintragen lassen",
   "there is a machine '{}' already, which reads like '{}'; choose another name":
     "Es gibt schon eine Maschine „$1“, die sich wie „$2“ liest; einen anderen Namen wählen",
   "the request was cut off; send it again": "Die Anfrage brach ab; sie noch einmal senden",
@@ -113,8 +115,6 @@ const SERVICE: Record<string, string> = {
     "Die Maschine „$1“ wird schon als $2 aufgezeichnet; diese Aufzeichnung zuerst beenden",
   "machine '{}' is being recorded as {}; stop that recording first":
     "Die Maschine „$1“ wird gerade als $2 aufgezeichnet; diese Aufzeichnung zuerst beenden",
-  "machine '{}' is not being acquired; enable it at /api/v1/machines/{}/acquisition":
-    "Die Maschine „$1“ wird nicht erfasst; ihre Erfassung einschalten",
   "machine '{}' is not being acquired; enable its acquisition":
     "Die Maschine „$1“ wird nicht erfasst; ihre Erfassung einschalten",
   "machine '{}' is not simulated here; only one of `hilfit serve --simulate` can be broken":
@@ -204,12 +204,13 @@ const SERVICE: Record<string, string> = {
     "Das Hochgeladene hat mehr als $1 Bytes; teilen oder maximum_upload_bytes erhöhen",
   "there is no alarm '{}'": "Es gibt keinen Alarm „$1“",
   "there is no calibration '{}'": "Es gibt keine Kalibrierung „$1“",
-  "there is no effect '{}'; /api/v1/effects lists them": "Es gibt keinen Effekt „$1“; /api/v1/effects nennt alle",
+  "there is no effect '{}'; read the list of effects": "Es gibt keinen Effekt „$1“; die Liste der Effekte nennt alle",
   "there is no excitation '{}'": "Es gibt keine Anregung „$1“",
   "there is no file {} beside the file of machine '{}'; upload it":
     "Neben der Datei der Maschine „$2“ gibt es keine Datei $1; sie hochladen",
   "there is no identification '{}'": "Es gibt keine Identifikation „$1“",
   "there is no job '{}'": "Es gibt keinen Auftrag „$1“",
+  "there is no webhook '{}'": "Es gibt keinen Webhook „$1“",
   "there is no machine '{}' for you; ask an admin to bind you to it":
     "Für Sie gibt es keine Maschine „$1“; einen Admin bitten, sie Ihnen zuzuordnen",
   "there is no recalibration '{}'": "Es gibt keine Neukalibrierung „$1“",
@@ -219,7 +220,7 @@ const SERVICE: Record<string, string> = {
   "there is no schedule '{}'": "Es gibt keinen Zeitplan „$1“",
   "there is no {} '{}'": "$1 „$2“ gibt es nicht",
   "there is no {} '{}' for '{}'": "$1 „$2“ gibt es für „$3“ nicht",
-  "there is no {}; upload its machine file to /api/v1/machines": "Es gibt sie nicht: $1; ihre Maschinendatei hochladen",
+  "there is no {}; upload its machine file": "Es gibt sie nicht: $1; ihre Maschinendatei hochladen",
   "this Idempotency-Key came before with another request; use a new key":
     "Dieser Idempotency-Key kam schon mit einer anderen Anfrage; einen neuen nehmen",
   "this is about all machines, '{}' is bound to some of them":
@@ -262,8 +263,8 @@ const SERVICE: Record<string, string> = {
   "the new calibration leaves {} % less unexplained": "Die neue Kalibrierung lässt $1 % weniger unerklärt",
   "the new calibration leaves {} % more unexplained": "Die neue Kalibrierung lässt $1 % mehr unerklärt",
   "the body is no JSON that can be read": "Der Inhalt der Anfrage ist kein lesbares JSON",
-  "there is nothing at {}; the resources are listed in /api/v1/openapi.json":
-    "Bei $1 ist nichts; was es gibt, steht in /api/v1/openapi.json",
+  "there is nothing at {}; the resources are listed in openapi.json":
+    "Bei $1 ist nichts; was es gibt, steht in openapi.json",
   "{} is not possible here; see the header Allow": "$1 ist hier nicht möglich; siehe Kopfzeile Allow",
   "the store is busy, full, read-only or gone; try again, and see the log of the service":
     "Die Datenbank ist beschäftigt, voll, schreibgeschützt oder verschwunden; noch einmal versuchen und ins Protokoll des Dienstes sehen",

@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 1328af42d0bbe8d3d637cf895e61fba16feb7bbbcdc32de019be46b8f9a6b290
+// fitting/report/languages/german.json sha256 2fd0cc33aaad18005e84fbf32518c3751312712da409bd6f478e362d0ac476a8
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -21,7 +21,6 @@ export const REPORT: Record<string, string> = {
   "{} %, 95 % interval {} to {} %": "$1 %, 95-%-Intervall $2 bis $3 %",
   "{} minutes": "$1 Minuten",
   "{} hours": "$1 Stunden",
-  "{} % of the effect are its own": "$1 % des Effekts sind sein eigen",
   "unloaded {}, loaded {} standard errors": "ausgehängt $1, eingehängt $2 Standardfehler",
   "nothing else": "sonst nichts",
   " (and {} more)": " (und $1 weitere)",
@@ -179,7 +178,7 @@ export const REPORT: Record<string, string> = {
   "a known mass, or both ports joined": "eine bekannte Masse, oder beide Anschlüsse verbinden",
   "vent both chambers and read the sensors": "beide Kammern entlüften und die Aufnehmer ablesen",
   "take the load off and read the sensor": "die Last abnehmen und den Aufnehmer ablesen",
-  "fast strokes; move the sensor to the port": "schnelle Hübe; den Aufnehmer an den Anschluss versetzen",
+  "a pressure gauge at the cylinder port during fast strokes": "ein Manometer am Zylinderanschluss während schneller Hübe",
   "fast motions": "schnelle Bewegungen",
   "move at two frequencies: the phase of a delay grows with frequency": "mit zwei Frequenzen bewegen: Die Phase einer Verzögerung wächst mit der Frequenz",
   "a staircase of constant speeds below 5 mm/s": "eine Treppe konstanter Geschwindigkeiten unter 5 mm/s",
@@ -262,10 +261,11 @@ export const REPORT: Record<string, string> = {
   "; or {}": "; oder $1",
   "; record it {} times": "; $1-mal aufzeichnen",
   "{} and {} leave the same trace in these recordings": "$1 und $2 hinterlassen in diesen Aufzeichnungen dieselbe Spur",
-  "{} differ by {} standard deviations in these recordings ({})": "$1 unterscheiden sich in diesen Aufzeichnungen um $2 Standardabweichungen ($3)",
-  "{}, and by {} ({}) with the best motion that this arm may make: no motion tells them apart": "$1, und um $2 ($3) bei der besten Bewegung, die dieser Arm machen darf: Keine Bewegung unterscheidet sie",
-  "{}, and by {} ({}) with {}, which leaves a chance of only {} % of a single name": "$1, und um $2 ($3) bei dieser Bewegung: $4; damit bleibt nur eine Chance von $5 % auf einen einzigen Namen",
-  "{}; with this experiment once by {} ({}), a {} % chance of a single name": "$1; mit diesem Versuch einmal um $2 ($3), eine Chance von $4 % auf einen einzigen Namen",
+  "{} standard deviations ({} % of the effect)": "$1 Standardabweichungen ($2 % des Effekts)",
+  "{} differ by {} in these recordings": "$1 unterscheiden sich in diesen Aufzeichnungen um $2",
+  "{}; closable by this motion: {} with one recording, recordings needed: {}, chance of a single name: {} %": "$1; mit dieser Bewegung zu klären: $2 mit einer Aufzeichnung, nötige Aufzeichnungen: $3, Chance auf einen einzigen Namen: $4 %",
+  "{}, and by {} with the best motion that this arm may make: these sensors cannot tell; all mean the same effort to {} % of the effect": "$1, und um $2 bei der besten Bewegung, die dieser Arm machen darf: Diese Aufnehmer können es nicht sagen; alle bedeuten dieselbe Kraft bis auf $3 % des Effekts",
+  "{}; what would tell: {}": "$1; was es sagen würde: $2",
   "{}: a small structure in {} is left (chi-square {}); the added effect does not describe it completely": "$1: Eine kleine Struktur bleibt übrig ($2; Chi-Quadrat $3); der ergänzte Effekt beschreibt sie nicht vollständig",
   "no validation motion: errors are those of the training motion, which was fitted": "keine Validierungsbewegung: Die Fehler sind die der Anregungsbewegung, an die angepasst wurde",
   "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice": "keine Wiederholung: Der Rauschpegel ist aus Residuen geschätzt; zeichnen Sie die Anregungsbewegung zweimal auf",

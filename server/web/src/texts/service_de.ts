@@ -62,6 +62,10 @@ export const SERVICE_SENTENCES: readonly Sentence[] = [
     "Die Uhr des Rechners wurde um $1 s gestellt; Zeiten davor und danach sind nicht vergleichbar",
   ],
   [
+    /^webhook (.+): messages were given up; look at its deliveries and at its receiver$/,
+    "Webhook $1: Meldungen wurden aufgegeben; seine Zustellungen und seinen Empfänger ansehen",
+  ],
+  [
     /^measured and predicted effort drift apart: (.+); recalibrate, or look for the cause$/,
     "Gemessene und vorhergesagte Kraftgröße laufen auseinander: $1; neu kalibrieren oder die Ursache suchen",
   ],

@@ -38,6 +38,7 @@ const ALARMS: Record<string, string> = {
   store_damaged: t("history.storeWasDamaged"),
   audit_cut: t("history.auditLogWasCut"),
   backup_failed: t("history.backupFailed"),
+  webhook_failed: t("history.webhookFailed"),
 };
 
 export interface Drawn {

@@ -38,8 +38,8 @@ export interface Closing {
   text: string;
 }
 
-/** More motions tell nothing apart that two did not. */
-export const MOST_CLOSINGS = 2;
+/** Recordings that a design counts on at most. */
+export const MOST_CLOSINGS = 4;
 
 export type Step = "check" | "unpin" | "unloaded" | "pin" | "train" | "repeat" | "validate" | "closing" | "identify";
 export const STEPS: Step[] = [

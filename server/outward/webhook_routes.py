@@ -1,0 +1,82 @@
+"""``/webhooks``: add, list, try and remove them; what became of their messages."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+
+from server.outward.webhook_desk import Webhooks
+from server.outward.webhook_schemas import (
+    DeliveryList,
+    DeliveryResource,
+    NewWebhook,
+    WebhookList,
+    WebhookOrder,
+    WebhookResource,
+)
+from server.outward.webhook_signing import shown
+from server.outward.webhook_store import State
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.route_parameters import Cursor, Idempotency, Limit, ServiceDep, problems
+
+router = APIRouter(prefix="/webhooks", tags=["webhooks"], route_class=TypedRoute)
+ADMIN = [require("admin", every_machine=True)]
+
+
+@router.post("", status_code=201, responses=problems(409, 422), dependencies=ADMIN)
+def add_webhook(
+    body: WebhookOrder,
+    response: Response,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    idempotency_key: Idempotency = None,
+) -> NewWebhook:
+    """Add a webhook; its secret is shown this once. Its address has to be in the setting ``webhook_places``.
+
+    Sent again with its ``Idempotency-Key`` within a quarter of an hour, the request makes no second one.
+    """
+
+    def make() -> NewWebhook:
+        webhook, secret = service[Webhooks].add(body.label, body.url, body.events, principal)
+        return NewWebhook(**WebhookResource.of(webhook).model_dump(), secret=shown(secret))
+
+    made = service.replays.once(principal.id, "webhooks", idempotency_key, body.model_dump(), make)
+    response.headers["Location"] = f"/api/v1/webhooks/{made.id}"
+    response.headers["Cache-Control"] = "no-store"
+    return made
+
+
+@router.get("", responses=problems(422), dependencies=ADMIN)
+def list_webhooks(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
+    """List webhooks, newest first."""
+    page = service[Webhooks].store.list(limit, cursor)
+    return WebhookList(items=[WebhookResource.of(webhook) for webhook in page.items], next=page.next)
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=ADMIN)
+def get_webhook(id: str, service: ServiceDep) -> WebhookResource:
+    """Read a webhook, without its secret."""
+    return WebhookResource.of(service[Webhooks].store.get(id))
+
+
+@router.delete("/{id}", status_code=204, responses=problems(404, 422), dependencies=ADMIN)
+def remove_webhook(id: str, service: ServiceDep) -> None:
+    """Remove a webhook and what is known of its deliveries; what is on its way is tried no more."""
+    service[Webhooks].remove(id)
+
+
+@router.post("/{id}/test", status_code=202, responses=problems(404, 422), dependencies=ADMIN)
+def test_webhook(id: str, response: Response, service: ServiceDep) -> DeliveryResource:
+    """Send a message of type ``test``; what becomes of it is in the list at ``Location``."""
+    delivery = service[Webhooks].test(id)
+    response.headers["Location"] = f"/api/v1/webhooks/{id}/deliveries"
+    return DeliveryResource.of(delivery)
+
+
+@router.get("/{id}/deliveries", responses=problems(404, 422), dependencies=ADMIN)
+def list_deliveries(
+    id: str, service: ServiceDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0
+) -> DeliveryList:
+    """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
+    page = service[Webhooks].store.deliveries(id, limit, cursor, state)
+    return DeliveryList(items=[DeliveryResource.of(delivery) for delivery in page.items], next=page.next)

@@ -1,0 +1,71 @@
+"""Pages of a table, newest first, narrowed to what whoever asks wants and may see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, TypedDict, TypeVar, Unpack
+
+import sqlalchemy as sa
+
+from server.platform.database.engine import Database, Page, as_stored, page
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Between:
+    """Of a list: what was made from ``since`` on and before ``until``, and whose label has ``labelled`` in it."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+    labelled: str = ""
+
+    def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
+        """The query of these; times are stored as text that sorts."""
+        if self.since is not None:
+            query = query.where(created >= as_stored(self.since))
+        if self.until is not None:
+            query = query.where(created < as_stored(self.until))
+        return query.where(label.icontains(self.labelled, autoescape=True)) if self.labelled else query
+
+
+class Narrowing(TypedDict, total=False):
+    """What narrows a list; None narrows nothing.
+
+    ``machine``, ``role`` and ``state`` are those of a row, ``machines`` those that whoever asks may see.
+    """
+
+    machine: str | None
+    machines: tuple[str, ...] | None
+    role: str | None
+    state: str | None
+    between: Between
+
+
+def rows_of(
+    connection: sa.Connection, table: sa.Table, limit: int, after: int, **narrowed: Unpack[Narrowing]
+) -> tuple[Sequence[sa.Row[Any]], int | None]:
+    """Rows of a table with a ``number``, newest first, and the cursor of the next page."""
+    query = narrowed.get("between", Between()).narrowed(sa.select(table), table.c.created, table.c.label)
+    if (seen := narrowed.get("machines")) is not None:
+        query = query.where(table.c.machine.in_(seen))
+    for name in ("machine", "role", "state"):
+        if (wanted := narrowed.get(name)) is not None:
+            query = query.where(table.c[name] == wanted)
+    return page(connection, query, table.c.number, limit, after)
+
+
+def listed(
+    database: Database,
+    table: sa.Table,
+    make: Callable[[sa.Row[Any]], Item],
+    limit: int,
+    after: int,
+    **narrowed: Unpack[Narrowing],
+) -> Page[Item]:
+    """A page of what ``make`` makes of each row."""
+    with database.read() as connection:
+        rows, cursor = rows_of(connection, table, limit, after, **narrowed)
+    return Page(tuple(make(row) for row in rows), cursor)

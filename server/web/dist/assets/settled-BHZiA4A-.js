@@ -1,1 +1,0 @@
-import{K as e,V as t}from"./controls-Di1pre7F.js";function n(n,r=400){let[i,a]=e(n);return t(()=>{let e=setTimeout(()=>a(n),r);return()=>clearTimeout(e)},[n,r]),i}export{n as t};
