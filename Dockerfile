@@ -4,10 +4,12 @@ FROM ${BASE} AS build
 WORKDIR /source
 COPY locks/image.txt locks/image.txt
 COPY deploy/trim.sh deploy/trim.sh
-RUN python -m venv /opt/hilfit \
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends binutils \
+ && python -m venv /opt/hilfit \
  && /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --require-hashes -r locks/image.txt \
  && deploy/trim.sh /opt/hilfit \
- && /opt/hilfit/bin/python -c "import asammdf, cantools, clarabel, cvxpy, mujoco, pyarrow.parquet, s3fs, scipy.optimize"
+ && /opt/hilfit/bin/python -c "import asammdf, asyncua, cantools, mujoco, paho.mqtt.client, pyarrow.parquet, s3fs, scipy.optimize"
 COPY pyproject.toml README.md LICENSE ./
 COPY daq daq
 COPY fitting fitting
@@ -15,15 +17,21 @@ COPY hilfit hilfit
 COPY server server
 COPY sim_backends sim_backends
 RUN /opt/hilfit/bin/pip install --no-cache-dir --disable-pip-version-check --no-deps --no-build-isolation . \
- && rm -rf /opt/hilfit/lib/python3*/site-packages/pip*
+ && cd /opt/hilfit/lib/python3*/site-packages \
+ && rm -rf pip* setuptools* pkg_resources _distutils_hack distutils-precedence.pth
+
+# For backups, without the package's Perl; Debian 12 has PostgreSQL 15, like the database of docker-compose.yml.
+FROM ${BASE} AS clients
+RUN apt-get update \
+ && apt-get install --yes --no-install-recommends postgresql-client-15
 
 FROM ${BASE}
-# pg_dump for backups; Debian 12 has PostgreSQL 15, like the database of docker-compose.yml.
 RUN apt-get update \
- && apt-get install --yes --no-install-recommends postgresql-client-15 \
+ && apt-get install --yes --no-install-recommends libpq5 \
  && rm -rf /var/lib/apt/lists/* \
  && useradd --system --uid 10001 --create-home --home-dir /data hilfit \
  && install --directory --owner hilfit --mode 700 /storage /backups
+COPY --from=clients /usr/lib/postgresql/15/bin/pg_dump /usr/lib/postgresql/15/bin/pg_restore /usr/lib/postgresql/15/bin/
 COPY --from=build /opt/hilfit /opt/hilfit
 ENV PATH=/opt/hilfit/bin:$PATH PYTHONUNBUFFERED=1 HILFIT_DATA_DIR=/data
 USER hilfit

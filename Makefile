@@ -9,7 +9,7 @@ LOCK ?= locks
 EXTRAS_use := sim consistent
 EXTRAS_dev := dev
 EXTRAS_docs := docs
-EXTRAS_image := sim postgresql export dbc consistent xacro s3
+EXTRAS_image := sim postgresql export dbc xacro s3 mqtt opcua
 comma := ,
 space := $(subst ,, )
 # install NAME MORE: what locks/NAME.txt lists, then this project and others; nothing is downloaded without a hash.
@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check client bench docs picture readme paper page lock changelog clean
+.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check client bench docs picture readme paper page lock changelog release clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -97,6 +97,9 @@ test-compose: $(VENV)/.dev ## docker-compose.yml itself: built, up, a worker kil
 
 changelog: $(VENV)/.dev ## CHANGELOG.md from the fragments in news/, which are deleted: make changelog VERSION=0.1.0
 	$(BIN)/towncrier build --yes --version "$${VERSION:?say which, as in: make changelog VERSION=0.1.0}"
+
+release: $(VENV)/.dev ## wheel, sources, bill of materials (CycloneDX), signed checksums, in dist/: make release KEY=~/.ssh/hilfit_release
+	@$(BIN)/python deploy/release.py --key "$(KEY)"
 
 $(VENV)/.docs: $(VENV)/.dev $(LOCK:%=%/docs.txt)
 	$(call install,docs)

@@ -44,6 +44,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if hasattr(config, "workerinput"):
         return
     place = tempfile.mkdtemp(prefix="hilfit-tests-")
+    Path(place).chmod(0o711)  # PostgreSQL refuses to run as root, and as somebody else it has to come to its files
     config.stash[_TEMPORARY] = Path(place)
     os.environ.update(TMPDIR=place, MPLCONFIGDIR=f"{place}/matplotlib")
     tempfile.tempdir = place

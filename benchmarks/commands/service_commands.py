@@ -21,11 +21,14 @@ def service(
     rate: Annotated[float, typer.Option(help="Requests per second.", min=1, max=2000)] = 200.0,
     uploads: Annotated[int, typer.Option(help="Clients that upload recordings all the time.", min=0, max=100)] = 10,
     seconds: Annotated[float, typer.Option(help="Seconds of load.", min=2, max=60)] = 30.0,
+    strangers: Annotated[
+        int, typer.Option(help="Busy processes of ordinary priority beside all of it.", min=0, max=32)
+    ] = 0,
 ) -> Outcome:
     """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
     from benchmarks.service.service import run
 
-    return run(tablets, rate, uploads, seconds, show)
+    return run(tablets, rate, uploads, seconds, strangers, show)
 
 
 @benchmark
@@ -61,6 +64,7 @@ def storm(
     database: Annotated[str, typer.Option(help="sqlite, or postgresql (started from Debian's packages).")] = "sqlite",
     seed: Annotated[int, typer.Option(help="Of what is killed when.")] = 0,
     kills_only: Annotated[bool, typer.Option(help="No full disk, no read-only store, no jumps of the clock.")] = False,
+    apart: Annotated[bool, typer.Option(help="Workers on hosts that share only PostgreSQL and S3 with it.")] = False,
 ) -> Outcome:
     """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
     from benchmarks.storm.run import run
@@ -68,7 +72,9 @@ def storm(
     chosen("--database", database, DATABASES, "write one of")
     (kind,) = (known for known in DATABASES if known == database)
     kills = round(seconds * 100 / 60)
-    return run(seconds, kind, seed, show, kills=kills, longest=10 * seconds, faults=not kills_only)
+    if apart and kind != "postgresql":
+        raise InputError("--apart: workers need --database postgresql")
+    return run(seconds, kind, seed, show, kills=kills, longest=10 * seconds, faults=not kills_only, apart=apart)
 
 
 @benchmark
@@ -91,11 +97,17 @@ def throughput(
 @benchmark
 def fleet(
     show: Show,
-    jobs: Annotated[int, typer.Option(help="Identifications that both workers do.", min=2, max=1000)] = 24,
+    jobs: Annotated[int, typer.Option(help="Identifications that both workers do; 0: none.", min=0, max=1000)] = 24,
     cut: Annotated[float, typer.Option(help="Seconds that a worker is cut off.", min=1, max=300)] = 60.0,
     every: Annotated[float, typer.Option(help="Seconds between two kills of a worker.", min=5)] = 60.0,
+    machines: Annotated[int, typer.Option(help="Recalibrated in one night; 0: none.", min=0, max=1000)] = 1000,
+    arms: Annotated[int, typer.Option(help="Different ones among them, all of which are fitted.", min=1)] = 30,
 ) -> Outcome:
-    """Workers on other hosts that share only database and storage: cut off, killed, and what they cost."""
-    from benchmarks.fleet.run import run
+    """Workers on other hosts that share only database and storage: cut off, killed, and a night of recalibrations."""
+    from benchmarks.fleet import night, run
 
-    return run(jobs, cut, every, show)
+    parts = [run.run(jobs, cut, every, show)] if jobs else []
+    parts += [night.run(machines, arms, every, show)] if machines else []
+    return Outcome(
+        tuple(check for part in parts for check in part.checks), tuple(note for part in parts for note in part.notes)
+    )

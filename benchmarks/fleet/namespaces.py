@@ -14,20 +14,26 @@ from pathlib import Path
 
 from benchmarks.service.postgresql import AbsentError
 
-BRIDGE, HERE, NETWORK = "hilfit-fleet", "10.77.3.1", "10.77.3.0/24"
+#: Of this process, so that others may have theirs.
+_NUMBER = os.getpid() % 250
+BRIDGE, HERE, NETWORK = f"hilfit{_NUMBER}", f"10.77.{_NUMBER}.1", f"10.77.{_NUMBER}.0/24"
 
 
 class Host:
     """A namespace ``name`` with an address."""
 
     def __init__(self, name: str, number: int, hidden: Path) -> None:
-        self.name, self.address = name, f"10.77.3.{number + 10}"
-        self._wire, self._hidden = f"hf{number}", hidden
+        self.name, self.address = name, f"10.77.{_NUMBER}.{number + 10}"
+        self._wire, self._hidden = f"hf{_NUMBER}-{number}", hidden
 
     def command(self, words: Sequence[str]) -> list[str]:
         """A command line as it is run there."""
         inner = 'mount -t tmpfs none "$0" && exec "$@"'
-        return ["ip", "netns", "exec", self.name, "unshare", "--mount", "sh", "-c", inner, str(self._hidden), *words]
+        return self.seeing_all(["unshare", "--mount", "sh", "-c", inner, str(self._hidden), *words])
+
+    def seeing_all(self, words: Sequence[str]) -> list[str]:
+        """The same, but nothing is hidden."""
+        return ["ip", "netns", "exec", self.name, *words]
 
     def connect(self, up: bool) -> None:
         """Plug its wire in, or pull it."""
@@ -57,7 +63,7 @@ def hosts(count: int, hidden: Path) -> Iterator[tuple[Host, ...]]:
     """
     if os.geteuid() != 0 or shutil.which("ip") is None or shutil.which("unshare") is None:
         raise AbsentError("hosts are network namespaces: run as root, with ip (iproute2) and unshare (util-linux)")
-    made = tuple(Host(f"hilfit-{number}", number, hidden) for number in range(count))
+    made = tuple(Host(f"hilfit{_NUMBER}-{number}", number, hidden) for number in range(count))
     for host in made:
         host.remove()  # of a run that was killed
     subprocess.run(["ip", "link", "del", BRIDGE], capture_output=True)

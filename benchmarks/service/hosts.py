@@ -29,6 +29,8 @@ def running(
 ) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
     """A command of hilfit, once it is up, and what its first line says; ended by SIGTERM.
 
+    It has a session of its own, as a service has: kernels share the processor session by session (sched(7), autogroup).
+
     Parameters
     ----------
     words : of the command, with ``--json``
@@ -36,7 +38,9 @@ def running(
     before : command that starts it
     """
     command = [*before, *COMMAND, *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True, start_new_session=True
+    ) as process:
         try:
             assert process.stdout is not None
             line = process.stdout.readline()

@@ -32,12 +32,13 @@ class PostgreSQL:
     Attributes
     ----------
     programs : directory of its programs
+    port : on which it listens
     """
 
     def __init__(
         self, port: int, programs: Path, start: Callable[[], None] = lambda: None, host: str = "127.0.0.1"
     ) -> None:
-        self.programs = programs
+        self.programs, self.port = programs, port
         self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@{host}:{port}"
         self._start = start
         self._count = 0

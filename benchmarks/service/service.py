@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import subprocess
 import tempfile
 import time
@@ -22,8 +23,10 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 
 from benchmarks.service.hosts import API, ordered, running, uploaded, wait_until
-from benchmarks.service.start import before_the_first_frame
+from benchmarks.service.start import before_the_first_frame, cpu_s
+from benchmarks.service.strangers import strangers
 from benchmarks.targets import Check, Outcome, fact, figure
+from server.platform.processes.precedence import take_precedence
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -31,6 +34,8 @@ from sim_backends.plant.cases import make_case
 PATHS = ("/status", "/machines", "/recordings", "/jobs", "/alarms", "/live", "/effects")
 #: Seconds that the server has to come up.
 START_S = 60.0
+#: Seconds, beside those of the load, after which busy strangers end by themselves.
+LONGEST_S = 180.0
 #: Length of the recordings that are fitted, s of machine time, and s of load per identification that is ordered: each
 #: takes longer than that.
 FITTED_S, PER_FIT_S = 60.0, 4.0
@@ -183,7 +188,7 @@ async def _run(
     )  # fmt: skip
 
 
-def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[str], None]) -> Outcome:
+def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Callable[[str], None]) -> Outcome:
     """Start a server, load it, and say what was seen.
 
     Parameters
@@ -192,6 +197,7 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[
     rate : requests per second of all readers together
     uploads : clients that upload one recording after another
     seconds : of load
+    others : busy processes of ordinary priority beside all of it
     """
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
         case = Path(directory) / "case"
@@ -199,10 +205,19 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, say: Callable[[
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", f"{directory}/data"]
         with (
             running(words, subprocess.DEVNULL) as (server, said),
-            httpx2.Client(base_url=said["url"] + API, timeout=60) as client,
+            httpx2.Client(base_url=said["url"] + API, timeout=LONGEST_S) as client,
         ):
             wait_until(lambda: bool(client.get("/live").json()), START_S, "the first live frame")
             start = before_the_first_frame(server.pid)
             port = int(said["url"].rpartition(":")[2])
-            outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, say))
-            return replace(outcome, checks=(start, *outcome.checks))
+            take_precedence()  # the clients of a site have computers of their own
+            with strangers(others, LONGEST_S + seconds):
+                before, began = cpu_s(server.pid), time.monotonic()
+                outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, say))
+                share = (cpu_s(server.pid) - before) / (time.monotonic() - began)
+            beside = (
+                figure("load of the computer at the end", os.getloadavg()[0], "{:.1f}"),
+                figure("niceness of the service", os.getpriority(os.PRIO_PROCESS, server.pid), "{:d}"),
+                figure("processor that the service took", share, "{:.2f} cores"),
+            )
+            return replace(outcome, checks=(start, *beside, *outcome.checks))

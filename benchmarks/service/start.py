@@ -24,9 +24,15 @@ def children(pid: int) -> list[int]:
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time of a process itself in s (proc(5): fields 14 and 15 of stat)."""
+    """Processor time of a process itself in s."""
+    return cpu_with_children_s(pid)[0]
+
+
+def cpu_with_children_s(pid: int) -> tuple[float, float]:
+    """Processor time of a process itself, and of its children that ended, in s (proc(5): fields 14 to 17 of stat)."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    user, system, of_children, in_children = (int(ticks) / os.sysconf("SC_CLK_TCK") for ticks in fields[11:15])
+    return user + system, of_children + in_children
 
 
 def before_the_first_frame(service: int) -> Check:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import subprocess
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -95,12 +95,13 @@ def _none(name: str, what: list[str], of: int) -> Check:
     return fact(name, not what, f"{of}" if not what else f"{len(what)} of {of} wrong: {'; '.join(what[:5])}")
 
 
-def all_checks(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
-    """Every check."""
+def all_checks(database: Database, files: DataDirectory, told: Told, workers: Sequence[Path] = ()) -> Iterator[Check]:
+    """Every check; ``workers``: data directories of those that have their own."""
+    hosts = (files.root, *workers)
     yield from jobs(database, told)
-    yield from cancels(database, files, told)
+    yield from cancels(database, hosts, told)
     yield from results(database, told)
-    yield from steps(database, files)
+    yield from steps(database, hosts)
     if told.undisturbed:
         yield undisturbed(database, files, told)
     yield from recordings(database, files, told)
@@ -138,12 +139,12 @@ def jobs(database: Database, told: Told) -> Iterator[Check]:
     yield _none("jobs that failed for no reason of the storm", odd, len(rows))
 
 
-def cancels(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
+def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[Check]:
     """What was cancelled ended so, unless it was just ending; no stage of it began afterwards."""
     states = {row.id: row.state for row in _rows(database, sa.select(job_tables.jobs.c.id, job_tables.jobs.c.state))}
     wrong, late = [], 0
     for job, cancel in told.cancels.items():
-        began = [float(run[1]) / 1e3 - cancel.at for run in _runs(files, cancel.identification)]
+        began = [float(run[1]) / 1e3 - cancel.at for run in _runs(hosts, cancel.identification)]
         if any(seconds > STARTING_S for seconds in began):
             wrong.append(f"{job}: a stage began {max(began):.1f} s after its cancel in {cancel.where}")
         elif states[job] == "cancelled":
@@ -158,10 +159,10 @@ def cancels(database: Database, files: DataDirectory, told: Told) -> Iterator[Ch
     yield Check("cancels by place", len(told.cancels), f"{shown}; {late} of them had just ended")
 
 
-def _runs(files: DataDirectory, identification: str) -> list[list[str]]:
-    """Stage, beginning (ms of UNIX time) and process of every stage that was begun."""
-    path = files.identifications / identification / "runs.txt"
-    return [line.split() for line in path.read_text().splitlines()] if path.is_file() else []
+def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
+    """Stage, beginning (ms of UNIX time) and process of every stage that was begun on any host."""
+    paths = (host / "identifications" / identification / "runs.txt" for host in hosts)
+    return [line.split() for path in paths if path.is_file() for line in path.read_text().splitlines()]
 
 
 def results(database: Database, told: Told) -> Iterator[Check]:
@@ -189,7 +190,8 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
     def found(id: str) -> dict[str, Any]:
         report: dict[str, Any] = json.loads((results.directory(id) / "report.json").read_bytes())
         row = rows.get(id)
-        return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None}
+        data = [part | {"file": Path(part["file"]).name} for part in report["data"]]  # where it lay differs by host
+        return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None, "data": data}
 
     expected, wrong = found(told.undisturbed), []
     for key in told.real:
@@ -203,7 +205,7 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
     return fact("real identifications as undisturbed", bool(told.real) and not wrong, said)
 
 
-def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
+def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
     """No stage began again after the engine had recorded it as done."""
     wrong, begun, recorded = [], 0, 0
     done: dict[str, dict[str, int]] = {}
@@ -212,7 +214,7 @@ def steps(database: Database, files: DataDirectory) -> Iterator[Check]:
         done.setdefault(job, {})[stage] = int(moment)
     query = sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
     for row in _rows(database, query):
-        found, runs = done.get(row.job, {}), _runs(files, row.id)
+        found, runs = done.get(row.job, {}), _runs(hosts, row.id)
         begun += len(runs)
         recorded += len(found)
         for stage, began, _ in runs:

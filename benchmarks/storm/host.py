@@ -30,11 +30,23 @@ HASTE = 60.0
 
 @dataclass(frozen=True)
 class HostOrder:
-    """What a host is told; ``began`` is when the schedules' clock began to run quickly (ISO 8601)."""
+    """What a host is told.
+
+    Attributes
+    ----------
+    storage_url : where workers, each with a directory of its own beside the order, find what they work on
+    began : when the schedules' clock began to run quickly (ISO 8601)
+    """
 
     data_dir: str
     database_url: str | None
+    storage_url: str | None
     began: str
+
+
+def worker_directory(order: Path, worker: str) -> Path:
+    """The data directory of a worker."""
+    return order.with_name(f"{worker}-files")
 
 
 def quick(began: datetime, now: datetime, wrong_s: float) -> datetime:
@@ -52,8 +64,9 @@ def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
     content = HostOrder(**json.loads(order.read_text(encoding="utf-8")))
     began = datetime.fromisoformat(content.began)
     settings = Settings(
-        data_dir=Path(content.data_dir),
+        data_dir=Path(content.data_dir) if worker is None else worker_directory(order, worker),
         database_url=content.database_url,
+        storage_url=content.storage_url,
         port=0,
         bus_places=("can:*:*", "tcp:127.0.0.0/8:*"),
     )

@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,7 +28,8 @@ CHILDREN: Mapping[str, str] = {
     "storm/stages.py": "stage",
     "benchmarks.storm.real_stages": "real stage",
 }
-START_S = 90.0
+START_S = 240.0
+OnHost = Callable[[list[str]], list[str]]
 
 
 @dataclass
@@ -97,7 +98,7 @@ class Herd:
     Parameters
     ----------
     order : file that every host is told by (:class:`benchmarks.storm.host.HostOrder`)
-    workers : how many workers beside the server
+    workers : names of the workers beside the server, and what starts a command on the host of each
 
     Attributes
     ----------
@@ -105,11 +106,10 @@ class Herd:
     refused : exit codes of those that ended by themselves before they worked
     """
 
-    def __init__(self, order: Path, workers: int, logs: Path) -> None:
+    def __init__(self, order: Path, workers: Mapping[str, OnHost], logs: Path) -> None:
         command = [sys.executable, "-m", "benchmarks.storm.clock", str(order)]
         self.server = Host("server", command, logs / "server.log")
-        names = [f"worker-{number + 1}" for number in range(workers)]
-        self.workers = [Host("worker", [*command, name], logs / f"{name}.log") for name in names]
+        self.workers = [Host("worker", on([*command, name]), logs / f"{name}.log") for name, on in workers.items()]
         self.starting = 0
         self.died: list[str] = []
         self.refused: Counter[int] = Counter()

@@ -8,6 +8,7 @@ stage, the disk is full for some seconds, the store refuses to be written, and t
 from __future__ import annotations
 
 import json
+import os
 import random
 import tempfile
 import time
@@ -18,6 +19,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from benchmarks.fleet.namespaces import HERE, NETWORK, hosts
+from benchmarks.fleet.site import s3_server
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
 from benchmarks.storm.asking import becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.storm.checks import all_checks, amcheck, count_results
@@ -32,9 +35,9 @@ from benchmarks.storm.faults import (
     may_be_immutable,
     small_disk,
 )
-from benchmarks.storm.host import HostOrder
+from benchmarks.storm.host import HostOrder, worker_directory
 from benchmarks.storm.killing import REAL_KILLS, Killing, Say
-from benchmarks.storm.processes import Herd
+from benchmarks.storm.processes import Herd, OnHost
 from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import Client, Told, Traffic
 from benchmarks.targets import Check, Outcome, fact, figure
@@ -70,6 +73,7 @@ def run(
     longest: float,
     real: int = REAL,
     faults: bool = True,
+    apart: bool = False,
 ) -> Outcome:
     """The whole storm.
 
@@ -82,16 +86,18 @@ def run(
     real : real identifications that are ordered after that, and hit; the others have light stages
     faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came, and until a
         job was cancelled in each stage
+    apart : workers are in network namespaces and share no folder, only PostgreSQL and an S3 server
 
     Raises
     ------
     benchmarks.service.postgresql.AbsentError
-        If PostgreSQL is asked for and not installed.
+        If PostgreSQL is asked for and not installed, or hosts or S3 cannot be had.
     """
     with (
         small_disk() if faults else nullcontext() as disk,
-        postgresql_server(disk) if kind == "postgresql" else nullcontext() as server,
         tempfile.TemporaryDirectory(prefix="hilfit-storm-") as name,
+        _elsewhere(Path(name), (disk or Path(name)) / "data") if apart else nullcontext(Elsewhere()) as elsewhere,
+        postgresql_server(disk, elsewhere.network) if kind == "postgresql" else nullcontext() as server,
     ):
         directory = Path(name)
         machine, truth = default_machine()
@@ -101,7 +107,7 @@ def run(
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
             chance = random.Random(seed)
             weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed))
-            storm = _Storm(directory, simulated.machine_path, server, files, weather, chance, say)
+            storm = _Storm(directory, simulated.machine_path, server, files, weather, chance, say, elsewhere)
             return storm.run(seconds, longest, kills, real)
 
 
@@ -118,6 +124,27 @@ def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, 
 
 
 @dataclass(frozen=True)
+class Elsewhere:
+    """Where workers are: what starts a command on the host of each, and what they share with the server.
+
+    Without hosts they are on this one.
+    """
+
+    starters: tuple[OnHost, ...] = ()
+    storage_url: str | None = None
+    network: tuple[str, str] | None = None
+
+
+@contextmanager
+def _elsewhere(directory: Path, data: Path) -> Iterator[Elsewhere]:
+    """Hosts that do not see ``data``, the server's directory, and an S3 server, whose keys are in this environment."""
+    data.mkdir()
+    with hosts(WORKERS, data) as places, s3_server(directory) as (keys, url):
+        os.environ.update(keys)
+        yield Elsewhere(tuple(place.command for place in places), url, (HERE, NETWORK))
+
+
+@dataclass(frozen=True)
 class _Storm:
     """One storm."""
 
@@ -128,15 +155,20 @@ class _Storm:
     weather: Weather
     chance: random.Random
     say: Say
+    elsewhere: Elsewhere
 
     def run(self, seconds: float, longest: float, kills: int, real: int) -> Outcome:
         """As :func:`run`."""
         files, postgresql = self.files, self.postgresql
         url = None if postgresql is None else postgresql.new_database()
         order = self.directory / "order.json"
-        content = HostOrder(str(files.root), url, datetime.now(UTC).isoformat())
+        storage = None if url is None else self.elsewhere.storage_url or f"file://{self.directory}/storage"
+        content = HostOrder(str(files.root), url, storage, datetime.now(UTC).isoformat())
         order.write_text(json.dumps(asdict(content)), encoding="utf-8")
-        herd, told = Herd(order, 0 if url is None else WORKERS, self.directory), Told()
+        names = [] if url is None else [f"worker-{number + 1}" for number in range(WORKERS)]
+        here = [list[str]] * WORKERS
+        herd = Herd(order, dict(zip(names, self.elsewhere.starters or here, strict=False)), self.directory)
+        told, own = Told(), [worker_directory(order, name) for name in names]
         client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
         try:
             with _database(files, url, herd) as database:
@@ -148,8 +180,9 @@ class _Storm:
             course = self._killed(herd, told, traffic, _Asked(seconds, longest, kills, real), first)
             traffic.stop()
             end = self._ended(herd, client, QUIET_S + 2 * real * first.seconds)
-            with _database(files, url) as database:
-                checks = list(all_checks(database, files, told))
+            seen = DataDirectory(files.root, storage)
+            with _database(seen, url) as database:
+                checks = list(all_checks(database, seen, told, own))
             if url is not None and postgresql is not None:
                 checks.append(amcheck(url, postgresql.programs))
         finally:

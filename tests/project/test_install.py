@@ -80,7 +80,12 @@ def installed(tmp_path: Path, pip: str, **environment: str) -> subprocess.Comple
     lock.write_text("# a comment\n" + "".join(f"package-{n}==1 \\\n    --hash=sha256:00\n" for n in range(45)))
     command = [str(INSTALL), str(python), "--require-hashes", "-r", str(lock)]
     plain = {"PATH": os.environ["PATH"], **environment}
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=plain)
+    # A job in the background of a shell ignores interruptions, and so would what it starts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=60, env=plain)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_it_says_how_far_it_is(tmp_path: Path) -> None:

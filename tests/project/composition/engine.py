@@ -78,8 +78,22 @@ def engine() -> Iterator[Engine]:
             raise AbsentError("no Docker engine answers here, and there is no apt-get")
         if shutil.which("dockerd") is None or shutil.which("mmdebstrap") is None:
             apt = {**environment, "DEBIAN_FRONTEND": "noninteractive"}
-            run(["apt-get", "update", "-qq"], 90, env=apt)
-            run(["apt-get", "install", "-y", "-qq", "--no-install-recommends", *PACKAGES], 180, env=apt)
+            with suppress(FailedError):  # somebody else does it just now, or the lists are new enough
+                run(["apt-get", "update", "-qq"], 90, env=apt)
+            run(
+                [
+                    "apt-get",
+                    "-o",
+                    "DPkg::Lock::Timeout=60",
+                    "install",
+                    "-y",
+                    "-qq",
+                    "--no-install-recommends",
+                    *PACKAGES,
+                ],
+                180,
+                env=apt,
+            )
         _plugins(directory)
         environment |= {"DOCKER_HOST": f"unix://{directory}/docker.sock", "DOCKER_CONFIG": str(directory / "client")}
         options = [f"--data-root={directory}/data", f"--exec-root={directory}/run", f"--pidfile={directory}/pid"]
@@ -149,8 +163,10 @@ def base_image(docker: Engine, name: str) -> str:
         place = Path(directory)
         sources = [str(path) for path in Path("/etc/apt/sources.list.d").glob("debian*")] or ["/etc/apt/sources.list"]
         packages = "--include=python3,python3-venv,ca-certificates"
-        mmdebstrap = ["mmdebstrap", "--variant=minbase", "--skip=check/empty", packages, "bookworm"]
-        run([*mmdebstrap, str(place / "base.tar"), *sources], 300)
+        # Without what the slim images of the registry do without.
+        left_out = [f"--dpkgopt=path-exclude=/usr/share/{folder}/*" for folder in ("doc", "man", "locale")]
+        mmdebstrap = ["mmdebstrap", "--variant=minbase", "--skip=check/empty", *left_out, packages, "bookworm"]
+        run([*mmdebstrap, str(place / "base.tar"), *sources], 600)
         docker("import", str(place / "base.tar"), f"{name}-bare", timeout=120)
         (place / "context").mkdir()
         shutil.copy("/etc/ssl/certs/ca-certificates.crt", place / "context")

@@ -1,4 +1,4 @@
-"""Runs docker-compose.yml: ``python tests/project/composition/run.py``; at most ten minutes.
+"""Runs docker-compose.yml: ``python tests/project/composition/run.py [SECONDS]``; at most ten minutes, unless told.
 
 Builds, starts, pairs, records, identifies on a worker, kills the worker, takes the database away for half a minute,
 backs up, upgrades a store of an older version and restores. Says why and ends with 0 where there can be no engine.
@@ -72,13 +72,13 @@ class Site:
             tag = f"hilfit-try-{name}"
             self._docker(
                 "buildx", "build", "--quiet", f"--target={name}", f"--build-arg=BASE={base}", f"--tag={tag}", "--load",
-                str(HERE), timeout=200,
+                str(HERE), timeout=600,
             )  # fmt: skip
             named[name] = {"image": tag}  # type: ignore[dict-item]
         (self._directory / "here.yml").write_text(json.dumps({"services": named}))
         shutil.copytree(TOP / "deploy", self._directory / "deploy")
         self._docker(
-            "buildx", "build", f"--build-arg=BASE={base}", "--tag=hilfit:local", "--load", str(TOP), timeout=420
+            "buildx", "build", f"--build-arg=BASE={base}", "--tag=hilfit:local", "--load", str(TOP), timeout=1200
         )
         size = int(self._docker("image", "inspect", "--format={{.Size}}", "hilfit:local"))
         self.say(f"built; the image has {size / 1e6:.0f} MB, {size / 1e6 - self._base_mb(base):.0f} above its base")
@@ -202,11 +202,13 @@ def older(site: Site, statements: str) -> None:
 def main() -> int:
     """The command."""
 
+    bound = int(sys.argv[1]) if len(sys.argv) > 1 else BOUND_S
+
     def late(signum: int, frame: object) -> None:
-        raise TimeoutError(f"not done within {BOUND_S} s")
+        raise TimeoutError(f"not done within {bound} s")
 
     signal.signal(signal.SIGALRM, late)
-    signal.alarm(BOUND_S)
+    signal.alarm(bound)
     try:
         with engine() as docker, tempfile.TemporaryDirectory(prefix="hilfit-try-") as name:
             site = Site(docker, Path(name))

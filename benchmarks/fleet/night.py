@@ -1,0 +1,293 @@
+"""A night in which a thousand machines are recalibrated, and how long it takes where there are eight cores.
+
+All of the service is real but for three things that are measured apart, so that two cores do in minutes what a site has
+hours for: an acquisition stands still, a recording is one that was simulated before and takes its time divided by
+:data:`SPEED`, and stages take nothing (:mod:`benchmarks.fleet.night_host`). What a fit takes is measured on the arms
+themselves, in the process that a worker would start, and so is the comparison with the calibration before.
+
+With R = machines / recordings at a time x seconds of a recording, and c = processor s of a recalibration (server,
+workers, fit, comparison) / cores, fits run beside recordings, and the last ones begin when the last recordings end:
+
+    night = max(R + recordings at a time x c, seconds of a recording + machines x c)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx2
+import sqlalchemy as sa
+
+from benchmarks.fleet.namespaces import Host
+from benchmarks.fleet.night_host import NightOrder, made_file
+from benchmarks.fleet.site import START_S, Say, Site, kill_now_and_then, new_site
+from benchmarks.service.hosts import ONE_CORE
+from benchmarks.service.start import cpu_s
+from benchmarks.storm.checks import COUNTED, count_results
+from benchmarks.targets import Check, Outcome, fact, figure
+from daq import Machine, write_recording
+from daq.machine.machine_file import machine_to_yaml
+from fitting.pipeline.stage_names import STAGES
+from server.composition.declarations import TABLES
+from server.identifications.identification_results import MODEL_FILE
+from server.identifications.stage_request import StageRequest, fitting_program
+from server.machines.machine_store import Machines
+from server.platform.database.engine import Database
+from server.platform.files import DataDirectory
+from server.platform.settings import Settings
+from server.recalibrations.recalibration_job import PROGRAM
+from sim_backends.machines import ARMS, default_machine
+from sim_backends.plant.cases import plan_case
+
+#: Machine seconds per second, and of a recording in the night that is run; what they are at a site.
+SPEED, QUICK_S, SITE_S = 10.0, 30.0, 300.0
+#: Cores that a site has, and hours that its night may take.
+CORES, NIGHT_H = 8, 2.0
+#: Two thirds of normal operation are fitted, a third judges the fit.
+SHARES = {"operation": 2 / 3, "validate": 1 / 3}
+#: Seconds of a machine until the night counts as stuck.
+PATIENCE_S = 10.0
+#: Machines of the night that is added up.
+MACHINES = 1000
+OVER = "SELECT count(*) FROM jobs WHERE kind = 'recalibration' AND state IN ('done', 'failed', 'cancelled')"
+SLOTS = "SELECT count(*), count(DISTINCT schedule), count(*) FILTER (WHERE state = 'ordered') FROM schedule_slots"
+JOBS = "SELECT kind, state, count(*) FROM jobs GROUP BY kind, state ORDER BY kind, state"
+RESULTS = f"SELECT count(*), count(DISTINCT subject) FROM {COUNTED}"
+CALIBRATIONS = "SELECT count(*) FROM calibrations"
+AT_ONCE = """SELECT max((SELECT count(*) FROM recordings AS b WHERE b.created <= a.created AND b.ended > a.created))
+FROM recordings AS a"""
+
+
+@dataclass(frozen=True)
+class Night:
+    """What was counted and measured while the night was run.
+
+    Attributes
+    ----------
+    slots, ordered : slots that had their turn, of how many schedules, and those that ordered a job
+    jobs : jobs by kind and state
+    results, identifications : results that were stored, and identifications that have one
+    calibrations : that were proposed
+    at_once : recordings at a time, at most
+    kills : of workers
+    seconds : from the first slot to the last calibration
+    idle : processor s a second of the server while nothing was due
+    server, workers : processor s a recalibration
+    """
+
+    slots: tuple[int, int]
+    ordered: int
+    jobs: dict[str, int]
+    results: tuple[int, int]
+    calibrations: int
+    at_once: int
+    kills: int
+    seconds: float
+    idle: float
+    server: float
+    workers: float
+
+
+def run(machines: int, arms: int, every: float, say: Say) -> Outcome:
+    """Run a night and add it up; see the module.
+
+    Parameters
+    ----------
+    machines : that are recalibrated
+    arms : of how many different ones they are; every other one folds, the others slew
+    every : s between two kills of a worker
+
+    Raises
+    ------
+    AbsentError
+        If PostgreSQL, moto's server or network namespaces are not there.
+    """
+    with new_site(2, say) as site:
+        made = site.directory / "recordings"
+        made.mkdir()
+        drawn = [_arm(number, made) for number in range(min(arms, machines))]
+        say(f"{len(drawn)} arms are simulated")
+        order = site.directory / "order.json"
+        order.write_text(json.dumps(asdict(NightOrder(str(site.data), SPEED, str(made)))))
+        ran = _night(site, order, drawn, machines, every)
+        say(f"{machines} machines in {ran.seconds:.0f} s, {ran.kills} workers killed")
+        outputs = site.directory / "fits"
+        fit = _fits(drawn, made, outputs)
+        say(f"a fit takes {fit:.2f} s of processor time")
+        compared = _comparison(drawn, made, outputs)
+    return Outcome(
+        tuple(_checks(ran, machines, fit, compared)), (f"{os.cpu_count()} cores; load {os.getloadavg()[0]:.1f}",)
+    )
+
+
+def _arm(number: int, made: Path) -> Machine:
+    """One arm, with the buses of the demonstration's, and its recordings of both lengths."""
+    kind, (wired, _) = tuple(ARMS)[number % len(ARMS)], default_machine()
+    drawn, _ = ARMS[kind](number)
+    both = zip(drawn.channels, wired.channels, strict=False)  # nothing is read there
+    channels = tuple(channel.model_copy(update={"source": other.source}) for channel, other in both)
+    machine = drawn.model_copy(update={"name": f"arm-{number}", "buses": wired.buses, "channels": channels})
+    for whole in (QUICK_S, SITE_S):
+        for (role, share), stem in zip(SHARES.items(), ("train-1", "validate"), strict=True):
+            table, _ = plan_case(kind, number, whole * share).record(stem)
+            values = {name: column for name, column in table.items() if name != "time"}
+            write_recording(made_file(made, machine.name, role, whole * share), machine, role, table["time"], values)
+    return machine
+
+
+def _night(site: Site, order: Path, arms: list[Machine], machines: int, every: float) -> Night:
+    program = [sys.executable, "-P", "-m", "benchmarks.fleet.night_host", str(order)]
+
+    def again(place: Host) -> None:
+        site.work(place, [*program, place.name])
+
+    with site.served(program) as client:
+        database = Database(site.environment["HILFIT_DATABASE_URL"], TABLES, changed=lambda: None)
+        try:
+            count_results(database)
+            files = DataDirectory(site.data)
+            for number in range(machines):
+                _scheduled(client, database, files, arms[number % len(arms)], number)
+            site.say(f"{machines} machines are acquired and scheduled")
+            for place in site.places:
+                again(place)
+            assert site.server is not None
+            before, began = cpu_s(site.server.pid), time.monotonic()
+            time.sleep(PATIENCE_S)
+            idle = (cpu_s(site.server.pid) - before) / (time.monotonic() - began)
+            before, all_before, began = cpu_s(site.server.pid), site.processor()[0], time.monotonic()
+            order.with_name("tomorrow").touch()
+            kill, kills = kill_now_and_then(site, site.places, every, again), 0
+            told = began
+            while (over := _ask(database, OVER)[0][0]) < machines:
+                if time.monotonic() - began > START_S + PATIENCE_S * machines:
+                    raise RuntimeError(f"{over} of {machines} recalibrations were over in time")
+                if time.monotonic() - told > every:
+                    told = time.monotonic()
+                    site.say(f"{over} of {machines} after {told - began:.0f} s")
+                kills = kill()
+                time.sleep(1.0)
+            seconds = time.monotonic() - began
+            server = cpu_s(site.server.pid) - before
+            workers = site.processor()[0] - all_before - server
+            (slots,), (results,) = _ask(database, SLOTS), _ask(database, RESULTS)
+            return Night(
+                slots=(slots[0], slots[1]),
+                ordered=slots[2],
+                jobs={f"{kind} {state}": count for kind, state, count in _ask(database, JOBS)},
+                results=(results[0], results[1]),
+                calibrations=_ask(database, CALIBRATIONS)[0][0],
+                at_once=_ask(database, AT_ONCE)[0][0],
+                kills=kills,
+                seconds=seconds,
+                idle=idle,
+                server=(server - idle * seconds) / machines,
+                workers=workers / machines,
+            )
+        finally:
+            database.close()
+
+
+def _scheduled(client: httpx2.Client, database: Database, files: DataDirectory, arm: Machine, number: int) -> None:
+    """One more machine of some arm, acquired, with a schedule that is due once a day; its file is not looked at."""
+    name = f"site-{number:04d}-{arm.name}"
+    content = machine_to_yaml(arm.model_copy(update={"name": name})).encode()
+    file = files.machine_file(name, 1)
+    file.parent.mkdir()
+    file.write_bytes(content)
+    Machines(database).add(name, 1, hashlib.sha256(content).hexdigest())
+    client.put(f"/machines/{name}/acquisition", json={"enabled": True}).raise_for_status()
+    wish = {"machine": name, "cron": "30 2 * * *", "timezone": "UTC", "duration_s": QUICK_S, "deadline_s": 86400}
+    client.post("/schedules", json=wish).raise_for_status()
+
+
+def _ask(database: Database, query: str) -> list[Any]:
+    with database.read() as connection:
+        return list(connection.execute(sa.text(query)).all())
+
+
+def _fits(arms: list[Machine], made: Path, outputs: Path) -> float:
+    """Processor s of a fit with the loop, of whole recordings, in the process that a worker starts for all of them."""
+    orders = []
+    for number, arm in enumerate(arms):
+        output = outputs / str(number)
+        output.mkdir(parents=True)
+        machine = output / "machine.yaml"
+        machine.write_text(machine_to_yaml(arm), encoding="utf-8")
+        recordings = [(role, made_file(made, arm.name, role, SITE_S * share)) for role, share in SHARES.items()]
+        request = StageRequest(machine, tuple(recordings), {}, output).write()
+        orders += [{"arguments": [str(request), stage], "log": str(outputs / "log")} for stage in STAGES]
+    command = [*fitting_program().command, *orders[0]["arguments"]]
+    lines = "".join(f"{json.dumps(order)}\n" for order in orders[1:])
+    taken, said = _processor(command, lines)
+    done = said.count('"stays": true')
+    if done != len(orders):
+        raise RuntimeError(f"{done} of {len(orders)} stages were done: {said[-300:]}")
+    return taken / len(arms)
+
+
+def _comparison(arms: list[Machine], made: Path, outputs: Path) -> float:
+    """Processor s of a comparison with the calibration before, which has a process of its own."""
+    recordings = [str(made_file(made, arms[0].name, "validate", SITE_S * SHARES["validate"]))]
+    of = {"model": str(outputs / "0" / MODEL_FILE), "recordings": recordings}
+    request = outputs / "comparison.json"
+    request.write_text(json.dumps({"active": of, "new": of}))
+    return _processor([*PROGRAM, str(request)], "")[0]
+
+
+def _processor(command: list[str], lines: str) -> tuple[float, str]:
+    """Processor s of a process with one thread, and what it said."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run(command, input=lines, capture_output=True, text=True, env=os.environ | ONE_CORE)
+    if done.returncode != 0:
+        raise RuntimeError(f"{command[3]} failed: {done.stdout[-300:]} {done.stderr[-300:]}")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
+
+
+def _checks(ran: Night, machines: int, fit: float, compared: float) -> Iterator[Check]:
+    """What was counted, and the sum of the module."""
+    wanted = {"identification done": machines, "recalibration done": machines}
+    each = (machines, machines)
+    yield fact(
+        "every slot had its turn once", (*ran.slots, ran.ordered) == (*each, machines), _of(ran.ordered, machines)
+    )
+    yield fact("every job done", ran.jobs == wanted, ", ".join(f"{count} {what}" for what, count in ran.jobs.items()))
+    yield fact("every result stored once", ran.results == each, _of(ran.results[0], machines))
+    yield fact("every calibration proposed once", ran.calibrations == machines, _of(ran.calibrations, machines))
+    yield Check("workers killed", ran.kills, f"{ran.kills} in {ran.seconds:.0f} s")
+    most = Settings.model_fields["recordings_at_once"].default
+    yield figure("recordings at a time", ran.at_once, most=float(most))
+    yield figure("processor s a second of the server while nothing is due", ran.idle, "{:.2f}")
+    parts = {"server": ran.server, "workers": ran.workers, "fit with the loop": fit, "comparison": compared}
+    each_s = sum(parts.values())
+    shown = f"{each_s:.1f} ({', '.join(f'{what} {taken:.2f}' for what, taken in parts.items())})"
+    yield Check("processor s a recalibration", each_s, shown)
+    hours = night_h(MACHINES, most, SITE_S, each_s / (CORES - ran.idle))
+    yield figure(f"hours of {MACHINES} machines, {CORES} cores", hours, "{:.2f} h", most=NIGHT_H)
+
+
+def night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float:
+    """Hours of a night; see the module.
+
+    Parameters
+    ----------
+    at_once, seconds : recordings at a time, and s of each
+    each_s : s of a recalibration on all cores together
+    """
+    recorded = machines / at_once * seconds
+    return max(recorded + at_once * each_s, seconds + machines * each_s) / 3600
+
+
+def _of(count: int, of: int) -> str:
+    return f"{count} of {of}"
