@@ -178,11 +178,8 @@ class DriveView:
     def quiet_torque(self) -> FloatArray:
         """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.quiet_motion`."""
         if "quiet_torques" not in self.shared:
-            derived = self.segment.derived
-            if "quiet_regressor" not in derived:
-                motion = quiet_motion(self.segment, self.noise, self.bank)
-                derived["quiet_regressor"] = base_regressor(self.machine, self.base, *motion)
-            self.shared["quiet_torques"] = derived["quiet_regressor"] @ self.base_values
+            motion = quiet_motion(self.segment, self.noise, self.bank)
+            self.shared["quiet_torques"] = base_regressor(self.machine, self.base, *motion) @ self.base_values
         return self.shared["quiet_torques"][:, self.joint]
 
     @property

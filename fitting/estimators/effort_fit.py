@@ -100,7 +100,8 @@ class EffortRows:
         r = segment.r[:, joint]
         if self._levers is not None and not segment.loaded:
             r = np.full(len(segment), self._levers[joint])
-        target, columns = block.effort(design.bank, r)
+        target, own = block.effort(design.bank, r)
+        columns = block.wide(own)
         if extra is not None:
             columns = extra.beside(columns, design.bank, joint, index, r)
         if not design.stored:

@@ -41,8 +41,8 @@ Progress = Callable[[float, str], None]
 _REBUILDS = 4
 #: Replicas of one model that are kept in memory.
 KEPT_REPLICAS = 3
-#: Numbers in all replicas' columns up to which they are kept for the models that follow (128 MB).
-_MOST_NUMBERS = 16_000_000
+#: Numbers in all replicas' columns up to which they are kept for the models that follow (32 MB).
+_MOST_NUMBERS = 4_000_000
 #: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0

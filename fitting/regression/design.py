@@ -21,7 +21,7 @@ import numpy as np
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
-from fitting.arrays import BoolArray, FloatArray
+from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.regression.drive import drive_columns, drive_names, known_effort
 from fitting.regression.solving import WhiteRows
 from fitting.signals.filters import FilterBank
@@ -87,22 +87,47 @@ class JointBlock:
 
     Attributes
     ----------
-    target, columns : (N,), (N, p) at full rate, ``p = len(parameters)``
+    target : (N,) at full rate
     known : (N,) effort that the machine file knows (already taken off ``target``)
-    reduced_target, reduced : the same through the identification filter, (M,), (M, p)
+    used : (k,) places, in order, of the columns that are kept among those of all ``width`` parameters; the rest is zero
+    own : (N, k) columns of ``used`` at full rate
+    reduced_target, own_reduced : the same through the identification filter, (M,), (M, k)
     keep : (M,) False where the element rests
     """
 
     target: FloatArray
-    columns: FloatArray
     known: FloatArray
+    used: IntArray
+    width: int
+    own: FloatArray
     reduced_target: FloatArray
-    reduced: FloatArray
+    own_reduced: FloatArray
     keep: BoolArray
 
+    @property
+    def columns(self) -> FloatArray:
+        """Columns of all parameters at full rate, (N, p)."""
+        return self.wide(self.own)
+
+    @property
+    def reduced(self) -> FloatArray:
+        """Columns of all parameters through the filter, (M, p)."""
+        return self.wide(self.own_reduced)
+
+    def wide(self, own: FloatArray) -> FloatArray:
+        """Columns (M, p) of all parameters from those (M, k) of ``used``."""
+        wide = np.zeros((len(own), self.width))
+        wide[:, self.used] = own
+        return wide
+
+    def force(self, theta: FloatArray, first: int = 0) -> FloatArray:
+        """What parameters from number ``first`` on make of the drive's effort, (N,); ``theta`` (p,) or longer."""
+        start = int(np.searchsorted(self.used, first))
+        return np.asarray(self.own[:, start:] @ theta[self.used[start:]])
+
     def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Target (M,) and columns (M, p) as joint efforts, with the lever arm ``r`` (N,), through the filter."""
-        both = bank.reduce(np.column_stack([self.target, self.columns]) * r[:, None])
+        """Target (M,) and columns (M, k) of ``used`` as joint efforts, with the lever arm ``r`` (N,), filtered."""
+        both = bank.reduce(np.column_stack([self.target, self.own]) * r[:, None])
         return both[:, 0], both[:, 1:]
 
 
@@ -125,7 +150,7 @@ class Design:
     @property
     def numbers(self) -> int:
         """How many numbers all columns hold."""
-        return sum(block.columns.size + block.reduced.size for blocks in self.blocks for block in blocks)
+        return sum(block.own.size + block.own_reduced.size for blocks in self.blocks for block in blocks)
 
     def indices(self, *roles: str) -> tuple[int, ...]:
         """Indices of the segments with one of these roles."""
@@ -172,14 +197,14 @@ def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection
     """
     bank, blocks = design.bank, list(design.blocks)
     for joint in joints:
-        drive, own = design.parameters.drive_slice(joint), []
+        width, own = len(design.parameters.drive[joint]), []
         for segment, before in zip(segments, design.blocks[joint], strict=True):
-            columns, reduced = before.columns.copy(), before.reduced.copy()
-            columns[:, drive] = _drive_columns(design.parameters, design.noise, segment, joint)
+            drive = _drive_columns(design.parameters, design.noise, segment, joint)
             target = segment.effort[:, joint] - before.known
-            both = bank.reduce(np.column_stack([target, columns[:, drive]]))
-            reduced[:, drive] = both[:, 1:]
-            own.append(replace(before, target=target, columns=columns, reduced_target=both[:, 0], reduced=reduced))
+            both = bank.reduce(np.column_stack([target, drive]))
+            columns = np.hstack([drive, before.own[:, width:]])
+            reduced = np.hstack([both[:, 1:], before.own_reduced[:, width:]])
+            own.append(replace(before, target=target, own=columns, reduced_target=both[:, 0], own_reduced=reduced))
         blocks[joint] = tuple(own)
     return replace(design, segments=tuple(segments), blocks=tuple(blocks))
 
@@ -207,17 +232,20 @@ def _blocks(
         body /= segment.r[:, :, None]
     blocks = []
     for number, joint in enumerate(machine.joints):
-        columns = np.zeros((len(segment), len(parameters)))
-        columns[:, parameters.drive_slice(number)] = _drive_columns(parameters, noise, segment, number)
+        drive = parameters.drive_slice(number)
+        used, columns = np.arange(drive.start, drive.stop), _drive_columns(parameters, noise, segment, number)
         if body is not None:
-            columns[:, parameters.base_slice] = body[:, number]
+            carried = np.flatnonzero(np.any(body[:, number] != 0, axis=0))
+            used = np.append(used, parameters.base_slice.start + carried)
+            columns = np.hstack([columns, body[:, number, carried]])
         external = None if segment.external is None else segment.external[:, number]
         known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
         keep = _driven(joint.cylinder is not None or segment.loaded, moving_rows(bank, segment.rest[:, number]))
         keep &= told_rows(bank, segment)
         reduced = bank.reduce(np.column_stack([target, columns]))
-        blocks.append(JointBlock(target, columns, known, reduced[:, 0], reduced[:, 1:], keep))
+        own = reduced[:, 0], reduced[:, 1:]
+        blocks.append(JointBlock(target, known, used, len(parameters), columns, *own, keep))
     return blocks
 
 
@@ -322,7 +350,7 @@ def full_residual(design: Design, theta: FloatArray, joint: int, index: int, ext
     """Measured less predicted drive effort of a joint in a segment, (N,), before any filter."""
     block = design.blocks[joint][index]
     p = len(design.parameters)
-    residual = block.target - block.columns @ theta[:p]
+    residual = block.target - block.force(theta)
     if extra is not None and extra.names:
         own = extra.columns[joint][index]
         if own is not None:
@@ -336,7 +364,7 @@ def reduced_residual(
     """:func:`full_residual` through the identification filter, (M,)."""
     block = design.blocks[joint][index]
     p = len(design.parameters)
-    residual = block.reduced_target - block.reduced @ theta[:p]
+    residual = block.reduced_target - block.own_reduced @ theta[block.used]
     own = None if extra is None else extra.columns[joint][index]
     return residual if own is None else residual - design.bank.reduce(own @ theta[p:])
 
@@ -349,8 +377,9 @@ def effort_residual(
     if not design.stored:
         return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))
     p = len(design.parameters)
-    target, columns = design.blocks[joint][index].effort(design.bank, r)
-    residual = target - columns @ theta[:p]
+    block = design.blocks[joint][index]
+    target, columns = block.effort(design.bank, r)
+    residual = target - columns @ theta[block.used]
     own = None if extra is None else extra.columns[joint][index]
     return residual if own is None else residual - design.bank.reduce(r * (own @ theta[p:]))
 

@@ -18,6 +18,8 @@ from fitting.regression.design import JointBlock, Store
 from fitting.signals.filters import FilterBank
 from fitting.signals.preparation import Segment
 
+_EFFORT = ("effort_target", "effort_columns")
+
 
 class _Stored:
     """What reads arrays of some names from a scratch file when they are asked for."""
@@ -48,39 +50,19 @@ class StoredSegment(_Stored, Segment):
 
 
 def in_memory(segment: Segment) -> Segment:
-    """The same segment with its arrays read from the file; nothing is derived from it yet."""
-    names = [item.name for item in fields(Segment) if item.name != "derived"]
-    return Segment(**{name: getattr(segment, name) for name in names})
+    """The same segment with its arrays read from the file."""
+    return Segment(**{item.name: getattr(segment, item.name) for item in fields(Segment)})
 
 
 class StoredBlock(_Stored, JointBlock):
-    """A block whose arrays are in a scratch file, but for the rows that are kept.
-
-    Columns that are zero in a whole block (another joint's drive parameters) are not stored.
-    """
+    """A block whose arrays are in a scratch file, but for which columns and rows are kept."""
 
     def __init__(self, block: JointBlock, effort: tuple[FloatArray, FloatArray], scratch: Scratch) -> None:
-        used = np.flatnonzero(np.any(block.columns != 0, axis=0))
-        places = {
-            "target": scratch.put(block.target),
-            "known": scratch.put(block.known),
-            "columns": scratch.put(block.columns[:, used]),
-            "reduced_target": scratch.put(block.reduced_target),
-            "reduced": scratch.put(block.reduced[:, used]),
-            "effort_target": scratch.put(effort[0]),
-            "effort_columns": scratch.put(effort[1][:, used]),
-        }
-        width = block.columns.shape[1]
-        own = {"_scratch": scratch, "_places": places, "_used": used, "_width": width, "keep": block.keep}
+        names = ("target", "known", "own", "reduced_target", "own_reduced")
+        arrays = {name: getattr(block, name) for name in names} | dict(zip(_EFFORT, effort, strict=True))
+        places = {name: scratch.put(array) for name, array in arrays.items()}
+        own = {"_scratch": scratch, "_places": places, "used": block.used, "width": block.width, "keep": block.keep}
         self.__dict__.update(own)  # the class is frozen
-
-    def __getattr__(self, name: str) -> Any:
-        own, values = self.__dict__, super().__getattr__(name)
-        if "columns" not in name and name != "reduced":
-            return values
-        wide = np.zeros((len(values), own["_width"]))
-        wide[:, own["_used"]] = values
-        return wide
 
     def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
         """As :meth:`fitting.regression.design.JointBlock.effort`, with the lever arm that it was stored with."""

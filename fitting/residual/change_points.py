@@ -324,12 +324,11 @@ def usual_columns(design: Design, theta: FloatArray, fitted: Sequence[int], join
     ``load`` is the rigid body's force as fitted: its coefficient is a relative change of what the arm carries.
     """
     names = design.parameters.drive[joint]
-    start = design.parameters.drive_slice(joint).start
     result: dict[str, list[FloatArray]] = {"1": [np.ones(len(design.segments[i])) for i in fitted]}
     for name in ("f_c", "f_v", "K"):
         if name in names:
-            column = start + names.index(name)
-            result[name] = [design.blocks[joint][i].columns[:, column] for i in fitted]
-    body = design.parameters.base_slice
-    result["load"] = [design.blocks[joint][i].columns[:, body] @ theta[body] for i in fitted]
+            number = names.index(name)  # a joint's own drive parameters come first
+            result[name] = [design.blocks[joint][i].own[:, number] for i in fitted]
+    body = design.parameters.base_slice.start
+    result["load"] = [design.blocks[joint][i].force(theta, body) for i in fitted]
     return result

@@ -121,7 +121,7 @@ def _columns(model: Model, joint: int, index: int) -> Iterator[tuple[int, FloatA
     start = parameters.drive_slice(joint).start
     for number, name in enumerate(parameters.drive[joint]):
         if name in _FRICTION:
-            yield start + number, block.columns[:, start + number]
+            yield start + number, block.own[:, number]  # a joint's own drive parameters come first
     own = model.extra.columns[joint][index]
     for number, term in enumerate(model.terms):
         part = model.term_slice(number)

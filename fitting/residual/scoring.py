@@ -31,7 +31,7 @@ from fitting.residual.terms import Model, Term
 PARAMETER_PRICE = 6.0
 #: Times the bias from which on a value is compared as it is.
 FAR_BEYOND = 2.0
-_BATCH_COLUMNS = 128  # built at once at full rate: fits a processor's cache
+_BATCH_COLUMNS = 64  # built at once at full rate: fits a processor's cache
 #: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (128 MB).
 _MOST_NUMBERS = 16_000_000
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm

@@ -78,15 +78,14 @@ class StoredViews(Sequence[tuple[DriveView, ...]]):
     def _model_forces(self, index: int, extra: Extra | None) -> tuple[FloatArray, FloatArray]:
         """The model's drive efforts and its loads in a segment, (N, n) each."""
         design, theta = self._design, self._theta
-        p, base = len(design.parameters), design.parameters.base_slice
+        p, base = len(design.parameters), design.parameters.base_slice.start
         forces, loads = [], []
         for joint in range(len(design.machine.joints)):
             block = design.blocks[joint][index]
-            columns = block.columns
-            force = block.known + columns @ theta[:p]
+            force = block.known + block.force(theta)
             own = None if extra is None else extra.columns[joint][index]
             forces.append(force if own is None else force + own @ theta[p:])
-            loads.append(columns[:, base] @ theta[base])
+            loads.append(block.force(theta, base))
         return np.column_stack(forces), np.column_stack(loads)
 
     def _seen(self, index: int, forces: FloatArray) -> _Seen:

@@ -71,10 +71,9 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
         np.stack([predicted_effort(design, theta, joint, index, extra) for joint in range(joints)], axis=1)
         for index in count
     ]
-    base = design.parameters.base_slice
+    base = design.parameters.base_slice.start
     loads = [
-        np.stack([design.blocks[joint][index].columns[:, base] @ theta[base] for joint in range(joints)], axis=1)
-        for index in count
+        np.stack([design.blocks[joint][index].force(theta, base) for joint in range(joints)], axis=1) for index in count
     ]
     ranges = signal_ranges(design, fitted, forces)
     laws: list[tuple[RodLaw | None, ...]] = []

@@ -87,7 +87,6 @@ class Segment:
         remembers them; the machine went on at constant speed, or stood, before. None: it stood
     bridged : (N,) True in rows that hold something made up between measured rows; None: none does
     late : per joint by how many samples its effort was sampled late and was moved; empty: none was
-    derived : what was derived from the motion alone, by name: it stays when a model changes
     """
 
     recording: int
@@ -113,7 +112,6 @@ class Segment:
     lead: FloatArray | None = field(default_factory=lambda: None)
     bridged: BoolArray | None = field(default_factory=lambda: None)
     late: tuple[float, ...] = field(default_factory=tuple)
-    derived: dict[str, FloatArray] = field(default_factory=dict, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.t)
@@ -302,7 +300,7 @@ def with_delays(
 ) -> Segment:
     """A segment of ``recording`` that was prepared without any delay, with some joints' efforts moved in time.
 
-    ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion stays, and what was derived from it.
+    ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion stays.
     """
     moved = _with_efforts(machine, recording, segment, bank, latency)
     sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)

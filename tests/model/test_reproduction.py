@@ -118,7 +118,7 @@ def test_an_effect_that_is_not_over_time_sees_one_moment(name: str) -> None:
     def part(values: object) -> object:
         return values[picked] if isinstance(values, np.ndarray) and len(values) == len(view) else values
 
-    segment = Segment(**{f.name: part(getattr(view.segment, f.name)) for f in fields(Segment) if f.name != "derived"})
+    segment = Segment(**{f.name: part(getattr(view.segment, f.name)) for f in fields(Segment)})
     pressures = view.rod_pressures()[picked]
     less = replace(
         view,
