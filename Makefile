@@ -6,7 +6,7 @@ PIP := .ci/install $(BIN)/python
 # Versions that were tested, with the hashes of their files; `make demo LOCK=` takes the newest that pyproject.toml allows.
 LOCK ?= locks
 # What each lock file is of: extras of pyproject.toml.
-EXTRAS_use := sim consistent
+EXTRAS_use := sim
 EXTRAS_dev := dev
 EXTRAS_docs := docs
 EXTRAS_image := sim postgresql export dbc xacro s3 mqtt opcua

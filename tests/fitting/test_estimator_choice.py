@@ -112,8 +112,6 @@ def test_a_broken_plug_in_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, val
 @pytest.mark.parametrize("name", [i for i in IDS if i != "ridge"])
 @pytest.mark.parametrize("final", [False, True], ids=["stage-2", "refit"])
 def test_each_estimator_recovers_the_base_parameters_within_its_deviations(name: str, final: bool) -> None:
-    if name == "consistent":
-        pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
     session = clean_session(2)
     design, fit = session.plain.design, session.base_model.fit
     own: Estimator = estimator(name)

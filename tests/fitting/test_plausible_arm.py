@@ -71,7 +71,7 @@ def cost(found: Optimum, A: np.ndarray, b: np.ndarray) -> float:
     ("arm", "span", "drive"), [(planar_arm(3), 1.0, 1.0), (puma_560(), 0.3, -1.0)], ids=["planar", "puma"]
 )
 def test_the_optimum_is_that_of_a_conic_solver(arm: Geometry, span: float, drive: float) -> None:
-    cp = pytest.importorskip("cvxpy", reason="the extra 'consistent' is not installed")
+    cp = pytest.importorskip("cvxpy", reason="the extra 'test' is not installed")
     own, A, b, base = problem(arm, 3, span=span, noise=5.0, drive=drive)
     found = own.optimum(A, b)
     links, n = [cp.Variable((4, 4), PSD=True) for _ in range(arm.joints)], arm.joints
