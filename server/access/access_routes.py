@@ -20,7 +20,7 @@ from server.access.pairing import PairingWork, pairing_url, qr_svg
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
-from server.platform.http.route_parameters import Cursor, Idempotency, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, Idempotency, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/access", tags=["access"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
@@ -75,9 +75,9 @@ def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
 
 
 @router.get("/devices", responses=problems(422), dependencies=ADMIN)
-def list_devices(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
+def list_devices(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List paired devices."""
-    return HolderList.of(service[Access].holders.list("device", limit, cursor), service[Access].connections)
+    return HolderList.of(service[Access].holders.list("device", limit, cursor, between), service[Access].connections)
 
 
 @router.delete("/devices/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
@@ -87,9 +87,9 @@ def remove_device(id: str, service: ServiceDep) -> None:
 
 
 @router.get("/keys", responses=problems(422), dependencies=ADMIN)
-def list_keys(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
+def list_keys(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List API keys."""
-    return HolderList.of(service[Access].holders.list("key", limit, cursor), service[Access].connections)
+    return HolderList.of(service[Access].holders.list("key", limit, cursor, between), service[Access].connections)
 
 
 @router.get("/keys/{id}", responses=problems(404, 422), dependencies=ADMIN)

@@ -18,6 +18,7 @@ import sqlalchemy as sa
 from server.access.access_tables import principals
 from server.platform.authorization.principals import Principal, Role
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.lists import ANY_TIME, Between
 from server.platform.errors import ConflictError, NotFoundError
 
 PREFIX = "hilfit_"
@@ -120,9 +121,12 @@ class Holders:
             raise NotFoundError(f"there is no {kind} '{id}'")
         return _holder(row)
 
-    def list(self, kind: Literal["device", "key"], limit: int, after: int = 0) -> Page[Holder]:
+    def list(
+        self, kind: Literal["device", "key"], limit: int, after: int = 0, between: Between = ANY_TIME
+    ) -> Page[Holder]:
         """Newest first."""
         query = sa.select(principals).where(principals.c.kind == kind)
+        query = between.narrowed(query, principals.c.created, principals.c.name)
         with self._database.read() as connection:
             rows, cursor = page(connection, query, principals.c.number, limit, after)
         return Page(tuple(_holder(row) for row in rows), cursor)

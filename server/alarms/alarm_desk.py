@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
+from typing import Unpack
 
 import structlog
 
@@ -16,6 +17,7 @@ from server.alarms.alarm_conditions import KINDS, Severity, Timer, step
 from server.alarms.alarm_lifecycle import Alarm
 from server.alarms.alarm_store import AlarmStore
 from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing
 from server.platform.errors import PreconditionError
 from server.platform.http.route_parameters import Tags
 
@@ -75,17 +77,9 @@ class Alarms:
         """The alarm; NotFoundError if there is none."""
         return self._store.get(id)
 
-    def list(
-        self,
-        limit: int,
-        after: int = 0,
-        *,
-        machine: str | None = None,
-        machines: tuple[str, ...] | None = None,
-        state: str | None = None,
-    ) -> Page[Alarm]:
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Alarm]:
         """Newest first, see :meth:`AlarmStore.list`."""
-        return self._store.list(limit, after, machine=machine, machines=machines, state=state)
+        return self._store.list(limit, after, **narrowed)
 
     def active(self) -> tuple[Alarm, ...]:
         """All that are active."""

@@ -11,7 +11,15 @@ from server.alarms.alarm_lifecycle import Alarm, tag
 from server.alarms.alarm_schemas import AlarmList, AlarmResource, Shelf
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import Cursor, KnownTags, Limit, MachineQuery, ServiceDep, problems
+from server.platform.http.route_parameters import (
+    BetweenDep,
+    Cursor,
+    KnownTags,
+    Limit,
+    MachineQuery,
+    ServiceDep,
+    problems,
+)
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
 
@@ -20,13 +28,17 @@ router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
 def list_alarms(
     service: ServiceDep,
     principal: PrincipalDep,
+    between: BetweenDep,
     machine: MachineQuery = None,
     state: Literal["active", "cleared"] | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> AlarmList:
-    """List alarms, newest first; one of the service as a whole has no machine."""
-    return AlarmList.of(service[Alarms].list(limit, cursor, machine=machine, machines=principal.machines, state=state))
+    """List alarms, newest first; one of the service as a whole has no machine; ``label`` is looked for in the text."""
+    own = service[Alarms].list(
+        limit, cursor, machine=machine, machines=principal.machines, state=state, between=between
+    )
+    return AlarmList.of(own)
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
 from server.alarms.alarm_lifecycle import Alarm
 from server.alarms.alarm_tables import alarms
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import Narrowing, listed
 from server.platform.database.outbox import put_out
 from server.platform.errors import NotFoundError
 
@@ -25,26 +26,9 @@ class AlarmStore:
         with self._database.read() as connection:
             return _get(connection, id)
 
-    def list(
-        self,
-        limit: int,
-        after: int = 0,
-        *,
-        machine: str | None = None,
-        machines: tuple[str, ...] | None = None,
-        state: str | None = None,
-    ) -> Page[Alarm]:
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Alarm]:
         """Newest first; ``machines``: only those of these machines, without those of the service as a whole."""
-        query = sa.select(alarms)
-        if machine is not None:
-            query = query.where(alarms.c.machine == machine)
-        if machines is not None:
-            query = query.where(alarms.c.machine.in_(machines))
-        if state is not None:
-            query = query.where(alarms.c.state == state)
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, alarms.c.number, limit, after)
-        return Page(tuple(_alarm(row) for row in rows), cursor)
+        return listed(self._database, alarms, _alarm, limit, after, **narrowed)
 
     def shelved(self) -> tuple[Alarm, ...]:
         """All that are on a shelf."""

@@ -24,4 +24,5 @@ alarms = sa.Table(
     sa.Column("raised", sa.String, nullable=False),  # the last time
     sa.Column("cleared", sa.String),
     sa.Column("count", sa.Integer, nullable=False),  # times raised before somebody acknowledged it
+    info={"created": "raised", "label": "text"},
 )

@@ -19,6 +19,7 @@ import sqlalchemy as sa
 from server.audit.audit_tables import audit_log
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.lists import ANY_TIME, Between
 from server.platform.database.site_marker import Noted
 
 
@@ -82,9 +83,11 @@ class Audit:
         if self._database.site is not None:
             self._database.site.note(int(str(values["number"])), chained)
 
-    def list(self, limit: int, after: int = 0, *, action: str | None = None) -> Page[Entry]:
-        """Newest first; ``action`` narrows to actions that begin with it."""
-        query = sa.select(audit_log)
+    def list(
+        self, limit: int, after: int = 0, *, action: str | None = None, between: Between = ANY_TIME
+    ) -> Page[Entry]:
+        """Newest first; ``action``: those that begin with it; ``between``: of a time, with a part of the subject."""
+        query = between.narrowed(sa.select(audit_log), audit_log.c.time, audit_log.c.subject)
         if action is not None:
             query = query.where(audit_log.c.action.startswith(action, autoescape=True))
         with self._database.read() as connection:

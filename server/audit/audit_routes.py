@@ -10,7 +10,7 @@ from server.audit.audit_log import Audit
 from server.audit.audit_schemas import EntryList, VerificationResource
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import Cursor, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, ServiceDep, problems
 
 router = APIRouter(
     prefix="/audit", tags=["audit"], dependencies=[require("admin", every_machine=True)], route_class=TypedRoute
@@ -20,12 +20,13 @@ router = APIRouter(
 @router.get("", responses=problems(422))
 def list_entries(
     service: ServiceDep,
+    between: BetweenDep,
     action: Annotated[str | None, Query(max_length=80, description="Beginning of the action")] = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> EntryList:
-    """List the audit log, newest first."""
-    return EntryList.of(service[Audit].list(limit, cursor, action=action))
+    """List the audit log, newest first; ``label`` is looked for in what it was done to."""
+    return EntryList.of(service[Audit].list(limit, cursor, action=action, between=between))
 
 
 @router.get("/verification")

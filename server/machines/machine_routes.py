@@ -15,7 +15,7 @@ from server.machines.machine_store import Machines
 from server.platform.authorization.guard import Principal, PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import NotFoundError
-from server.platform.http.route_parameters import Cursor, KnownTags, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, KnownTags, Limit, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
@@ -58,9 +58,11 @@ async def check(request: Request, service: ServiceDep, principal: PrincipalDep) 
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_machines(service: ServiceDep, principal: PrincipalDep, limit: Limit = 50, cursor: Cursor = 0) -> MachineList:
-    """List machines."""
-    return MachineList.of(service[Machines].list(limit, cursor, only=principal.machines))
+def list_machines(
+    service: ServiceDep, principal: PrincipalDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0
+) -> MachineList:
+    """List machines; ``label`` is looked for in their names, and a machine's time is that of its current version."""
+    return MachineList.of(service[Machines].list(limit, cursor, only=principal.machines, between=between))
 
 
 @router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])

@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from server.machines.machine_tables import machine_versions, machines
 from server.platform.database.engine import Database, Page, page
+from server.platform.database.lists import ANY_TIME, Between
 from server.platform.errors import ConflictError, NotFoundError
 
 
@@ -80,9 +81,11 @@ class Machines:
         with self._database.read() as connection:
             return tuple(_machine(row) for row in connection.execute(query))
 
-    def list(self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None) -> Page[MachineRow]:
+    def list(
+        self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None, between: Between = ANY_TIME
+    ) -> Page[MachineRow]:
         """Current versions, the machine added last first; ``only``: of these machines."""
-        query = _versions().where(_is_current())
+        query = between.narrowed(_versions().where(_is_current()), machine_versions.c.created, machines.c.name)
         if only is not None:
             query = query.where(machines.c.name.in_(only))
         with self._database.read() as connection:

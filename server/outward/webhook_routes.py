@@ -17,7 +17,7 @@ from server.outward.webhook_signing import shown
 from server.outward.webhook_store import State
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import Cursor, Idempotency, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import BetweenDep, Cursor, Idempotency, Limit, ServiceDep, problems
 
 router = APIRouter(prefix="/webhooks", tags=["webhooks"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
@@ -47,9 +47,9 @@ def add_webhook(
 
 
 @router.get("", responses=problems(422), dependencies=ADMIN)
-def list_webhooks(service: ServiceDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
+def list_webhooks(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
     """List webhooks, newest first."""
-    page = service[Webhooks].store.list(limit, cursor)
+    page = service[Webhooks].store.list(limit, cursor, between)
     return WebhookList(items=[WebhookResource.of(webhook) for webhook in page.items], next=page.next)
 
 
@@ -75,8 +75,14 @@ def test_webhook(id: str, response: Response, service: ServiceDep) -> DeliveryRe
 
 @router.get("/{id}/deliveries", responses=problems(404, 422), dependencies=ADMIN)
 def list_deliveries(
-    id: str, service: ServiceDep, state: State | None = None, limit: Limit = 50, cursor: Cursor = 0
+    id: str,
+    service: ServiceDep,
+    between: BetweenDep,
+    state: State | None = None,
+    limit: Limit = 50,
+    cursor: Cursor = 0,
 ) -> DeliveryList:
     """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
-    page = service[Webhooks].store.deliveries(id, limit, cursor, state)
+    own = service[Webhooks].store.get(id).id
+    page = service[Webhooks].store.deliveries(limit, cursor, webhook=own, state=state, between=between)
     return DeliveryList(items=[DeliveryResource.of(delivery) for delivery in page.items], next=page.next)

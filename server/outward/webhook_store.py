@@ -5,13 +5,14 @@ from __future__ import annotations
 import secrets
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import sqlalchemy as sa
 
 from server.outward.outward_message import Message
 from server.outward.webhook_tables import webhook_deliveries, webhooks
-from server.platform.database.engine import Database, Page, page
+from server.platform.database.engine import Database, Page
+from server.platform.database.lists import ANY_TIME, Between, Narrowing, listed
 from server.platform.errors import NotFoundError
 
 State = Literal["pending", "delivered", "given_up"]
@@ -67,11 +68,9 @@ class WebhookStore:
             raise NotFoundError(f"there is no webhook '{id}'")
         return _webhook(row)
 
-    def list(self, limit: int, after: int = 0) -> Page[Webhook]:
+    def list(self, limit: int, after: int = 0, between: Between = ANY_TIME) -> Page[Webhook]:
         """Newest first."""
-        with self._database.read() as connection:
-            rows, cursor = page(connection, sa.select(webhooks), webhooks.c.number, limit, after)
-        return Page(tuple(_webhook(row) for row in rows), cursor)
+        return listed(self._database, webhooks, _webhook, limit, after, between=between)
 
     def remove(self, id: str) -> None:
         """Forget one and its deliveries; NotFoundError if there is none."""
@@ -111,15 +110,9 @@ class WebhookStore:
             row = connection.execute(sa.select(webhook_deliveries).where(webhook_deliveries.c.id == id)).first()
         return None if row is None else _delivery(row)
 
-    def deliveries(self, webhook: str, limit: int, after: int = 0, state: State | None = None) -> Page[Delivery]:
-        """Newest first; NotFoundError if there is no such webhook."""
-        self.get(webhook)
-        query = sa.select(webhook_deliveries).where(webhook_deliveries.c.webhook == webhook)
-        if state is not None:
-            query = query.where(webhook_deliveries.c.state == state)
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, webhook_deliveries.c.number, limit, after)
-        return Page(tuple(_delivery(row) for row in rows), cursor)
+    def deliveries(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Delivery]:
+        """Newest first."""
+        return listed(self._database, webhook_deliveries, _delivery, limit, after, **narrowed)
 
     def pending(self) -> tuple[Delivery, ...]:
         """All that are on their way, oldest first."""

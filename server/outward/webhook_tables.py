@@ -33,4 +33,5 @@ webhook_deliveries = sa.Table(
     sa.Column("error", sa.String),  # of the last try
     sa.Column("created", sa.String, nullable=False),
     sa.Column("ended", sa.String),
+    info={"label": "type"},
 )

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "7c612db7884ad4597ac35b119d24fdb4622f3f2196179ee0e2fe0f31e8ebf29a"
+SOURCE_SHA256 = "330d12bf601aff3376c51768d5cb1d392b0f4c9d7e5794e1b359b8ce3b74aa44"
 
 
 class AcquisitionWish(TypedDict):
@@ -1058,10 +1058,20 @@ class AccessApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def list_devices(self, *, limit: int | None = None, cursor: int | None = None) -> HolderList:
+    def list_devices(
+        self,
+        *,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
+    ) -> HolderList:
         """List paired devices."""
         answer: HolderList = self._transport.json(
-            "GET", "/api/v1/access/devices", query={"limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/access/devices",
+            query={"limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
         )
         return answer
 
@@ -1069,10 +1079,20 @@ class AccessApi:
         """Unpair a device: its token is worth nothing from now on, and its streams are closed."""
         self._transport.nothing("DELETE", f"/api/v1/access/devices/{self._transport.quoted(id)}")
 
-    def list_keys(self, *, limit: int | None = None, cursor: int | None = None) -> HolderList:
+    def list_keys(
+        self,
+        *,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
+    ) -> HolderList:
         """List API keys."""
         answer: HolderList = self._transport.json(
-            "GET", "/api/v1/access/keys", query={"limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/access/keys",
+            query={"limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
         )
         return answer
 
@@ -1127,10 +1147,23 @@ class AlarmsApi:
         state: Literal["active", "cleared"] | None = None,
         limit: int | None = None,
         cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> AlarmList:
-        """List alarms, newest first; one of the service as a whole has no machine."""
+        """List alarms, newest first; one of the service as a whole has no machine; `label` is looked for in the text."""
         answer: AlarmList = self._transport.json(
-            "GET", "/api/v1/alarms", query={"machine": machine, "state": state, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/alarms",
+            query={
+                "machine": machine,
+                "state": state,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
         )
         return answer
 
@@ -1177,11 +1210,20 @@ class AuditApi:
         self._transport = transport
 
     def list_entries(
-        self, *, action: str | None = None, limit: int | None = None, cursor: int | None = None
+        self,
+        *,
+        action: str | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> EntryList:
-        """List the audit log, newest first."""
+        """List the audit log, newest first; `label` is looked for in what it was done to."""
         answer: EntryList = self._transport.json(
-            "GET", "/api/v1/audit", query={"action": action, "limit": limit, "cursor": cursor}
+            "GET",
+            "/api/v1/audit",
+            query={"action": action, "limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
         )
         return answer
 
@@ -1587,9 +1629,21 @@ class MachinesApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def list_machines(self, *, limit: int | None = None, cursor: int | None = None) -> MachineList:
-        """List machines."""
-        answer: MachineList = self._transport.json("GET", "/api/v1/machines", query={"limit": limit, "cursor": cursor})
+    def list_machines(
+        self,
+        *,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
+    ) -> MachineList:
+        """List machines; `label` is looked for in their names, and a machine's time is that of its current version."""
+        answer: MachineList = self._transport.json(
+            "GET",
+            "/api/v1/machines",
+            query={"limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
+        )
         return answer
 
     def upload(
@@ -1932,9 +1986,21 @@ class WebhooksApi:
     def __init__(self, transport: Transport) -> None:
         self._transport = transport
 
-    def list_webhooks(self, *, limit: int | None = None, cursor: int | None = None) -> WebhookList:
+    def list_webhooks(
+        self,
+        *,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
+    ) -> WebhookList:
         """List webhooks, newest first."""
-        answer: WebhookList = self._transport.json("GET", "/api/v1/webhooks", query={"limit": limit, "cursor": cursor})
+        answer: WebhookList = self._transport.json(
+            "GET",
+            "/api/v1/webhooks",
+            query={"limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
+        )
         return answer
 
     def add_webhook(self, *, idempotency_key: str | None = None, **body: Unpack[WebhookOrder]) -> NewWebhook:
@@ -1960,12 +2026,15 @@ class WebhooksApi:
         state: Literal["pending", "delivered", "given_up"] | None = None,
         limit: int | None = None,
         cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
     ) -> DeliveryList:
         """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
         answer: DeliveryList = self._transport.json(
             "GET",
             f"/api/v1/webhooks/{self._transport.quoted(id)}/deliveries",
-            query={"state": state, "limit": limit, "cursor": cursor},
+            query={"state": state, "limit": limit, "cursor": cursor, "since": since, "until": until, "label": label},
         )
         return answer
 

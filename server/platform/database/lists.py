@@ -31,27 +31,35 @@ class Between:
         return query.where(label.icontains(self.labelled, autoescape=True)) if self.labelled else query
 
 
+ANY_TIME = Between()
+
+
 class Narrowing(TypedDict, total=False):
     """What narrows a list; None narrows nothing.
 
-    ``machine``, ``role`` and ``state`` are those of a row, ``machines`` those that whoever asks may see.
+    ``machine``, ``role``, ``state`` and ``webhook`` are those of a row, ``machines`` those that whoever asks may see.
     """
 
     machine: str | None
     machines: tuple[str, ...] | None
     role: str | None
     state: str | None
+    webhook: str | None
     between: Between
 
 
 def rows_of(
     connection: sa.Connection, table: sa.Table, limit: int, after: int, **narrowed: Unpack[Narrowing]
 ) -> tuple[Sequence[sa.Row[Any]], int | None]:
-    """Rows of a table with a ``number``, newest first, and the cursor of the next page."""
-    query = narrowed.get("between", Between()).narrowed(sa.select(table), table.c.created, table.c.label)
+    """Rows of a table with a ``number``, newest first, and the cursor of the next page.
+
+    What counts as time and label of a row are the columns that ``table.info`` says, else ``created`` and ``label``.
+    """
+    created, label = (table.c[table.info.get(name, name)] for name in ("created", "label"))
+    query = narrowed.get("between", ANY_TIME).narrowed(sa.select(table), created, label)
     if (seen := narrowed.get("machines")) is not None:
         query = query.where(table.c.machine.in_(seen))
-    for name in ("machine", "role", "state"):
+    for name in ("machine", "role", "state", "webhook"):
         if (wanted := narrowed.get(name)) is not None:
             query = query.where(table.c[name] == wanted)
     return page(connection, query, table.c.number, limit, after)

@@ -2,6 +2,9 @@
 import type { Sentence } from "./sentences";
 
 export const SERVICE_FIXED: Record<string, string> = {
+  "its secret is not on this computer: remove the webhook and add it again":
+    "Sein Geheimnis ist nicht auf diesem Rechner: den Webhook entfernen und neu anlegen",
+  "its address is no longer in webhook_places": "Seine Adresse steht nicht mehr in webhook_places",
   "a constant force more or less": "eine gleichbleibende Kraft mehr oder weniger",
   "more or less force against the motion (friction)": "mehr oder weniger Kraft gegen die Bewegung (Reibung)",
   "a force that grows with the load (a gain, or another load)":
@@ -60,6 +63,12 @@ export const SERVICE_SENTENCES: readonly Sentence[] = [
   [
     /^the computer's clock was set by (.+) s; times in lists before and after do not compare$/,
     "Die Uhr des Rechners wurde um $1 s gestellt; Zeiten davor und danach sind nicht vergleichbar",
+  ],
+  [/^the receiver answered (\d+)$/, "Der Empfänger antwortete mit $1"],
+  [/^no answer \((.+)\)$/, "Keine Antwort ($1)"],
+  [
+    /^(\S+) resolves to addresses that webhook_places does not let through$/,
+    "$1 führt zu Adressen, die webhook_places nicht zulässt",
   ],
   [
     /^webhook (.+): messages were given up; look at its deliveries and at its receiver$/,

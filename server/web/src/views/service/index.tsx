@@ -1,14 +1,16 @@
-/** For admins: who did what, and what the service says of itself. */
+/** For admins: who did what, what is told to other systems, and what the service says of itself. */
 import { useRoute } from "../../routes";
 import { useSession } from "../../session";
 import { Notice } from "../../ui/controls";
 import { AuditLog } from "./audit_log";
 import { LogConsole } from "./log_console";
+import { Webhooks } from "./webhooks";
 import "./service.css";
 import { t } from "../../texts";
 
 const PARTS = [
   ["audit", t("service.auditLog"), AuditLog],
+  ["webhooks", t("webhooks.title"), Webhooks],
   ["log", t("service.log"), LogConsole],
 ] as const;
 

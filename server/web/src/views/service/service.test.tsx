@@ -1,8 +1,8 @@
 // @vitest-environment happy-dom
 import { cleanup, fireEvent, screen } from "@testing-library/preact";
-import { afterEach, beforeEach, describe, expect, it } from "vitest";
+import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { go } from "../../routes";
-import { FakeService } from "../fakes";
+import { done, FakeService } from "../fakes";
 import ServiceView from ".";
 import { asCsv, detail } from "./audit_log";
 import { joined, type Line, said } from "./log_console";
@@ -93,5 +93,62 @@ describe("the log console", () => {
     fireEvent.change(screen.getByLabelText("Show"), { target: { value: "error" } });
     await screen.findByText("monitor_failed");
     expect(screen.getAllByRole("listitem").length).toBeGreaterThan(0);
+  });
+});
+
+describe("webhooks", () => {
+  const webhook = {
+    id: "whk-1",
+    label: "shop",
+    url: "https://erp.example/hilfit",
+    events: ["alarm"],
+    created: "2026-03-01T08:00:00Z",
+    created_by: "Kim",
+  };
+  const delivery = (state: string, given: object = {}) => ({
+    id: `dlv-${state}`,
+    message: "msg-1",
+    type: "alarm",
+    state,
+    tries: 9,
+    error: null,
+    created: "2026-03-01T08:00:00Z",
+    ended: null,
+    ...given,
+  });
+
+  it("shows what became of each message, sends a test, and removes one after asking", async () => {
+    go("#/service/webhooks");
+    const fake = new FakeService("admin");
+    const given = delivery("given_up", { error: "the receiver answered 500" });
+    fake.resources["/webhooks?limit=100"] = { items: [webhook], next: null };
+    fake.resources["/webhooks/whk-1/deliveries?limit=50"] = { items: [given, delivery("delivered")], next: null };
+    fake.resources["/webhooks/whk-1/deliveries?limit=50&state=given_up"] = { items: [given], next: null };
+    fake.answers["POST /webhooks/whk-1/test"] = done(delivery("pending"));
+    fake.answers["DELETE /webhooks/whk-1"] = done(null);
+    fake.show(<ServiceView />);
+    await screen.findByText("the receiver answered 500");
+    expect(screen.getAllByText("delivered").length).toBe(2); // of the table and of what it is narrowed by
+    fireEvent.change(screen.getByLabelText("State"), { target: { value: "given_up" } });
+    await screen.findByText("the receiver answered 500");
+    fireEvent.click(screen.getByRole("button", { name: "Send a test message" }));
+    await vi.waitFor(() => expect(fake.sent.map((own) => own.path)).toEqual(["/webhooks/whk-1/test"]));
+    fireEvent.click(screen.getByRole("button", { name: "Remove" }));
+    expect(fake.sent.length).toBe(1);
+    fireEvent.click(screen.getAllByRole("button", { name: "Remove" }).at(-1) as HTMLElement);
+    await vi.waitFor(() => expect(fake.sent[1]).toMatchObject({ method: "DELETE", path: "/webhooks/whk-1" }));
+  });
+
+  it("shows the secret of a new one", async () => {
+    go("#/service/webhooks");
+    const fake = new FakeService("admin");
+    fake.resources["/webhooks?limit=100"] = { items: [], next: null };
+    fake.answers["POST /webhooks"] = done({ ...webhook, secret: "whsec_x" });
+    fake.show(<ServiceView />);
+    await screen.findByText("Nothing is told to other systems by webhooks.");
+    fireEvent.input(screen.getByLabelText("Address"), { target: { value: "https://erp.example/hilfit" } });
+    fireEvent.click(screen.getByRole("button", { name: "Add a webhook" }));
+    await screen.findByText("whsec_x");
+    expect(fake.sent[0]).toMatchObject({ json: { url: "https://erp.example/hilfit", label: "" } });
   });
 });
