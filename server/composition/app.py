@@ -174,7 +174,7 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     actions = actions_of(service.resources)
     rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
     app.add_middleware(Gate, access=access, audit=service[Audit], actions=actions, rate=rate, rates=Rates())
-    app.add_middleware(OwnPagesOnly, hosts=settings.public_hosts, addresses=access.required)
+    app.add_middleware(OwnPagesOnly, hosts=settings.public_names, addresses=access.required)
     app.add_middleware(Conditional)
     app.add_middleware(SafeHeaders)
     app.add_middleware(RequestTimes, metrics=metrics)

@@ -46,8 +46,8 @@ class Settings(BaseSettings):
         fingerprint goes with the pairing code
     host, port : where HTTP is served; port 0 takes a free one
     access : ``required``: every request needs a token; ``loopback``: none does, and HTTP is for this computer only
-    public_hosts : names by which other computers reach the service, ``hilfit.example`` or with a port; addresses need
-        not be listed
+    public_hosts : names by which other computers reach the service, ``hilfit.example`` or with a port; the first is
+        printed, and behind a proxy that adds TLS it is ``https://hilfit.example``; addresses need not be listed
     base_path : path of a reverse proxy that the whole service stands below, ``/hilfit``
     trusted_proxies : addresses of proxies whose ``X-Forwarded-For`` and ``X-Forwarded-Proto`` are believed
     token_days : that the token of a paired device or an API key is good for, unless an admin says another number
@@ -93,7 +93,7 @@ class Settings(BaseSettings):
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8350
     access: Literal["loopback", "required"] = "loopback"
-    public_hosts: tuple[str, ...] = ()
+    public_hosts: tuple[Annotated[str, Field(pattern=r"^(https?://)?[^/\s]+$")], ...] = ()
     base_path: Annotated[str, Field(max_length=200, pattern=BASE_PATH)] = ""
     trusted_proxies: tuple[str, ...] = ()
     token_days: Annotated[int, Field(ge=1, le=3650)] = 365
@@ -158,10 +158,17 @@ class Settings(BaseSettings):
 
     def public_url(self, port: int) -> str:
         """The address that other computers use, as far as it is known here."""
-        if self.public_hosts:
-            first = self.public_hosts[0]
-            return self.url(first) if ":" in first else self.url(f"{first}:{port}")
-        return self.local_url(port)
+        first = next(iter(self.public_hosts), None)
+        if first is None:
+            return self.local_url(port)
+        if "://" in first:
+            return f"{first}{self.base_path}"
+        return self.url(first if ":" in first else f"{first}:{port}")
+
+    @property
+    def public_names(self) -> tuple[str, ...]:
+        """``public_hosts`` without how they are reached."""
+        return tuple(host.rpartition("://")[2] for host in self.public_hosts)
 
     def local_url(self, port: int) -> str:
         """The address that it listens at."""

@@ -54,7 +54,7 @@ def certificate(settings: Settings, files: DataDirectory, now: Callable[[], date
         return Certificate(settings.tls_cert, settings.tls_key, _checked(settings.tls_cert, settings.tls_key), False)
     if settings.tls == "off":
         return None
-    names = ["localhost", "127.0.0.1", settings.host, *map(_without_port, settings.public_hosts)]
+    names = ["localhost", "127.0.0.1", settings.host, *map(_without_port, settings.public_names)]
     path, key = files.root / "tls" / "site.crt", files.root / "tls" / "site.key"
     if not _is_good(path, key, names, now()):
         # The computer's name is in it as well, but is no reason to make another: containers change it.
