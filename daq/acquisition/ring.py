@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import numpy.typing as npt
+import orjson
 
 from daq.errors import AcquisitionError
 
@@ -179,7 +180,7 @@ class RingWriter(_Ring):
 
     def set_info(self, info: dict[str, Any]) -> bool:
         """Publish statistics for whoever reads; False, and nothing published, if they do not fit."""
-        text = json.dumps(info).encode()
+        text = orjson.dumps(info)
         if len(text) > INFO_BYTES:
             return False
         count = int(self._header["info_before"][0]) + 1
