@@ -13,6 +13,7 @@ Craig, *Introduction to Robotics*, 3.4; Khalil and Kleinfinger 1986.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -87,17 +88,30 @@ class Geometry:
         return np.stack([np.zeros(self.joints), self.sin_alpha, self.cos_alpha], axis=1)
 
     @property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Where every link begins (at its own joint) and ends (at the next), in its own frame, (n, 3) in m each.
+    def stretches(self) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], ...]:
+        """Where the material of every link is: the ends (3,), (3,) of each of its stretches, in its own frame, m.
 
-        At zero of prismatic joints. The table does not say where the last link of a modified one ends: where it begins.
+        A link reaches from its own joint to the next. Along a sliding joint, at the middle of its travel, both links
+        that it joins reach: what slides, and what guides it. The table does not say where the last link of a modified
+        one ends: where it begins.
         """
-        own = np.stack([self.a, self.d * self.sin_alpha, self.d * self.cos_alpha], axis=1)
-        nothing = np.zeros((self.joints, 3))
-        if not self.modified:
-            return -own, nothing
-        own[:, 1] *= -1.0  # Rx(alpha) Tz(d) of the next row, seen from this frame
-        return nothing, np.vstack([own[1:], np.zeros((1, 3))])
+        slides = ~self.revolute
+        reach = self.d + np.where(slides, self.position_limits.mean(axis=1), 0.0)
+        own = np.stack([self.a, reach * self.sin_alpha, reach * self.cos_alpha], axis=1)
+        along, corner = np.outer(reach, [0.0, 0.0, 1.0]), np.outer(self.a, [1.0, 0.0, 0.0])
+        far = own * [1.0, -1.0, 1.0]  # Rx(alpha) Tz(d) of a modified row, seen from the frame before
+        origin, found = np.zeros(3), []
+        for link, after in enumerate(range(1, self.joints + 1)):
+            guides = after < self.joints and bool(slides[after])
+            if self.modified:
+                path = [-along[link], origin] if slides[link] else [origin]
+                path += [corner[after]] if guides else []
+                path.append(far[after] if after < self.joints else origin)
+            else:
+                path = [-own[link], -corner[link], origin] if slides[link] else [-own[link], origin]
+                path += [along[after]] if guides else []
+            found.append(tuple(pairwise(path)))
+        return tuple(found)
 
     def uncoupled(self) -> Geometry:
         """The same arm with every motor on its own joint only."""

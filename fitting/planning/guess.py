@@ -15,12 +15,12 @@ import numpy as np
 
 from daq.machine.machine_file import Joint, Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
-from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm, stroke_limits
 from fitting.arrays import FloatArray
 from fitting.regression.body_prior import read_body_prior
 from fitting.regression.drive import drive_names
+from fitting.regression.plausible_arm import rods, standard_of_bodies
 from fitting.regression.prior import moving_mass
 
 #: Supply pressure of mobile hydraulics where the machine file gives none, Pa.
@@ -111,15 +111,8 @@ def guess_from_file(path: Path, machine: Machine, base: BaseParameters) -> Guess
 def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_SUPPLY) -> Guess:
     """A guess from geometry and cylinder sizes alone; ``supply`` is the supply pressure in Pa."""
     geometry = geometry_of(machine)
-    links = []
-    for near, far in zip(*geometry.ends, strict=True):
-        arm = far - near
-        length = max(float(np.linalg.norm(arm)), 0.1)
-        direction = arm / length
-        across = np.eye(3) - np.outer(direction, direction)
-        central = length**2 / 12 * across + (0.1 * length) ** 2 * np.eye(3)
-        links.append(standard_of_link(length, (near + far) / 2, length * central))
-    per_density = base.from_standard(np.concatenate(links))
+    links = np.array([max(sum(np.linalg.norm(end - start) for start, end in own), 0.1) for own in geometry.stretches])
+    per_density = base.from_standard(standard_of_bodies(rods(geometry) * links.sum()))
     pressure, effort = _holding(machine, base, per_density)
     most = float(pressure.max(initial=0.0))
     # An arm without gravity in its way is not weighed by its cylinders.

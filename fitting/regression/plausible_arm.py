@@ -49,7 +49,7 @@ ALONE = 1e-3
 BELOW_ZERO = 0.003
 #: Drives' parameters that cannot be negative.
 NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
-_THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
+_THICK, _LEAST_LENGTH = 0.15, 0.5  # of a rod, as shares of its length and of the links' mean length
 _LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
 _STEPS, _CONVERGED, _ROUNDING = 60, 1e-10, 1e-13
 #: ``mu`` of the first step as a share of the slope in a link, and the share of the way to the boundary that is taken.
@@ -82,16 +82,20 @@ _BASIS, _OF_BODY = _basis(), _of_body()
 
 
 def rods(geometry: Geometry) -> FloatArray:
-    """Pseudo-inertias (n, 4, 4) of rods along the links, 1 kg together, each as heavy as it is long."""
-    starts, ends = geometry.ends
-    lengths = np.linalg.norm(ends - starts, axis=1)
-    lengths = np.maximum(lengths, max(_LEAST_LENGTH * float(np.mean(lengths)), 1e-3))
-    bodies = []
-    for start, end, length, mass in zip(starts, ends, lengths, lengths / lengths.sum(), strict=True):
-        arm, thick = end - start, (_THICK * length) ** 2
-        central = mass * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
-        bodies.append(pseudo_inertia(standard_of_link(mass, (start + end) / 2, central)))
-    return np.array(bodies)
+    """Pseudo-inertias (n, 4, 4) of rods along the links' stretches, 1 kg together, each link as heavy as it is long."""
+    stretches = geometry.stretches
+    sizes = [np.array([np.linalg.norm(end - start) for start, end in own]) for own in stretches]
+    lengths = np.array([own.sum() for own in sizes])
+    least = max(_LEAST_LENGTH * float(np.mean(lengths)), 1e-3)
+    lengths = np.maximum(lengths, least)
+    bodies = np.zeros((len(lengths), 4, 4))
+    for body, own, size, length in zip(bodies, stretches, sizes, lengths, strict=True):
+        shares = size / size.sum() if size.any() else np.ones(len(size)) / len(size)
+        for (start, end), mass in zip(own, shares * length / lengths.sum(), strict=True):
+            arm, thick = end - start, (_THICK * length) ** 2
+            central = mass * ((arm @ arm / 12 + 2 * thick) * np.eye(3) - np.outer(arm, arm) / 12)
+            body += pseudo_inertia(standard_of_link(mass, (start + end) / 2, central))
+    return bodies
 
 
 def standard_of_bodies(bodies: FloatArray) -> FloatArray:

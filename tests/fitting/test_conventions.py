@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -151,14 +152,23 @@ def test_one_arm_in_both_conventions(seed: int, kinds: str) -> None:
     np.testing.assert_allclose(said[0], said[1], atol=1e-5 * np.abs(said[0]).max())
 
 
-def test_ends_of_links_lie_on_both_neighbours() -> None:
-    for geometry in (geometry_of(m) for m in both_forms(np.random.default_rng(3), "rrr")[:2]):
-        near, far = geometry.ends
-        frames = link_frames(geometry, np.zeros(3))
-        points = np.einsum("ijk,ik->ij", frames[1:, :3, :3], near) + frames[1:, :3, 3]
-        ends = np.einsum("ijk,ik->ij", frames[1:, :3, :3], far) + frames[1:, :3, 3]
-        np.testing.assert_allclose(points[1:], ends[:-1], atol=1e-12)
-        assert np.linalg.norm(ends - points, axis=1)[:2].min() > 0.01
+@pytest.mark.parametrize("kinds", ["rrr", "rpr", "rrp", "prr"])
+def test_links_touch_and_lie_along_what_slides(kinds: str) -> None:
+    slid = []
+    for geometry in (geometry_of(m) for m in both_forms(np.random.default_rng(3), kinds)[:2]):
+        frames = link_frames(geometry, np.where(geometry.revolute, 0.0, geometry.position_limits.mean(axis=1)))[1:]
+        placed = [
+            [np.array([pose[:3, :3] @ end + pose[:3, 3] for end in stretch]) for stretch in own]
+            for pose, own in zip(frames, geometry.stretches, strict=True)
+        ]
+        for before, after, kind in zip(placed[:-1], placed[1:], kinds[1:], strict=True):
+            if kind == "p":  # what slides and what guides it lie along each other
+                np.testing.assert_allclose(before[-1], after[0], atol=1e-12)
+                slid.append(after[0])
+            else:
+                np.testing.assert_allclose(before[-1][1], after[0][0], atol=1e-12)
+    for standard, modified in pairwise(slid):
+        np.testing.assert_allclose(standard, modified, atol=1e-12)
 
 
 def test_a_guess_and_bodies_of_a_modified_arm_are_usable() -> None:

@@ -164,14 +164,14 @@ def point_masses(geometry: Geometry) -> FloatArray:
     The box spans the link's two axes, wider by half its own length and a third of the arm's mean link on every side.
     """
     n, c = geometry.joints, len(geometry.coupled)
-    begins, ends = geometry.ends
+    corners = [np.vstack([end for stretch in own for end in stretch]) for own in geometry.stretches]
+    begins, ends = (np.array([side(own, axis=0) for own in corners]) for side in (np.min, np.max))
     lengths = np.linalg.norm(ends - begins, axis=1)
     mean = float(np.mean(lengths)) if n else 0.0
     columns = []
     for link in range(n):
         wider = max(_OWN * lengths[link] + _MEAN * mean, _LEAST_BOX)
-        low = np.minimum(begins[link], ends[link]) - wider
-        high = np.maximum(begins[link], ends[link]) + wider
+        low, high = begins[link] - wider, ends[link] + wider
         axes = [np.linspace(low[k], high[k], _GRID) for k in range(3)]
         for p in np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3):
             x, y, z = p
