@@ -66,11 +66,8 @@ class Slot:
     @property
     def improbable(self) -> bool:
         """Whether it is more probable that neither this nor what is said with it is there; laws of a joint are one."""
-        term = self.item.score.term
-        if isinstance(term.content, Law):
-            same = [p for r, p in self.alternatives if r.term.family == term.family]
-            return max(self.probability, sum(same)) < 0.5
-        return self.probability + sum(p for _, p in self.rivals(priors.SAID)) < 0.5
+        own = sum(p for r, p in self.alternatives if r.term.family == self.item.score.term.family)
+        return max(self.probability, own) + sum(p for _, p in self.rivals(priors.SAID)) < 0.5
 
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
         """The other names that it takes to reach the wanted probability, at most two.

@@ -253,7 +253,8 @@ def test_what_the_posterior_calls_improbable_is_not_added():
     assert not slot(LOAD, (LOAD, 0.4), (PRESSURE, 0.3), (LAW, 0.2)).improbable, "a set counts as one"
     assert slot(LOAD, (LOAD, 0.06), (LAW, 0.93)).improbable
     assert not slot(LAW, (LAW, 0.93), (LOAD, 0.06)).improbable
-    assert slot(LAW, (LAW, 0.3), (LOAD, 0.6)).improbable
+    assert not slot(LAW, (LAW, 0.3), (LOAD, 0.6)).improbable, "a law that may be a name claims less than the name"
+    assert slot(LAW, (LAW, 0.3), (LOAD, 0.04)).improbable
 
 
 def test_what_was_refused_later_is_not_shown_as_certain_and_its_evidence_is_not_nothings():
