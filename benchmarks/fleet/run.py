@@ -16,7 +16,7 @@ import httpx2
 from benchmarks.fleet.site import START_S, Say, Site, end, kill_now_and_then, new_site
 from benchmarks.service.hosts import COMMAND, order_of, ordered, wait_for_jobs, wait_until
 from benchmarks.targets import Check, Outcome, fact, figure
-from server.jobs.job_runner import WARM_S
+from server.jobs.warm_child import WARM_S
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from server.jobs.claims import Claim
 from server.jobs.job_store import Jobs
 from server.platform.database.patience import away
 from server.platform.disk import Free
-from server.platform.processes.children import Child, ChildResult
+from server.platform.processes.children import LOOK_S, Child, ChildResult
 
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
 #: large itself.
@@ -47,12 +48,16 @@ class StageWork:
     process: Child
     timeout_s: float
     _starved: bool = field(default=False, init=False)
+    _told: float = field(default=-LOOK_S, init=False)
 
     # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
 
     def progress(self, fraction: float, text: str) -> None:
-        """It has come so far."""
-        index, count = self.part
+        """It has come so far. Stored four times a second at most: nobody reads faster, and each is a transaction."""
+        now, (index, count) = time.monotonic(), self.part
+        if now - self._told < LOOK_S or (fraction == 0.0 and text == self.words):  # said when the stage began
+            return
+        self._told = now
         within = min(1.0, max(0.0, fraction))
         try:
             self.jobs.progress(self.claim.job, self.stage, (index + within) / count, text or self.words, self.claim)

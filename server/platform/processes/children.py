@@ -117,7 +117,8 @@ class Child:
         progress : called with fraction (0 to 1) and text of each line of progress
         should_stop : looked at four times a second; when true the child is ended and the outcome is ``stopped``
         """
-        deadline = self._clock() + timeout_s
+        looked = self._clock()
+        deadline = looked + timeout_s
         room = self._room or room_of(log)
         known = (room, *program)  # another room is another process: this one cannot leave the one that it was given
         process = self._told(known, arguments, log)
@@ -138,9 +139,13 @@ class Child:
                     if isinstance(said.get("summary"), dict) and said.get("stays") is True:
                         self._staying = (known, process)
                         return ChildResult("done", summary=said["summary"])
+                now = self._clock()
+                if line is not None and now - looked < LOOK_S:
+                    continue
+                looked = now
                 if should_stop():
                     return ChildResult("stopped")
-                if self._clock() > deadline:
+                if now > deadline:
                     return ChildResult("failed", error=f"took longer than {timeout_s:g} s and was ended")
             process.wait()
         finally:

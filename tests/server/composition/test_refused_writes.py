@@ -23,7 +23,7 @@ from daq import parse_machine, write_recording
 from daq.acquisition.journal import journal_path
 from daq.errors import DiskFullError
 from server.composition.declarations import TABLES
-from server.jobs import job_runner
+from server.jobs import execution
 from server.machines.acquisition import Acquisition
 from server.platform.database.engine import Database, utc_now
 from server.platform.database.patience import away
@@ -139,7 +139,7 @@ def test_a_stage_that_found_the_disk_full_is_begun_again_when_there_is_room(
         free[0] = 0
         steer.write_text('{"crash": "cylinder_stage"}')
         order = running.order(csv)
-        running.follow(order.job, lambda event: event["text"] == job_runner.NO_ROOM)
+        running.follow(order.job, lambda event: event["text"] == execution.NO_ROOM)
         steer.unlink()
         free[0] = 2**40
         assert running.follow(order.job)[-1]["state"] == "done"
@@ -148,7 +148,7 @@ def test_a_stage_that_found_the_disk_full_is_begun_again_when_there_is_room(
         steer.write_text('{"crash": "cylinder_stage"}')
         free[0] = 0
         second = running.order(csv)
-        running.follow(second.job, lambda event: event["text"] == job_runner.NO_ROOM)
+        running.follow(second.job, lambda event: event["text"] == execution.NO_ROOM)
         running.client.post(f"{API}/jobs/{second.job}/cancel")
         assert running.follow(second.job)[-1]["state"] == "cancelled"
         until(lambda: DBOS.get_workflow_status(second.job).status == "SUCCESS")

@@ -39,7 +39,7 @@ WORDED = (
     "server/outward/webhook_desk.py",
     "server/monitor/monitor_supervisor.py",
     "server/monitor/overload_text.py",
-    "server/jobs/job_runner.py",
+    "server/jobs/execution.py",
     "server/jobs/job_store.py",
     "server/recalibrations/recalibration_recording.py",
     "fitting/pipeline/stages.py",

@@ -1,0 +1,99 @@
+"""What the executions of jobs in one process share: store, files, patience, and whether the service is stopping."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+
+from server.jobs.claims import Claims
+from server.jobs.job_kinds import NUMERICAL, JobKind
+from server.jobs.job_store import Jobs
+from server.jobs.warm_child import WarmChild
+from server.platform.database.engine import Database
+from server.platform.database.patience import Value, patiently
+from server.platform.errors import ServiceStopping
+from server.platform.files import DataDirectory
+from server.platform.processes.children import Child
+
+
+class JobHost:
+    """One process that runs jobs.
+
+    Parameters
+    ----------
+    name : of this process among those that share the store; the same after a restart
+    leads : whether it stores the jobs, and what they leave
+    stage_timeout_s : most seconds that a stage's process may take
+
+    Attributes
+    ----------
+    stopping : set once no stage may begin any more and running ones are ended, unrecorded
+    away : why the storage could not be reached when it was last asked for something
+    """
+
+    def __init__(
+        self, database: Database, files: DataDirectory, name: str, *, leads: bool, stage_timeout_s: float
+    ) -> None:
+        self.jobs, self.claims, self.files = Jobs(database), Claims(database), files
+        self.name, self.leads, self.stage_timeout_s = name, leads, stage_timeout_s
+        self.stopping = threading.Event()
+        self.away: str | None = None
+        self._one_at_a_time = threading.Lock()
+        self._warm = WarmChild(self._one_at_a_time)
+        self._idle = threading.Condition()
+        self._at_work = 0
+
+    def pause(self, seconds: float) -> None:
+        """Wait; ServiceStopping if the service is being stopped."""
+        if self.stopping.wait(seconds):
+            raise ServiceStopping
+
+    def patiently(self, do: Callable[[], Value]) -> Value:
+        """The value of ``do``, however long the database is away."""
+        return patiently(do, self.pause)
+
+    def out_of_reach(self) -> str | None:
+        """Why no job can be done here now; None if the storage is there, and that of this store."""
+        return self.files.storage.check(self.jobs.store())
+
+    def free(self) -> int:
+        """Free bytes where files are kept."""
+        return shutil.disk_usage(self.files.root).free
+
+    @contextmanager
+    def process(self, kind: JobKind) -> Iterator[Child]:
+        """For the stages of a job; that of numerical ones stays for a while, for the next job."""
+        if kind.queue != NUMERICAL:
+            with Child() as process:
+                yield process
+            return
+        try:
+            yield self._warm.child
+        finally:
+            self._warm.cool()
+
+    @contextmanager
+    def working(self, kind: JobKind) -> Iterator[None]:
+        """Work on a stage: numerical ones one at a time, as a resumed job may come beside the queue."""
+        with self.counted(), self._one_at_a_time if kind.queue == NUMERICAL else nullcontext():
+            yield
+
+    @contextmanager
+    def counted(self) -> Iterator[None]:
+        """Work that is waited for before the engine stops."""
+        with self._idle:
+            self._at_work += 1
+        try:
+            yield
+        finally:
+            with self._idle:
+                self._at_work -= 1
+                self._idle.notify_all()
+
+    def close(self, timeout_s: float) -> None:
+        """Wait until nobody is at work, and end the process that stayed."""
+        with self._idle:
+            self._idle.wait_for(lambda: self._at_work == 0, timeout=timeout_s)
+        self._warm.close()
