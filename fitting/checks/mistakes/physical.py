@@ -20,8 +20,9 @@ does not change when the effort is scaled, so that trials in other units can be 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
 from scipy import linalg
@@ -77,9 +78,41 @@ class Block:
     usual: FloatArray
     rivals: FloatArray
 
+    known: dict[bytes, float] = field(default_factory=dict, init=False, compare=False, repr=False)
+
     def target(self, weights: Mapping[str, float]) -> FloatArray:
         """(s,) coefficients of a target."""
         return np.array([weights.get(name, 0.0) for name in self.names])
+
+    def alone(self, weights: FloatArray, size: float) -> float:
+        """What these rows by themselves leave of a target of that size, as a share of it; some thousandths at least."""
+        key = weights.tobytes()
+        if key not in self.known:
+            left = without(np.hstack([self.body, self.drive]), self.signals @ weights / size)
+            self.known[key] = max(float(np.linalg.norm(left)), LEAST_MISFIT)
+        return self.known[key]
+
+
+@dataclass(frozen=True)
+class Side:
+    """What a joint's rows have beside the links.
+
+    Attributes
+    ----------
+    rows : (T,) samples that are used, k of them
+    free : (k, f) columns that are projected out
+    lever : (k,) what a moment of the links does to the effort, 0 where they are off
+    beside : (k, d + s + 6) columns of the drive, of the signals, and of rivals
+    names, centred, usual : as in :class:`Block`
+    """
+
+    rows: BoolArray
+    free: FloatArray
+    lever: FloatArray
+    beside: FloatArray
+    names: tuple[str, ...]
+    centred: FloatArray
+    usual: FloatArray
 
 
 @dataclass(frozen=True)
@@ -118,11 +151,21 @@ class Trial:
     positions: tuple[str, ...]
     exchange: bool = False
     carried: FloatArray | None = None
+    shared: dict[object, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
 
-    @cached_property
+    @property
     def motion(self) -> Motion:
         """Joints and pistons."""
-        return motion_of(self.machine, self.samples, self.positions)
+        if "motion" not in self.shared:
+            self.shared["motion"] = motion_of(self.machine, self.samples, self.positions)
+        return cast("Motion", self.shared["motion"])
+
+    @property
+    def sides(self) -> tuple[Side | None, ...]:
+        """What stands beside the links in every joint's rows; None for one that says nothing."""
+        if self.exchange not in self.shared:
+            self.shared[self.exchange] = tuple(_side(self, number) for number in range(len(self.machine.joints)))
+        return cast("tuple[Side | None, ...]", self.shared[self.exchange])
 
     @cached_property
     def body(self) -> FloatArray:
@@ -150,8 +193,18 @@ class Trial:
         return make_blocks(self)
 
     def with_machine(self, machine: Machine) -> Trial:
-        """The same samples on another machine file."""
-        return replace(self, machine=machine)
+        """The same samples on another machine file; where only links are others, with what their rows have beside."""
+        return self._kept(replace(self, machine=machine))
+
+    def exchanging(self, exchange: bool) -> Trial:
+        """The same with other joints' signals as targets, or without."""
+        return self._kept(replace(self, exchange=exchange))
+
+    def _kept(self, other: Trial) -> Trial:
+        pairs = zip(self.machine.joints, other.machine.joints, strict=True)
+        if all((a.cylinder, a.drive, a.limits) == (b.cylinder, b.drive, b.limits) for a, b in pairs):
+            object.__setattr__(other, "shared", self.shared)
+        return other
 
     def with_samples(self, samples: Samples) -> Trial:
         """Other samples on the same machine file."""
@@ -213,9 +266,32 @@ def _rivals(trial: Trial, number: int, v: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
+def _side(trial: Trial, number: int) -> Side | None:
+    samples, motion = trial.samples, trial.motion
+    named, rows = _signals(trial, number), trial.rows(number)
+    if not named or np.count_nonzero(rows) < 60:
+        return None
+    v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
+    drive = np.column_stack([a, friction(v, motion.speed_noise[number])])
+    cylinder = trial.machine.joints[number].cylinder
+    usual = np.full(drive.shape[1], np.inf)
+    if cylinder is not None:
+        usual[0] = _HEAVY * moving_mass(cylinder)
+        stiff = _STIFF * cylinder.head_area / cylinder.stroke
+        usual = np.append(usual, [stiff, stiff])
+        drive = np.column_stack([drive, x - x[rows].mean(), x[rows].mean() - x])
+    late = measured_effort(trial, number)[1]  # the rate of the effort as it is declared is what a delay adds
+    free = np.column_stack([np.ones(len(v)), *([late] if np.any(late) else [])])[rows]
+    S = np.stack(list(named.values()), axis=1)[rows]
+    centred = S - S.mean(axis=0)
+    lever = np.where(samples.loaded, 1.0 / motion.r[:, number], 0.0)[rows]
+    beside = np.column_stack([drive[rows], S, _rivals(trial, number, v)[rows]])
+    return Side(rows, free, lever, beside, tuple(named), centred.T @ centred, usual)
+
+
 def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
     """Rows of every joint in which it moves, compressed by QR."""
-    samples, machine, motion = trial.samples, trial.machine, trial.motion
+    machine, motion = trial.machine, trial.motion
     n = len(machine.joints)
     body = trial.body
     if any(j.drive is not None and j.drive.coupled for j in machine.joints):
@@ -224,42 +300,17 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
     if trial.carried is not None:
         body = np.concatenate([body, body[:, :, 10 * n - 10 : 10 * n] * trial.carried[:, None, None]], axis=2)
     blocks: list[Block | None] = []
-    for number in range(n):
-        named = _signals(trial, number)
-        rows = trial.rows(number)
-        if not named or np.count_nonzero(rows) < 60:
+    for number, side in enumerate(trial.sides):
+        if side is None:
             blocks.append(None)
             continue
-        own = np.where(samples.loaded[:, None], body[:, number] / motion.r[:, [number]], 0.0)
-        v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
-        drive = np.column_stack([a, friction(v, motion.speed_noise[number])])
-        cylinder = machine.joints[number].cylinder
-        usual = np.full(drive.shape[1], np.inf)
-        if cylinder is not None:
-            usual[0] = _HEAVY * moving_mass(cylinder)
-            stiff = _STIFF * cylinder.head_area / cylinder.stroke
-            usual = np.append(usual, [stiff, stiff])
-            drive = np.column_stack([drive, x - x[rows].mean(), x[rows].mean() - x])
-        late = measured_effort(trial, number)[1]  # the rate of the effort as it is declared is what a delay adds
-        free = [np.ones(len(v)), *([late] if np.any(late) else [])]
-        names = tuple(named)
-        S = np.stack([named[name] for name in names], axis=1)
-        A = np.column_stack([*free, own, drive, S, _rivals(trial, number, v)])[rows]
-        R = _triangle(A)[len(free) :, len(free) :]
-        b, d, s = own.shape[1], drive.shape[1], S.shape[1]
-        centred = S[rows] - S[rows].mean(axis=0)
-        blocks.append(
-            Block(
-                R[:, :b],
-                R[:, b : b + d],
-                R[:, b + d : b + d + s],
-                names,
-                centred.T @ centred,
-                int(np.count_nonzero(rows)),
-                usual,
-                R[:, b + d + s :],
-            )
-        )
+        own = body[side.rows, number] * side.lever[:, None]
+        free = side.free.shape[1]
+        R = _triangle(np.column_stack([side.free, own, side.beside]))[free:, free:]
+        b, d, s = own.shape[1], len(side.usual), len(side.names)
+        signals, rivals = R[:, b + d : b + d + s], R[:, b + d + s :]
+        rows = len(side.lever)
+        blocks.append(Block(R[:, :b], R[:, b : b + d], signals, side.names, side.centred, rows, side.usual, rivals))
     return tuple(blocks)
 
 
@@ -356,7 +407,7 @@ def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, 
         shares[j] = size / float(np.sqrt(block.rows)) / (cylinder.head_area if cylinder is not None else 1.0)
         wanted = block.signals @ weights / size
         # A joint that nothing explains must not bend the others: its weight is what its own rows alone leave.
-        alone = max(float(np.linalg.norm(without(np.hstack([block.body, block.drive]), wanted))), LEAST_MISFIT)
+        alone = block.alone(weights, size)
         parts_body.append(block.body / (size * alone))
         # A moving mass or a spring at the end of what is usual costs as much as the joint's misfit alone.
         costs = np.diag(1.0 / block.usual)[np.isfinite(block.usual)]

@@ -93,13 +93,19 @@ def suspicious(current: Physical) -> BoolArray:
 
 
 def _worth_trying(option: Hypothesis, current: Physical) -> bool:
-    """Whether one of the joints that a hypothesis is about is explained badly enough; exact ones always are."""
+    """Whether one of the joints that a hypothesis is about is explained badly enough for it.
+
+    An exact one may be about a joint of any misfit that can fall as far as it asks for.
+    """
     own = suspicious(current)
+    if option.exact:
+        falls = np.hypot(current.misfits, LEAST_MISFIT) / LEAST_MISFIT
+        return not np.all((falls < option.least)[list(option.joints) or slice(None)])
     # Where a link is, and how it moves, shows at any joint that carries it or is carried by it.
     everywhere = option.code in ("length", "axis", "linkage") or bool(_MOTIONS.intersection(option.channels))
     about = [] if everywhere else list(option.joints)
     there = bool(np.isnan(current.misfits[about]).any()) or bool(own[about].any()) if about else True
-    return option.exact or (option.slip and badly_everywhere(current)) or (bool(own.any()) and there)
+    return (option.slip and badly_everywhere(current)) or (bool(own.any()) and there)
 
 
 def badly_everywhere(current: Physical) -> bool:
@@ -123,7 +129,7 @@ def search(trial: Trial) -> Searched:
 
     Greedy: the best hypothesis is taken back, then the next one is looked for beside it, three at most.
     """
-    trial = replace(trial, exchange=len(trial.machine.joints) > 1)
+    trial = trial.exchanging(len(trial.machine.joints) > 1)
     targets: Targets = {}
     nominal = current = fit(trial)
     found: list[Accused] = []
@@ -165,7 +171,7 @@ def _best(trial: Trial, targets: Targets, current: Physical, options: Sequence[H
             with np.errstate(all="ignore"):
                 changed, wanted = option.build(trial, targets)
                 if changed is not trial and not targets:
-                    changed = replace(changed, exchange=False)
+                    changed = changed.exchanging(False)
                 best_case = fit(changed, wanted, bounded=False)
         except (KeyError, ValueError, ArithmeticError, np.linalg.LinAlgError):
             continue  # an earlier finding took the channel away, or the change cannot be computed
@@ -184,7 +190,7 @@ def _best(trial: Trial, targets: Targets, current: Physical, options: Sequence[H
             continue
         gain = score(current, after)
         top = max(top, gain)
-        fitted.append((Accused(option, joint, current, after, gain), replace(changed, exchange=trial.exchange), wanted))
+        fitted.append((Accused(option, joint, current, after, gain), changed.exchanging(trial.exchange), wanted))
     near = [item for item in fitted if item[0].gain > (1 - ALIKE) * top]
     if not near:
         return None
