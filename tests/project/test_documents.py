@@ -34,6 +34,16 @@ def test_links_lead_to_files(path: Path) -> None:
     assert [link for link in here if link and not (base / link).exists()] == []
 
 
+def test_the_tests_that_security_names_are_there() -> None:
+    rows = [row for row in (ROOT / "SECURITY.md").read_text("utf-8").splitlines() if "::test_" in row]
+    assert len(rows) >= 12
+    for row in rows:
+        file = ""
+        for named in re.findall(r"`([\w/.]*)::(test_\w+)`", row):
+            file = named[0] or file
+            assert f"def {named[1]}(" in (ROOT / "tests" / file).read_text("utf-8"), named
+
+
 def test_decisions_are_numbered_and_listed() -> None:
     numbers = [int(path.name[:4]) for path in DECISIONS]
     assert len(set(numbers)) == len(numbers)
