@@ -15,7 +15,8 @@ from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding
-from fitting.checks.mistakes.physical import Trial, friction, measured_effort
+from fitting.checks.mistakes.physical import Trial, fit, friction, measured_effort
+from fitting.checks.mistakes.trials import SOUND
 from fitting.regression.plausible_arm import rods, standard_of_bodies
 
 #: Inertia over the plausible one from which on (or below its inverse) a joint's is impossible, with others and where it
@@ -37,6 +38,9 @@ def inertia_findings(trial: Trial) -> list[Finding]:
     logs, least = np.log(ratios), float(np.log(_ALONE if len(ratios) == 1 else _IMPOSSIBLE))
     off = logs.min() > least or logs.max() < -least
     if not off or np.ptp(logs) > np.log(_AGREE):
+        return []
+    # Rows that are said to be further apart than they were are explained as well as ever, exchanged cables are not.
+    if np.nanmax(fit(trial, bounded=False).free) > SOUND:
         return []
     ratio = float(np.exp(np.median(logs)))
     factor = float(np.sqrt(ratio))
