@@ -112,7 +112,8 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
     if key.kind == "null":
         measured = {stem: bare[stem][0] for stem in STEMS}
         return BenchCase(key, plan.machine, measured, plan.truth, quality, (), ())
-    sight = Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()})
+    positions = RECIPES[selection.recipe].positions
+    sight = Sight(plan.machine, plan.truth, quality, {s: t[1] for s, t in bare.items()}, positions)
     bench = _Workbench(plan, quality, sight, RECIPES[selection.recipe].zeros)
     redrawn: list[Redrawn] = []
     specs: list[EffectSpec] = []

@@ -45,13 +45,14 @@ class Recipe:
     """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
-    as large as what is beyond them.
+    as large as what is beyond them. ``positions``: an effect is as large as it stands out of the encoders' noise, too.
     """
 
     arms: tuple[ArmKind, ...]
     outside: tuple[str, ...]
     kinematic: tuple[str, ...] = KINEMATIC
     zeros: int = 1
+    positions: bool = False
 
 
 #: By number; a number is added whenever the same key would give another case, and makes its own cases for ever.
@@ -59,6 +60,7 @@ RECIPES = {
     3: Recipe(("folding", "slewing"), tuple(e for e in OUTSIDE if UNDECLARED[e].__module__ == outside.__name__)),
     4: Recipe(tuple(ARMS), OUTSIDE),
     5: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2),
+    6: Recipe(tuple(ARMS), OUTSIDE, (*KINEMATIC, *MISMATCH), 2, True),
 }
 RECIPE = max(RECIPES)
 

@@ -7,7 +7,8 @@ columns of the base model (drives and rigid body, all joints, all fitted recordi
 of the noncentrality of the chi-square that the true effect adds.
 
 The noise's covariance is known in closed form: a first-order disturbance, Poisson knocks (half sines with uniform
-amplitudes; Campbell's theorem), and white noise and steps of both pressure transducers. Nothing here uses the fit's
+amplitudes; Campbell's theorem), white noise and steps of both pressure transducers, and those of the encoders, twice
+differentiated, times the links' inertia: on a crane's slewing axis nearly all of it. Nothing here uses the fit's
 filters, noise estimates or decisions; the rigid body's columns come from its regressor.
 """
 
@@ -21,6 +22,7 @@ from scipy.interpolate import make_interp_spline
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
+from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.linkage import lever_arm
 from fitting.arrays import FloatArray
 from sim_backends.plant.hydraulics import direction
@@ -56,9 +58,13 @@ class Sight:
         Of the case.
     bare : mapping
         Ideal tables of the fitted recordings without any effect, by stem.
+    positions : bool
+        Count what noise of the encoders makes of the links' inertia.
     """
 
-    def __init__(self, machine: Machine, truth: Truth, quality: SensorQuality, bare: Mapping[str, Table]) -> None:
+    def __init__(
+        self, machine: Machine, truth: Truth, quality: SensorQuality, bare: Mapping[str, Table], positions: bool = True
+    ) -> None:
         self._machine = machine
         self._bare = bare
         rate = machine.rate_hz
@@ -68,7 +74,14 @@ class Sight:
         self._covariances = [
             noise_covariance(machine, truth, quality, joint, round(8.0 * rate)) for joint in range(len(machine.joints))
         ]
-        self._whitening = [self._whitener(covariance) for covariance in self._covariances]
+        seen = self._covariances
+        if positions:
+            noise = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * rate**4 * np.array([6.0, -4.0, 1.0])
+            angles = np.stack([bare["train-1"][_encoder(machine, j.name)] for j in machine.joints], axis=1)
+            seen = [
+                np.append(c[:3] + s * noise, c[3:]) for c, s in zip(seen, inertias(machine, truth, angles), strict=True)
+            ]
+        self._whitening = [self._whitener(covariance) for covariance in seen]
         self._basis = self._base_columns(bare)
         self._position_std = [self._gap_noise(quality, joint) for joint in range(len(machine.joints))]
 
@@ -235,6 +248,25 @@ def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joi
     transducer = quality.pressure_std**2 + quality.pressure_resolution**2 / 12
     covariance[0] += (cylinder.head_area**2 + cylinder.rod_area**2) * transducer
     return np.asarray(covariance)
+
+
+def inertias(machine: Machine, truth: Truth, q: FloatArray) -> FloatArray:
+    """Per joint the sum over all joints of (N per rad/s^2)^2, mean over poses (N, n): what acceleration noise makes."""
+    poses = q[:: max(1, len(q) // 50)]
+    pi = np.concatenate([[link.mass, *link.moment, *link.inertia] for link in truth.links])
+    still = np.zeros_like(poses)
+    weight = rigid_body_regressor(machine, poses, still, still) @ pi
+    squares = np.zeros(poses.shape[1])
+    for other in range(poses.shape[1]):
+        unit = still.copy()
+        unit[:, other] = 1.0
+        moved = rigid_body_regressor(machine, poses, still, unit) @ pi - weight
+        for number, joint in enumerate(machine.joints):
+            assert joint.cylinder is not None
+            lever = lever_arm(joint.cylinder.linkage, poses[:, number])
+            own = truth.cylinders[joint.name].m * lever if other == number else 0.0
+            squares[number] += float(np.mean((moved[:, number] / lever + own) ** 2))
+    return squares
 
 
 def _density(covariance: FloatArray, frequency: FloatArray) -> FloatArray:

@@ -139,7 +139,8 @@ def test_recipes_stay_as_they_are() -> None:
     assert RECIPES[4].arms == ("folding", "slewing", "excavator", "telescope") and RECIPES[4].outside == first + later
     usual = ("encoder_offset", "linkage_geometry", "encoder_eccentricity", "backlash")
     assert set(RECIPES[3].kinematic) == set(RECIPES[4].kinematic) == set(usual)
-    assert RECIPE == 5 and set(RECIPES[5].kinematic) > set(usual) and RECIPES[5].outside == first + later
+    assert set(RECIPES[5].kinematic) > set(usual) and RECIPES[5].outside == first + later
+    assert RECIPE == 6 and RECIPES[6] == replace(RECIPES[5], positions=True)
     assert set(OUTSIDE) == set(first + later)
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.attribution.sight import FITTED, Sight, noise_covariance
+from benchmarks.attribution.sight import FITTED, Sight, inertias, noise_covariance
+from fitting.arm.linkage import lever_arm
+from sim_backends.plant.arm import ArmDesign, arm_xml
 from sim_backends.plant.cases import CasePlan, plan_case
 from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality
@@ -60,7 +63,8 @@ def test_the_noise_has_the_covariance_of_the_formula(plan, standing) -> None:
         assert found == pytest.approx(expected[lag], rel=0.12)
 
 
-def test_whitened_noise_is_white_inside_the_band_and_not_above_one(sight, standing) -> None:
+def test_whitened_noise_is_white_inside_the_band_and_not_above_one(plan, bare, standing) -> None:
+    sight = Sight(plan.machine, plan.truth, QUALITY, bare, positions=False)  # nothing moves here
     pieces = np.array_split(standing, 30)
     white = np.concatenate([sight._white(0, piece[: min(map(len, pieces))]) for piece in pieces])
     # The floor under the filter's stop band takes about a tenth of the variance, and nothing else does.
@@ -101,6 +105,35 @@ def test_lambda_falls_with_the_noise(plan, bare) -> None:
         for d, p in ((0.05, 500.0), (0.5, 5000.0))
     )
     assert quiet > 5 * loud > 0
+
+
+@pytest.mark.slow
+def test_lambda_falls_with_the_noise_of_the_encoders_where_much_is_turned(plan, bare) -> None:
+    effect = ideal(plan, EffectSpec("gas_spring", "joint1", 200.0))
+    seen = [
+        Sight(plan.machine, plan.truth, replace(QUALITY, encoder_std=std, encoder_resolution=0.0), bare, positions)
+        for std, positions in ((1e-3, True), (1e-5, True), (0.0, True), (1e-3, False))
+    ]
+    coarse, fine, none, not_counted = (sight.force(effect) for sight in seen)
+    assert coarse < 0.95 * fine < none == pytest.approx(not_counted)
+
+
+def test_noise_of_accelerations_meets_the_mass_matrix_of_another_engine(plan, bare) -> None:
+    model = mujoco.MjModel.from_xml_string(arm_xml(ArmDesign(plan.machine, plan.truth)))
+    data, joints = mujoco.MjData(model), plan.machine.joints
+    q = np.stack([bare["train-1"][f"{joint.name}.angle"] for joint in joints], axis=1)
+    expected = []
+    for pose in q[:: len(q) // 50]:
+        columns = []
+        for acceleration in np.vstack([np.zeros(len(joints)), np.eye(len(joints))]):
+            data.qpos[:], data.qvel[:], data.qacc[:] = pose, 0.0, acceleration
+            mujoco.mj_inverse(model, data)
+            columns.append(data.qfrc_inverse.copy())
+        mass = np.array(columns[1:]).T - columns[0][:, None]
+        lever = np.array([lever_arm(j.cylinder.linkage, pose[k]) for k, j in enumerate(joints)])
+        own = np.diag([plan.truth.cylinders[j.name].m for j in joints]) * lever
+        expected.append(np.sum((mass / lever[:, None] + own) ** 2, axis=1))
+    np.testing.assert_allclose(inertias(plan.machine, plan.truth, q), np.mean(expected, axis=0), rtol=0.01)
 
 
 def test_a_line_above_the_band_is_seen_without_the_filter_only(plan, bare) -> None:
