@@ -29,6 +29,7 @@ LOST_SHARE = 0.25  # of the steps may be several periods long: where every fifth
 SATURATED_ROWS = 3  # consecutive samples at a limit; noise alone hardly makes three
 STUCK_ROWS = 8  # consecutive samples at the extreme of a signal that elsewhere hardly ever repeats itself
 KEPT, AS_FAST = 4, 0.5  # rows that a value is kept at least, share of the usual change in them at which it is reached
+BESIDE_ROWS = 25  # before and behind it, in which it may repeat other values
 REPEATS = 0.1  # share of equal neighbours up to which a signal hardly ever repeats itself
 PILE, PILE_RANGE = 10.0, 0.05  # times the mean of the levels within this share of the range
 LEVELS = 64  # a signal of fewer levels sits on its extreme for lack of resolution, not for saturation
@@ -262,11 +263,19 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
     for extreme in (np.max(values[known]), np.min(values[known])):
         at = values == extreme
         longest = max(runs(at), key=lambda run: run.stop - run.start)
-        elsewhere = np.diff(values[known & ~at]) == 0
-        noisy = len(elsewhere) > 0 and float(np.mean(elsewhere)) < REPEATS and noise_covers_steps(values[known])
+        elsewhere = known & ~at
+        # Where a signal rests near its end a fine sensor repeats the values beside that, too.
+        beside = slice(max(0, longest.start - BESIDE_ROWS), longest.stop + BESIDE_ROWS)
+        repeats = max(_repeats(values[elsewhere]), _repeats(values[beside][elsewhere[beside]]))
+        noisy = np.any(elsewhere) and repeats < REPEATS and noise_covers_steps(values[known])
         clipped = at.sum() >= enough and piled_up(values[known], extreme)
         if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
             raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
+
+
+def _repeats(values: FloatArray) -> float:
+    """Share of values that equal the one before."""
+    return float(np.mean(np.diff(values) == 0)) if len(values) > 1 else 0.0
 
 
 def noise_covers_steps(values: FloatArray) -> bool:

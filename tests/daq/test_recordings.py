@@ -345,6 +345,21 @@ def test_a_fine_sensor_that_rests_at_its_extreme_is_not_saturated(tmp_path: Path
     assert len(read_recording(save(tmp_path / "r.parquet", columns), MACHINE, "operation")) == ROWS
 
 
+def test_a_sensor_is_not_saturated_where_it_repeats_the_values_beside_its_extreme_too(tmp_path: Path) -> None:
+    """A motion that shakes it everywhere but near its end, where it rests on few of its levels."""
+    columns, step = motion(), 0.02
+    rng = np.random.default_rng(6)
+    pressure = 30 + 3 * np.cos(np.arange(ROWS) / 90) + rng.normal(0.0, 5 * step, ROWS)
+    lowest = int(np.argmin(pressure[30:-60])) + 30
+    rest = pressure.min() - 5 * step + step * np.repeat(rng.integers(0, 2, 16), 3)
+    rest[20:30] = rest.min()
+    pressure[lowest : lowest + len(rest)] = rest
+    columns["j1.rod"] = step * np.round(pressure / step)
+    assert len(read_recording(save(tmp_path / "r.parquet", columns), MACHINE, "operation")) == ROWS
+    columns["j1.rod"] = np.maximum(columns["j1.rod"], np.quantile(columns["j1.rod"], 0.1))
+    refuse(save(tmp_path / "r.parquet", columns), "j1.rod", "saturated", role="operation")
+
+
 def test_roles_and_kinds_of_file_are_checked(tmp_path: Path) -> None:
     columns = motion()
     values = {name: columns[name] for name in NAMES}
