@@ -34,6 +34,7 @@ from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
+from server.platform.processes.rounds import Rounds
 from server.platform.storage import digest
 
 MANIFEST = "manifest.json"
@@ -155,22 +156,8 @@ class DailyBackups:
     def __init__(self, backups: Backups, troubles: dict[str, str]) -> None:
         self._backups = backups
         self._troubles = troubles
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="backups", daemon=True)
-
-    def start(self) -> None:
-        """Start; the first look is after a minute, when whatever starts has started."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop, and wait for a backup that is being made."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stop.wait(LOOK_S):
-            self.look()
+        # The first look is after a minute, when whatever starts has started.
+        self.rounds = Rounds("backups", LOOK_S, self.look)
 
     def look(self) -> None:
         """Make a backup if one is due; one that cannot be made is a trouble until one can."""

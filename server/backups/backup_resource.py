@@ -23,7 +23,7 @@ def _backups(parts: Parts) -> Backups:
 
 def _running(parts: Parts) -> Iterator[Running]:
     daily = parts[DailyBackups]
-    yield Running(Phase.CLOCKS, daily.start, daily.stop)
+    yield Running(Phase.CLOCKS, daily.rounds.start, daily.rounds.stop)
 
 
 BACKUPS = Resource(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import socket
-import threading
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -17,6 +16,7 @@ import structlog
 
 from server.jobs.job_tables import executors, hosts
 from server.platform.database.engine import Database
+from server.platform.processes.rounds import Rounds
 
 BEAT_S = 5.0
 #: An executor that was not heard for so long has lost its work. Long against a garbage collection or a slow disk,
@@ -86,19 +86,16 @@ class Heartbeat:
         self._each = each
         self._started = database.now()
         self._count = 0
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="presence", daemon=True)
+        self._rounds = Rounds("presence", BEAT_S, self._beat)
 
     def start(self) -> None:
         """Start; the first word is said before this returns."""
         self.say()
-        self._thread.start()
+        self._rounds.start()
 
     def stop(self) -> None:
         """Stop."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._rounds.stop()
 
     def say(self) -> None:
         """Say it once."""
@@ -119,10 +116,6 @@ class Heartbeat:
             connection.execute(hosts.delete().where(hosts.c.id == self._executor))
             connection.execute(hosts.insert().values(id=self._executor, **own))
 
-    def _run(self) -> None:
-        while not self._stop.wait(BEAT_S):
-            try:
-                self.say()
-                self._each()
-            except Exception as error:  # of the store or the engine; the next word may get through
-                _log.error("presence_not_said", exc_info=error)
+    def _beat(self) -> None:
+        self.say()
+        self._each()

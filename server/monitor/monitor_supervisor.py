@@ -22,6 +22,7 @@ from server.monitor.monitor_order import Order, Rules
 from server.monitor.overload_text import as_text
 from server.platform.files import DataDirectory, write_atomically
 from server.platform.processes.children import run_child
+from server.platform.processes.rounds import Rounds
 
 LOOK_S = 1.0
 #: Seconds before a monitor that failed is tried again.
@@ -105,19 +106,15 @@ class Monitors:
         self._watches: dict[str, _Watch] = {}
         # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
         self._asked: dict[str, str] = {}
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._rounds = Rounds("monitors", LOOK_S, self.look)
 
     def start(self) -> None:
         """Start supervising; returns at once."""
-        self._thread = threading.Thread(target=self._run, name="monitors", daemon=True)
-        self._thread.start()
+        self._rounds.start()
 
     def stop(self) -> None:
         """End all monitors; also if they never started."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
+        self._rounds.stop()
         with self._lock:
             watches, self._watches = list(self._watches.values()), {}
         for watch in watches:
@@ -138,13 +135,6 @@ class Monitors:
         if not self._acquisition.running(machine):
             return "the machine is not acquired at the moment"
         return "the machine has no active calibration"
-
-    def _run(self) -> None:
-        while not self._stop.wait(LOOK_S):
-            try:
-                self.look()
-            except Exception as error:  # a database that is locked now will not be at the next look
-                _log.error("monitor_look_failed", exc_info=error)
 
     def look(self) -> None:
         """Start what should be watched, end what should not."""

@@ -7,7 +7,6 @@ because the service was off or the machine was still being recalibrated, have it
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from datetime import datetime, timedelta
 
@@ -16,6 +15,7 @@ import structlog
 from daq.errors import HilfitError
 from server.platform.database.engine import Database, as_stored
 from server.platform.errors import ConflictError
+from server.platform.processes.rounds import Rounds
 from server.recalibrations.recalibration_job import new_recalibration
 from server.schedules import schedule_slots as slots
 from server.schedules.schedule_store import Schedule, Schedules
@@ -52,26 +52,7 @@ class ScheduleClock:
         self._enqueue = enqueue
         self._ready = ready
         self._now = now
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="schedules", daemon=True)
-
-    def start(self) -> None:
-        """Start looking; returns at once."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop looking, and wait for it."""
-        self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            try:
-                self.look()
-            except Exception as error:  # of the store or the engine; the next look may do better
-                _log.error("schedules_not_looked_at", exc_info=error)
-            self._stop.wait(LOOK_S)
+        self.rounds = Rounds("schedules", LOOK_S, self.look, at_once=True)
 
     def look(self) -> tuple[str, ...]:
         """Give every slot that is due its turn; the jobs that were ordered."""

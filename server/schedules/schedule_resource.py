@@ -26,7 +26,7 @@ def _clock(parts: Parts) -> ScheduleClock:
 
 def _running(parts: Parts) -> Iterator[Running]:
     clock = parts[ScheduleClock]
-    yield Running(Phase.CLOCKS, clock.start, clock.stop)
+    yield Running(Phase.CLOCKS, clock.rounds.start, clock.rounds.stop)
 
 
 def _orders(parts: Parts) -> RecalibrationOrders:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +16,7 @@ from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
 from server.live.live_reader import HasRing
 from server.platform.errors import InvalidError, ServiceError
+from server.platform.processes.rounds import Rounds
 from server.traces.extremes import Extremes
 from server.traces.signal_memory import SignalMemory
 
@@ -85,19 +84,15 @@ class SignalCollector:
         self._acquired = acquired
         self._lock = threading.Lock()
         self._machines: dict[str, _Machine] = {}
-        self._stop = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._rounds = Rounds("signals", PERIOD_S, self.step)
 
     def start(self) -> None:
         """Start collecting."""
-        self._thread = threading.Thread(target=self._run, name="signals", daemon=True)
-        self._thread.start()
+        self._rounds.start()
 
     def stop(self) -> None:
         """End it, and let go of all rings."""
-        self._stop.set()
-        if self._thread is not None:
-            self._thread.join()
+        self._rounds.stop()
         for machine in self._machines.values():
             machine.close()
 
@@ -157,13 +152,3 @@ class SignalCollector:
                 known.close()
             self._machines[name] = _Machine(channels)
             return self._machines[name]
-
-    def _run(self, clock: Callable[[], float] = time.monotonic) -> None:
-        failed = -60.0
-        while not self._stop.wait(PERIOD_S):
-            try:
-                self.step()
-            except Exception as error:  # the next look may go well; a plot without a past is no reason to stop
-                if clock() - failed >= 60.0:
-                    failed = clock()
-                    _log.error("signals_failed", exc_info=error)

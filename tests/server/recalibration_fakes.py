@@ -99,7 +99,7 @@ def setting(data_dir: Path, **settings: Any) -> Iterator[Setting]:
     script = Path(__file__).with_name("fake_comparison.py")
     fakes.parts |= {COMPARISON: (sys.executable, str(script)), POLICY: calibrations}
     with running_service(data_dir, fakes, **settings) as running:
-        running.service[ScheduleClock].stop()  # the test's own clock is the only one
+        running.service[ScheduleClock].rounds.stop()  # the test's own clock is the only one
         running.service[MachineDesk].upload(MACHINE.encode())
         running.service[MachineDesk].set_acquisition("lever", True)
         assert fakes.acquisition.up.wait(30)
