@@ -112,7 +112,7 @@ class JobRunner:
                 "log_level": "WARNING",
                 "enable_otlp": False,
                 "sys_db_pool_size": 5,
-                "notification_coalesce_sec": 1.0,  # nobody waits for one; by default it wakes up a hundred times a second
+                "notification_coalesce_sec": 1.0,  # nobody waits for one; unsaid, a hundred times a second
             }
         )
         for name in self._kinds:
