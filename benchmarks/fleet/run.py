@@ -16,7 +16,6 @@ import httpx2
 from benchmarks.fleet.site import START_S, Say, Site, end, kill_now_and_then, new_site
 from benchmarks.service.hosts import COMMAND, order_of, ordered, wait_for_jobs, wait_until
 from benchmarks.targets import Check, Outcome, fact, figure
-from server.jobs.warm_child import WARM_S
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -26,6 +25,8 @@ CASE_S = 60.0
 ONE_S = 300.0
 #: Identifications that are timed for each place.
 TIMED = 4
+#: And for a rate.
+MANY = 16
 #: Seconds more that an identification on another host may take.
 AWAY_S = 1.0
 #: Of two workers beside one, where there are two cores.
@@ -68,11 +69,9 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
     one = _rate(client, order)
     site.work(site.places[1])
     _done(client, [ordered(client, order) for _ in range(4)])
-    own, stages = _processor(site)
+    before = site.processor()  # the processes of stages are there, as they were while one worked alone
     two = _rate(client, order)
-    own, stages = (
-        (after - before) / (2 * TIMED) for before, after in zip((own, stages), _processor(site), strict=True)
-    )
+    own, stages = ((now - then) / MANY for then, now in zip(before, site.processor(), strict=True))
     site.say(f"on another host: {away:.2f} s each; two do {two / one:.2f} of what one does")
     told, kills = _troubled(site, client, order, jobs, cut, every)
     reference = _comparable(_report(client, first))
@@ -121,12 +120,6 @@ def _troubled(
     return asked, kills
 
 
-def _processor(site: Site) -> tuple[float, float]:
-    """Processor s of service and workers, and of stages, once the processes of stages have ended."""
-    time.sleep(2 * WARM_S)
-    return site.processor()
-
-
 def _state(client: httpx2.Client, made: dict[str, str]) -> str:
     return str(client.get(f"/jobs/{made['job']}").json()["state"])
 
@@ -149,8 +142,8 @@ def _timed(client: httpx2.Client, order: Any) -> float:
 def _rate(client: httpx2.Client, order: Any) -> float:
     """Identifications a second while there are enough of them."""
     began = time.monotonic()
-    _done(client, [ordered(client, order) for _ in range(2 * TIMED)])
-    return 2 * TIMED / (time.monotonic() - began)
+    _done(client, [ordered(client, order) for _ in range(MANY)])
+    return MANY / (time.monotonic() - began)
 
 
 def _report(client: httpx2.Client, made: dict[str, str]) -> Any:

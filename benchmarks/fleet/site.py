@@ -24,6 +24,7 @@ from benchmarks.fleet.namespaces import HERE, NETWORK, Host, hosts
 from benchmarks.service.hosts import API, COMMAND, ONE_CORE, wait_until
 from benchmarks.service.postgresql import AbsentError, postgresql_server
 from benchmarks.service.start import cpu_with_children_s
+from benchmarks.storm.processes import descendants
 
 #: Seconds for something to come up.
 START_S = 90.0
@@ -102,10 +103,11 @@ class Site:
         return process, line
 
     def processor(self) -> tuple[float, float]:
-        """Processor s of server and workers, those killed among them, and of their children that are gone."""
-        hosts = (self.server, *self.workers.values())
-        found = [cpu_with_children_s(process.pid) for process in hosts if process is not None]
-        return self.spent + sum(own for own, _ in found), sum(gone for _, gone in found)
+        """Processor s of server and workers, those killed among them, and of their children, gone or there."""
+        hosts = [process.pid for process in (self.server, *self.workers.values()) if process is not None]
+        found = [cpu_with_children_s(pid) for pid in hosts]
+        living = sum(sum(cpu_with_children_s(child)) for pid in hosts for child in descendants(pid))
+        return self.spent + sum(own for own, _ in found), living + sum(gone for _, gone in found)
 
 
 @contextmanager

@@ -91,7 +91,7 @@ def wait_for_jobs(client: httpx2.Client, jobs: Sequence[str], seconds: float) ->
                 raise RuntimeError(f"an identification of the benchmark {job['state']}: {job['error']}")
             if time.monotonic() > deadline:
                 raise RuntimeError(f"not all of {len(jobs)} identifications were done in time")
-            time.sleep(0.05)
+            time.sleep(0.2)  # each look costs the server some milliseconds
 
 
 def wait_until(good: Callable[[], bool], seconds: float, what: str) -> None:

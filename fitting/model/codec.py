@@ -337,7 +337,7 @@ def save_model(path: str | Path, model: ArmModel) -> Path:
         If the file cannot be written.
     """
     path = Path(path)
-    text = json.dumps(model_to_json(model), allow_nan=False, indent=1)
+    text = json.dumps(model_to_json(model), allow_nan=False)  # indented ten times as slow, and a number a line
     try:
         with replacing(path) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")

@@ -266,7 +266,7 @@ def _upright(x: float, y: float, content: str) -> str:
 
 
 def _points(u: FloatArray, v: FloatArray) -> str:
-    return " ".join(f"{a:.2f},{b:.2f}" for a, b in zip(u.tolist(), v.tolist(), strict=True))
+    return " ".join(["%.2f,%.2f"] * len(u)) % tuple(np.column_stack([u, v]).ravel().tolist())  # at once: half the time
 
 
 def _stroke(colour: str, width: float, dash: str = "") -> str:

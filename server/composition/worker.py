@@ -99,7 +99,7 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         presence = Heartbeat(database, f"worker-{name}", state=said)
         try:
             patiently(presence.start, waiting.pause)
-            waiting.until(lambda: runner.out_of_reach() or _other_version(database))
+            waiting.until(lambda: runner.out_of_reach() or other_version(database))
             runner.start()
             _log.info("working", worker=name)
             ready()
@@ -144,7 +144,7 @@ class Waiting:
         self.why = None
 
 
-def _other_version(database: Database) -> str | None:
+def other_version(database: Database) -> str | None:
     """Why the server is not one to work for; None if it is."""
     with database.read() as connection:
         found = connection.execute(sa.select(hosts.c.version).where(hosts.c.id == EXECUTOR)).scalar()

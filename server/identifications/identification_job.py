@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
 
-from server.identifications.identification_store import Identifications
+from server.identifications.identification_store import Identification, Identifications
 from server.identifications.report_verdict import verdict_of
 from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
@@ -59,7 +59,9 @@ class IdentificationKind:
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
         """The machine file, then the recordings."""
-        identification = self._identifications.get(job.subject)
+        return self._paths(self._identifications.get(job.subject))
+
+    def _paths(self, identification: Identification) -> tuple[Path, ...]:
         rows = [self._recordings.get(id) for id, _ in identification.recordings]
         machine = self._files.machine_file(identification.machine, identification.machine_version)
         return (machine, *(self._files.recording(row.id, row.format) for row in rows))
@@ -67,7 +69,7 @@ class IdentificationKind:
     def run(self, run: StageRun) -> ChildResult:
         """One stage, in the process of the one before if it is there; those before it again if their files are gone."""
         identification = self._identifications.get(run.job.subject)
-        machine, *recordings = map(run.here, self.inputs(run.job))
+        machine, *recordings = map(run.here, self._paths(identification))
         roles = [role for _, role in identification.recordings]
         request = StageRequest(
             machine, tuple(zip(roles, recordings, strict=True)), identification.options, run.place

@@ -39,7 +39,9 @@ WORKFLOW_VERSION = "hilfit-jobs-1"
 #: The engine resumes what its own executor left behind, so the name has to be the same after a restart. The
 #: lock of the data directory sees to it that two servers never share it.
 EXECUTOR = "server"
-POLL_S = 0.25
+#: s between two looks at a queue, each of which is some transactions: of numerical work, which workers should not wait
+#: for, and of any other.
+POLL_S, LEISURELY_S = 0.25, 1.0
 #: Held by the runner that has started the engine, which keeps its state in its module.
 _ENGINE = threading.Lock()
 _LOST = "the job broke off unexpectedly; order it again"
@@ -47,7 +49,8 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 def _register(queue: str, count: int) -> None:
-    DBOS.register_queue(queue, worker_concurrency=count, polling_interval_sec=POLL_S, on_conflict="always_update")
+    pause = POLL_S if queue == NUMERICAL else LEISURELY_S
+    DBOS.register_queue(queue, worker_concurrency=count, polling_interval_sec=pause, on_conflict="always_update")
 
 
 class JobRunner:
@@ -109,6 +112,7 @@ class JobRunner:
                 "log_level": "WARNING",
                 "enable_otlp": False,
                 "sys_db_pool_size": 5,
+                "notification_coalesce_sec": 1.0,  # nobody waits for one; unsaid, a hundred times a second
             }
         )
         for name in self._kinds:

@@ -23,14 +23,14 @@ from service_fakes import Fakes, Running, ran, running_service
 from sqlalchemy.exc import OperationalError, ProgrammingError
 
 from server.composition.declarations import TABLES
-from server.composition.worker import work
+from server.composition.worker import other_version, work
 from server.identifications.identification_store import Identification
 from server.jobs.claims import Claims
 from server.jobs.executors import SILENT_S, Heartbeat, Silence
 from server.jobs.job_kinds import NUMERICAL
-from server.jobs.job_runner import JobRunner
+from server.jobs.job_runner import EXECUTOR, JobRunner
 from server.jobs.job_store import Jobs, Result
-from server.jobs.job_tables import executors
+from server.jobs.job_tables import executors, hosts
 from server.platform.database.engine import Database
 from server.platform.database.patience import patiently
 from server.platform.errors import StartError, TakenOver
@@ -360,3 +360,18 @@ def test_a_worker_says_what_it_needs(tmp_path: Path) -> None:
         work(Settings(data_dir=tmp_path), "one", lambda: None)
     with pytest.raises(StartError, match="--name"):
         work(Settings(data_dir=tmp_path, database_url="postgresql://x/y"), "server", lambda: None)
+
+
+def test_a_worker_takes_no_job_of_a_server_of_another_version(tmp_path: Path) -> None:
+    database = Database(tmp_path / "store.sqlite", TABLES, changed=lambda: None)
+    try:
+        assert "start it" in (other_version(database) or "")
+        Heartbeat(database, "worker-one").say()
+        assert "start it" in (other_version(database) or ""), "another worker is no server"
+        Heartbeat(database, EXECUTOR).say()
+        assert other_version(database) is None
+        with database.write() as connection:
+            connection.execute(hosts.update().where(hosts.c.id == EXECUTOR).values(version="0.0.1"))
+        assert "the server is hilfit 0.0.1" in (other_version(database) or "")
+    finally:
+        database.close()
