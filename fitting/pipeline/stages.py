@@ -23,17 +23,18 @@ from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.loop.kinematic_check import KinematicLaw, Kinematics, kinematics
+from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over
 from fitting.model.motion import indefinite
-from fitting.pipeline.attribution_stage import attribution
+from fitting.pipeline.attribution_stage import attribution, found_corrections
 from fitting.pipeline.check_gate import checked, with_explanation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
 from fitting.pipeline.estimation import estimation
 from fitting.pipeline.plausibility import physics
 from fitting.pipeline.results.loop_results import Attributed, Kinematic, Program, Rival, UnconfirmedLaw
-from fitting.pipeline.results.results import build_report, final_fit, fitted_finally
+from fitting.pipeline.results.results import build_report, final_fit
 from fitting.pipeline.results.stage_results import (
     RESULTS,
     Checked,
@@ -143,7 +144,7 @@ def _estimated_floor(session: Session) -> FloatArray:
 
 def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Both stages refitted jointly with what was found; errors before and after."""
-    prepared, final = fitted_finally(session, results)
+    prepared, final = final_model(session, found_corrections(session, results), results[Attributed].terms)
     (model, chosen), before = handed(session, final.model), handed(session, session.base_with(final.weights))[0]
     design = session.plain.design
     found = {

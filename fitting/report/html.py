@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import os
 import re
 import tempfile
@@ -14,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import orjson
 from markupsafe import Markup, escape
 
 from fitting.regression.flags import FLAG_PERCENT
@@ -70,7 +70,7 @@ def write_report(
     """
     pages = {PAGE: language_of(language)} | {page_name(code): language_of(code) for code in others}
     cleaned = validate_report(report)
-    contents = {"report.json": orjson.dumps(cleaned, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE).decode()}
+    contents = {"report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
     contents |= {name: render_html(cleaned, figures, spoken) for name, spoken in pages.items()}
     waiting: list[tuple[Path, Path]] = []
     try:

@@ -10,12 +10,12 @@ from contextlib import contextmanager, nullcontext
 from server.jobs.claims import Claims
 from server.jobs.job_kinds import NUMERICAL, JobKind
 from server.jobs.job_store import Jobs
-from server.jobs.warm_child import WarmChild
 from server.platform.database.engine import Database
 from server.platform.database.patience import Value, patiently
 from server.platform.errors import ServiceStopping
 from server.platform.files import DataDirectory
 from server.platform.processes.children import Child
+from server.platform.processes.warm_child import WarmChild
 
 
 class JobHost:

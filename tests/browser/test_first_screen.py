@@ -37,6 +37,6 @@ def test_what_one_does_next_is_on_the_first_screen(page: Any, site: Site, width:
         found = page.get_by_role(role, name=name).first
         found.wait_for()
         box = found.bounding_box()
-        assert box is not None and 0 <= box["y"] and box["y"] + box["height"] <= height, f"{view}: {name} at {box}"
+        assert box is not None and box["y"] >= 0 and box["y"] + box["height"] <= height, f"{view}: {name} at {box}"
         assert box["x"] >= 0 and box["x"] + box["width"] <= width, f"{view}: {name} at {box}"
         assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{view} is wider than the screen"

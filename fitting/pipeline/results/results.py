@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
-from weakref import WeakKeyDictionary
 
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import final_model, term_to_json
+from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Prepared, Session
-from fitting.loop.weighting import Weighed
 from fitting.pipeline.check_gate import for_report
 from fitting.pipeline.results.loop_content import loop_content
 from fitting.pipeline.results.loop_results import Attributed, SpectralLine
@@ -75,31 +72,11 @@ class Final:
     model: Model
 
 
-#: Final fits of sessions whose report is not written yet, with what was found: the stages may share a process.
-_FITTED: WeakKeyDictionary[Session, tuple[str, tuple[Prepared, Weighed]]] = WeakKeyDictionary()
-
-
-def fitted_finally(session: Session, results: StageResults) -> tuple[Prepared, Weighed]:
-    """The final fit, kept with its session for :func:`final_fit`."""
-    kept = _fitted(session, results)
-    _FITTED[session] = kept
-    return kept[1]
-
-
 def final_fit(session: Session, results: StageResults) -> Final:
-    """The final fit from what the stages left: the one that is kept if it was made here, which is then forgotten."""
-    _, (prepared, final) = _fitted(session, results)
-    _FITTED.pop(session, None)
-    return Final(results[Residual].steps, results[Attributed].terms, prepared, handed(session, final.model)[0])
-
-
-def _fitted(session: Session, results: StageResults) -> tuple[str, tuple[Prepared, Weighed]]:
+    """The final fit again, from what the stages left."""
     terms, steps = results[Attributed].terms, results[Residual].steps
-    found = json.dumps([steps, [term_to_json(term) for term in terms]])
-    kept = _FITTED.get(session)
-    if kept is not None and kept[0] == found:
-        return kept
-    return found, final_model(session, corrections_from_json(session, steps), terms)
+    prepared, final = final_model(session, corrections_from_json(session, steps), terms)
+    return Final(steps, terms, prepared, handed(session, final.model)[0])
 
 
 def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:

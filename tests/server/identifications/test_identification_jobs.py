@@ -255,7 +255,7 @@ def test_a_stage_that_cannot_be_started_fails_the_job(
 
     running.choices(csv)  # uploaded while children can be started
     with monkeypatch.context() as patch:
-        patch.setattr("server.jobs.stage_work.Child.run", full)
+        patch.setattr("server.jobs.execution.Child.run", full)
         job = outcome(running, running.order(csv))
     assert job["state"] == "failed"
     assert "No space left on device" in job["error"]

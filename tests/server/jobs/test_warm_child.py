@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from server.jobs import warm_child
-from server.jobs.warm_child import WarmChild
+from server.platform.processes import warm_child
+from server.platform.processes.warm_child import WarmChild
 
 STAYS = """
 import json, os, sys
