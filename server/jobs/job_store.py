@@ -6,7 +6,7 @@ of its progress is a row of its own, so a client that was away reads what it mis
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Unpack
 
@@ -178,7 +178,7 @@ class Jobs:
                 jobs.update().where(jobs.c.id == id, jobs.c.state.not_in(FINAL)).values(cancel_requested=True)
             )
         if state == "queued":
-            self._finish_if(id, {"queued"}, "cancelled", "Cancelled before it started")
+            self.finish(id, "cancelled", "Cancelled before it started", states=("queued",))
         return self.get(id)
 
     def finish(
@@ -192,27 +192,14 @@ class Jobs:
         result: Result | None = None,
         place: str | None = None,
         files: Mapping[str, str] | None = None,
+        states: Collection[str] = ("queued", "running"),
     ) -> bool:
         """End a job and store its result, and where its files are, in one transaction; only the first call counts.
 
         Returns
         -------
-        Whether this call ended it.
+        Whether this call ended it, for which it has to be in one of ``states``.
         """
-        return self._finish_if(id, {"queued", "running"}, state, text, error, claim, result, place, files)
-
-    def _finish_if(
-        self,
-        id: str,
-        states: set[str],
-        state: State,
-        text: str,
-        error: str | None = None,
-        claim: Claim | None = None,
-        result: Result | None = None,
-        place: str | None = None,
-        files: Mapping[str, str] | None = None,
-    ) -> bool:
         with self._database.write("jobs", *([] if result is None else [result.resource])) as connection:
             if claim is not None:
                 claim.check(connection)
