@@ -10,7 +10,7 @@ from server.excitations.excitation_routes import router
 from server.excitations.excitation_store import Excitations
 from server.excitations.excitation_tables import excitations
 from server.excitations.motion_delivery import MotionDelivery
-from server.jobs.job_files import named_results
+from server.jobs.job_places import named_results
 from server.machines.machine_desk import MachineDesk
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory

@@ -14,7 +14,7 @@ from server.identifications.identification_routes import router
 from server.identifications.identification_store import Identifications
 from server.identifications.identification_tables import identification_recordings, identifications
 from server.identifications.stage_request import StageProgram, fitting_program
-from server.jobs.job_files import named_results
+from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory

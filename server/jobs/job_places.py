@@ -20,9 +20,13 @@ from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+import sqlalchemy as sa
+
 from server.jobs.claims import Claim
 from server.jobs.job_store import Jobs
+from server.jobs.job_tables import jobs as job_table
 from server.platform.files import DataDirectory
+from server.platform.resource import NamedFiles
 
 
 def place_name(claim: Claim, stage: str) -> str:
@@ -67,3 +71,18 @@ def kept_place(files: DataDirectory, directory: Path, jobs: Jobs, id: str) -> Pa
     if job.place is not None and not place.is_dir():
         files.storage.bring(place, files.key(directory), jobs.files(id, "result"))
     return place
+
+
+def named_results(table: sa.Table, connection: sa.Connection) -> NamedFiles:
+    """What a store names of the things in ``table`` that jobs make: the place that counts, and all below.
+
+    Their directories are called like the table.
+    """
+    needed, others = set(), set()
+    for id, place in connection.execute(
+        sa.select(table.c.id, job_table.c.place).join(job_table, job_table.c.id == table.c.job)
+    ):
+        others.add(f"{table.name}/{id}")
+        if place is not None:
+            needed.add(f"{table.name}/{id}/{place}")
+    return NamedFiles(frozenset(needed), frozenset(others))

@@ -131,7 +131,7 @@ def get(id: str, service: ServiceDep) -> dict[str, str]:
     "toy_resource": """
 from functools import partial
 from prometheus_client.core import GaugeMetricFamily
-from server.jobs.job_files import named_results
+from server.jobs.job_places import named_results
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.resource import BackedUp, Phase, Resource, Running
