@@ -49,7 +49,7 @@ ALONE = 1e-3
 BELOW_ZERO = 0.003
 #: Drives' parameters that cannot be negative.
 NOT_NEGATIVE = frozenset({"J", "f_c", "f_v", "K"})
-_THICK, _LEAST_LENGTH = 0.15, 0.5  # of a rod, as shares of its length and of the links' mean length
+_THICK, _LEAST_LENGTH = 0.15, 0.2  # of a rod, as shares of its length and of the links' mean length
 _LEAST_MASS = 0.3  # share of the efforts that the plausible arm explains at least
 _STEPS, _CONVERGED, _ROUNDING = 60, 1e-10, 1e-13
 #: ``mu`` of the first step as a share of the slope in a link, and the share of the way to the boundary that is taken.
@@ -86,8 +86,7 @@ def rods(geometry: Geometry) -> FloatArray:
     stretches = geometry.stretches
     sizes = [np.array([np.linalg.norm(end - start) for start, end in own]) for own in stretches]
     lengths = np.array([own.sum() for own in sizes])
-    least = max(_LEAST_LENGTH * float(np.mean(lengths)), 1e-3)
-    lengths = np.maximum(lengths, least)
+    lengths = np.maximum(lengths, max(_LEAST_LENGTH * float(np.mean(lengths)), 1e-3))
     bodies = np.zeros((len(lengths), 4, 4))
     for body, own, size, length in zip(bodies, stretches, sizes, lengths, strict=True):
         shares = size / size.sum() if size.any() else np.ones(len(size)) / len(size)

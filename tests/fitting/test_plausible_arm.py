@@ -129,6 +129,8 @@ def test_the_plausible_arm_weighs_what_the_efforts_ask_for() -> None:
     # A rod along each link, thickness .15 of its length: three equal second moments along and across.
     geometry = planar_arm(2)
     np.testing.assert_allclose(rods(geometry)[:, 3, 3], geometry.a / geometry.a.sum())
+    housing = replace(geometry, a=np.array([geometry.a[0], 0.0]))  # of a wrist: a fifth of the mean link
+    np.testing.assert_allclose(rods(housing)[:, 3, 3], np.array([1.0, 0.1]) / 1.1)
     assert np.all(np.linalg.eigvalsh(arm.bodies) > 0)
 
 
