@@ -26,7 +26,7 @@ def _watch(parts: Parts) -> Watch:
 
 def _running(parts: Parts) -> Iterator[Running]:
     watch = parts[Watch]
-    yield Running(Phase.WATCHING, watch.start, watch.stop)
+    yield Running(Phase.WATCHING, watch.rounds.start, watch.rounds.stop)
 
 
 def _metrics(parts: Parts) -> Iterator[Metric]:

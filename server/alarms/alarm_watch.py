@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
@@ -16,6 +15,7 @@ from daq.quality import MEASURED
 from server.alarms.alarm_conditions import DeadBand, beyond
 from server.alarms.alarm_desk import Alarms
 from server.platform.disk import RESERVE_BYTES, Free
+from server.platform.processes.rounds import Rounds
 
 LOOK_S = 1.0
 DAMAGE_LOOK_S = 86_400.0
@@ -88,28 +88,14 @@ class Watch:
         self._monotonic = monotonic
         self._difference = wall() - monotonic()
         self._low = False
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="alarms", daemon=True)
-        self._started = False
+        self.rounds = Rounds("alarms", LOOK_S, self._look)
 
-    def start(self) -> None:
-        """Start looking; returns at once."""
-        self._started = True
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Stop looking; also if it never started."""
-        self._stop.set()
-        if self._started:
-            self._thread.join()
-
-    def _run(self) -> None:
-        while not self._stop.wait(LOOK_S):
-            for look in (self.disk, self.acquisitions, self.clock, self.service, self._alarms.sweep):
-                try:
-                    look()
-                except Exception as error:  # a database that is locked now will not be at the next look
-                    _log.error("alarm_look_failed", look=look.__name__, exc_info=error)
+    def _look(self) -> None:
+        for look in (self.disk, self.acquisitions, self.clock, self.service, self._alarms.sweep):
+            try:
+                look()
+            except Exception as error:  # a database that is locked now will not be at the next look
+                _log.error("alarm_look_failed", look=look.__name__, exc_info=error)
 
     def disk(self) -> None:
         """Alarm when space gets short; end recordings before the database has none."""

@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, cast
 
 import numpy as np
 from scipy import linalg
@@ -77,7 +76,6 @@ class Block:
     rows: int
     usual: FloatArray
     rivals: FloatArray
-
     known: dict[bytes, float] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def target(self, weights: Mapping[str, float]) -> FloatArray:
@@ -133,6 +131,14 @@ class Physical:
     shares: FloatArray
 
 
+@dataclass(eq=False)
+class Shared:
+    """What trials have in common that differ in their links alone, once asked for; sides with exchange or not."""
+
+    motion: Motion | None = None
+    sides: dict[bool, tuple[Side | None, ...]] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Trial:
     """A machine and samples as they are, or as a hypothesis has them; regression blocks are made when asked for.
@@ -151,21 +157,22 @@ class Trial:
     positions: tuple[str, ...]
     exchange: bool = False
     carried: FloatArray | None = None
-    shared: dict[object, Any] = field(default_factory=dict, init=False, compare=False, repr=False)
+    shared: Shared = field(default_factory=Shared, init=False, compare=False, repr=False)
 
     @property
     def motion(self) -> Motion:
         """Joints and pistons."""
-        if "motion" not in self.shared:
-            self.shared["motion"] = motion_of(self.machine, self.samples, self.positions)
-        return cast("Motion", self.shared["motion"])
+        if self.shared.motion is None:
+            self.shared.motion = motion_of(self.machine, self.samples, self.positions)
+        return self.shared.motion
 
     @property
     def sides(self) -> tuple[Side | None, ...]:
         """What stands beside the links in every joint's rows; None for one that says nothing."""
-        if self.exchange not in self.shared:
-            self.shared[self.exchange] = tuple(_side(self, number) for number in range(len(self.machine.joints)))
-        return cast("tuple[Side | None, ...]", self.shared[self.exchange])
+        known = self.shared.sides
+        if self.exchange not in known:
+            known[self.exchange] = tuple(_side(self, number) for number in range(len(self.machine.joints)))
+        return known[self.exchange]
 
     @cached_property
     def body(self) -> FloatArray:
