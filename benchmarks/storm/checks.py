@@ -23,6 +23,7 @@ from server.identifications import identification_tables
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import Identifications
 from server.jobs import job_tables
+from server.jobs.execution import KEEP_S
 from server.jobs.job_store import FINAL
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -206,22 +207,33 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
 
 
 def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
-    """No stage began again after the engine had recorded it as done."""
-    wrong, begun, recorded = [], 0, 0
+    """No stage began again after it was recorded as done, but for what another host had not been given yet."""
+    wrong, begun, recorded, again = [], 0, 0, 0
     done: dict[str, dict[str, int]] = {}
     for text in _counted(database, STEPS):
         job, stage, moment = text.split()
         done.setdefault(job, {})[stage] = int(moment)
     query = sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
     for row in _rows(database, query):
-        found, runs = done.get(row.job, {}), _runs(hosts, row.id)
+        found = done.get(row.job, {})
+        runs = [(stage, int(began), host) for host in hosts for stage, began, _ in _runs((host,), row.id)]
         begun += len(runs)
         recorded += len(found)
-        for stage, began, _ in runs:
-            if stage in found and int(began) > found[stage]:
-                wrong.append(f"{row.id}: {stage} began {int(began) - found[stage]} ms after it was done")
-    yield _none("finished steps done again", wrong, recorded)
-    yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps")
+        at_stake = dict.fromkeys(hosts, 0)  # ms that each had done and not shared
+        for stage, ended in found.items():
+            before = [(began, host) for name, began, host in runs if name == stage and began <= ended]
+            where = {host for name, began, host in runs if name == stage and began > ended}
+            if not before:  # the end of a job is a step too
+                continue
+            first, by = max(before)
+            if by in where:
+                wrong.append(f"{row.id}: {stage} began again where it had been done")
+            if where:
+                at_stake[by] += ended - first
+                again += 1
+        wrong += [f"{row.id}: {ms} ms of finished work done again" for ms in at_stake.values() if ms > KEEP_S * 1e3]
+    yield _none("finished steps done again where they need not be", wrong, recorded)
+    yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps, {again} of them again on another host")
 
 
 def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:

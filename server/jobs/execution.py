@@ -34,8 +34,8 @@ NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is 
 NO_ROOM = "Waiting for room on the disk"
 #: s between two looks at a storage that is away, and until a job that was begun is left to another host.
 AWAY_S, PATIENCE_S = 1.0, 300.0
-#: s of work that may be done again where another host goes on with a job: what a stage left is shared once so much has
-#: been done since files were shared last, and at the end. To share costs as much as a short stage.
+#: s of work that may be done again where another host goes on with a job: what a stage left is shared once more than
+#: this would be, and at the end. To share costs as much as a short stage.
 KEEP_S = 5.0
 #: Times that a stage is begun whose process somebody else kills: it may be the victim of a large neighbour, or be too
 #: large itself.
@@ -138,15 +138,16 @@ class Execution:
         self._directory = kind.directory(row)
         self._place: str | None = None
         self._files: Mapping[str, str] = {}
-        self._shared = time.monotonic()
+        self._at_stake_s = 0.0  # of finished work that no other host has
 
     def begin_after(self, result: Mapping[str, Any]) -> None:
         """The next stage goes on from what was recorded of the one before, here or on another host."""
         self._place, self._files = result["place"], result["files"]
+        self._at_stake_s = result.get("at_stake_s", 0.0)
 
     def run_stage(self, stage: str, part: tuple[int, int]) -> dict[str, Any]:
         """Step: one stage, which is ``part`` of how many, and what is recorded of it."""
-        host, row, name = self._host, self._row, place_name(self._claim, stage)
+        host, row, name, began = self._host, self._row, place_name(self._claim, stage), time.monotonic()
         stopped = {"outcome": "stopped", "stage": stage, "error": None, "place": self._place, "files": self._files}
         with host.working(self._kind):
             if host.stopping.is_set():
@@ -163,16 +164,17 @@ class Execution:
                     return stopped
                 shutil.rmtree(self._directory / name, ignore_errors=True)
             last = part[0] + 1 == part[1] or result.outcome != "done"
-            files = self._share(name) if last or time.monotonic() - self._shared > KEEP_S else {}
+            at_stake = self._at_stake_s + time.monotonic() - began
+            share = last or at_stake > KEEP_S
+            files = self._share(name) if share else {}
         _log.info("stage_ended", job=row.id, stage=stage, outcome=result.outcome, error=result.error)
-        return self._outcome(stage, result) | {"place": name, "files": files}
+        kept = {"place": name, "files": files, "at_stake_s": 0.0 if share else at_stake}
+        return self._outcome(stage, result) | kept
 
     def _share(self, name: str) -> Mapping[str, str]:
         """Let other hosts go on from what is in a place; its files by SHA-256."""
         storage, folder = self._host.files.storage, self._host.files.key(self._directory)
-        files = self._stored(partial(storage.keep, self._directory / name, folder))
-        self._shared = time.monotonic()
-        return files
+        return self._stored(partial(storage.keep, self._directory / name, folder))
 
     def _kept(self, stage: str, part: tuple[int, int], name: str) -> ChildResult:
         """Do a stage in its place, and see to it that its files survive a power cut."""
