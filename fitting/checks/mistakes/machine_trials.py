@@ -50,8 +50,8 @@ def gravity(trial: Trial) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
-#: Factors by which a decimal point or a unit is off.
-SLIPS = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
+#: Factors by which a decimal point or a unit is off, and m that a link is long: others are not what was meant.
+SLIPS, LONG = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3), (0.005, 20.0)
 
 
 def lengths(trial: Trial) -> Iterator[Hypothesis]:
@@ -59,8 +59,8 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
     for j, joint in enumerate(machine.joints):
         for name in ("a", "d"):
             value = float(getattr(joint.dh, name))
-            if abs(value) > 1e-6:
-                for factor in (*SLIPS, -1.0, 0.5, 2.0):
+            for factor in (*SLIPS, -1.0, 0.5, 2.0):
+                if LONG[0] < abs(factor * value) < LONG[1]:
                     yield Hypothesis(
                         "length", (j,), f"dh.{name} looks like {factor * value:.4g} m instead of {value:.4g} m",
                         f"correct dh.{name}",
