@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from fastapi import APIRouter, Request, Response
 
 from server.access.access_desk import Access
@@ -16,11 +18,14 @@ from server.access.access_schemas import (
     Pairing,
     PrincipalResource,
 )
+from server.access.connections import Presence
+from server.access.holder_store import Holder
 from server.access.pairing import PairingWork, pairing_url, qr_svg
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
 from server.platform.http.route_parameters import BetweenDep, Cursor, Idempotency, Limit, ServiceDep, problems
+from server.platform.service import Service
 
 router = APIRouter(prefix="/access", tags=["access"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
@@ -33,7 +38,8 @@ async def pair(body: Pairing, request: Request, response: Response, service: Ser
     # Codes are hashed at length: one after the other, and not in the threads that answer reads.
     holder, token = await service[PairingWork].run(address, service[Access].pair, body.code, body.name, address)
     response.headers["Cache-Control"] = "no-store"
-    return Paired(token=token, principal=PrincipalResource.of(holder.principal, service.settings.approves_own))
+    principal = PrincipalResource.of(holder.principal, approves_own=service.settings.approves_own)
+    return Paired(token=token, principal=principal)
 
 
 @router.post("/pairing-codes", status_code=201, responses=problems(409, 422, 429), dependencies=ADMIN)
@@ -63,7 +69,7 @@ def make_pairing_code(
 @router.get("/me", dependencies=[require("read")])
 def me(service: ServiceDep, principal: PrincipalDep) -> PrincipalResource:
     """Who asks."""
-    return PrincipalResource.of(principal, service.settings.approves_own)
+    return PrincipalResource.of(principal, approves_own=service.settings.approves_own)
 
 
 @router.delete("/me", status_code=204, responses=problems(409), dependencies=[require("read")])
@@ -77,7 +83,7 @@ def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
 @router.get("/devices", responses=problems(422), dependencies=ADMIN)
 def list_devices(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List paired devices."""
-    return HolderList.of(service[Access].holders.list("device", limit, cursor, between), service[Access].connections)
+    return HolderList.of(service[Access].holders.list("device", limit, cursor, between), partial(_resource, service))
 
 
 @router.delete("/devices/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
@@ -89,13 +95,13 @@ def remove_device(id: str, service: ServiceDep) -> None:
 @router.get("/keys", responses=problems(422), dependencies=ADMIN)
 def list_keys(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List API keys."""
-    return HolderList.of(service[Access].holders.list("key", limit, cursor, between), service[Access].connections)
+    return HolderList.of(service[Access].holders.list("key", limit, cursor, between), partial(_resource, service))
 
 
 @router.get("/keys/{id}", responses=problems(404, 422), dependencies=ADMIN)
 def get_key(id: str, service: ServiceDep) -> HolderResource:
     """Read an API key, without its secret."""
-    return HolderResource.of(service[Access].holders.get(id, "key"), service[Access].connections.of(id))
+    return _resource(service, service[Access].holders.get(id, "key"))
 
 
 @router.post("/keys", status_code=201, responses=problems(409, 422), dependencies=ADMIN)
@@ -113,7 +119,7 @@ def make_key(
 
     def make() -> NewKey:
         holder, secret = service[Access].make_key(body.name, body.role, body.machines, principal, body.days)
-        return NewKey(**HolderResource.of(holder).model_dump(), key=secret)
+        return NewKey.of(holder, **vars(Presence()), key=secret)
 
     made = service.replays.once(principal.id, "keys", idempotency_key, body.model_dump(), make)
     response.headers["Location"] = f"/api/v1/access/keys/{made.id}"
@@ -125,3 +131,7 @@ def make_key(
 def remove_key(id: str, service: ServiceDep) -> None:
     """Revoke an API key; its streams are closed."""
     service[Access].holders.remove(id, "key")
+
+
+def _resource(service: Service, holder: Holder) -> HolderResource:
+    return HolderResource.of(holder, **vars(service[Access].connections.of(holder.id)))

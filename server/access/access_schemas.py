@@ -6,11 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
-from server.access.connections import Connections, Presence
-from server.access.holder_store import Holder
-from server.platform.authorization.principals import Principal, Role
-from server.platform.database.engine import Page
-from server.platform.http.bodies import PLAIN, Body
+from server.platform.authorization.principals import Role
+from server.platform.http.bodies import PLAIN, Body, Listed, Shown
 
 Name = Annotated[str, Field(min_length=1, max_length=80, pattern=PLAIN)]
 MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
@@ -20,10 +17,7 @@ MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_l
 Days = Annotated[int, Field(strict=True, ge=1, le=3650)]
 
 
-NOBODY = Presence()
-
-
-class PrincipalResource(BaseModel):
+class PrincipalResource(Shown):
     """Who asks; ``machines`` null: all of them.
 
     ``approves_own``: whether it may approve a calibration that it proposed.
@@ -35,11 +29,6 @@ class PrincipalResource(BaseModel):
     machines: list[str] | None
     kind: Literal["device", "key", "local", "service"]
     approves_own: bool
-
-    @classmethod
-    def of(cls, value: Principal, approves_own: bool) -> PrincipalResource:
-        """From the principal."""
-        return cls(**value.__dict__, approves_own=approves_own)
 
 
 class CodeOrder(Body, json_schema_extra={"examples": [{"role": "operator", "machines": ["folding-arm"], "days": 90}]}):
@@ -84,7 +73,7 @@ class KeyOrder(Body, json_schema_extra={"examples": [{"name": "history of the pl
     days: Days | None = None
 
 
-class HolderResource(BaseModel):
+class HolderResource(Shown):
     """A paired device or an API key.
 
     ``expires`` null: never. ``seen``, ``address``: its last request since the service started; ``streams``: that it
@@ -103,11 +92,6 @@ class HolderResource(BaseModel):
     address: str | None
     streams: int
 
-    @classmethod
-    def of(cls, value: Holder, now: Presence = NOBODY) -> HolderResource:
-        """From the store, and what is known of its presence."""
-        return cls(**value.__dict__, **now.__dict__)
-
 
 class NewKey(HolderResource):
     """An API key with its secret, which is shown this once."""
@@ -115,13 +99,5 @@ class NewKey(HolderResource):
     key: str
 
 
-class HolderList(BaseModel):
+class HolderList(Listed[HolderResource]):
     """A page of devices or keys."""
-
-    items: list[HolderResource]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[Holder], connections: Connections) -> HolderList:
-        """From the store."""
-        return cls(items=[HolderResource.of(value, connections.of(value.id)) for value in page.items], next=page.next)

@@ -7,12 +7,11 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.alarms.alarm_conditions import Severity
-from server.alarms.alarm_lifecycle import LONGEST_SHELF_S, Alarm
-from server.platform.database.engine import Page
-from server.platform.http.bodies import PLAIN
+from server.alarms.alarm_lifecycle import LONGEST_SHELF_S
+from server.platform.http.bodies import PLAIN, Listed, Shown
 
 
-class AlarmResource(BaseModel):
+class AlarmResource(Shown):
     """An alarm: ``raised`` is when it came last, ``count`` how often before somebody acknowledged it."""
 
     id: str
@@ -30,22 +29,9 @@ class AlarmResource(BaseModel):
     cleared: str | None
     count: int
 
-    @classmethod
-    def of(cls, alarm: Alarm) -> AlarmResource:
-        """From the store."""
-        return cls(**alarm.__dict__)
 
-
-class AlarmList(BaseModel):
+class AlarmList(Listed[AlarmResource]):
     """A page of alarms."""
-
-    items: list[AlarmResource]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[Alarm]) -> AlarmList:
-        """From the store."""
-        return cls(items=[AlarmResource.of(alarm) for alarm in page.items], next=page.next)
 
 
 class Shelf(BaseModel, json_schema_extra={"examples": [{"seconds": 28800, "reason": "the sensor is replaced"}]}):

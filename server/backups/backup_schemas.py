@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
-from server.backups.backup_archive import Backup
+from server.platform.http.bodies import Shown
 
 
-class BackupResource(BaseModel):
+class BackupResource(Shown):
     """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped.
 
     ``missing``: files that the store names and that were gone when they were to be copied.
@@ -18,11 +18,6 @@ class BackupResource(BaseModel):
     bytes: int
     kind: str
     missing: list[str]
-
-    @classmethod
-    def of(cls, backup: Backup) -> BackupResource:
-        """From what is on disk."""
-        return cls(**{**backup.__dict__, "missing": list(backup.missing)})
 
 
 class BackupList(BaseModel):

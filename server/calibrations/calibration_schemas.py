@@ -9,8 +9,7 @@ from pydantic import BaseModel, Field
 from server.calibrations.calibration_comparison import compare_errors, compare_parameters
 from server.calibrations.calibration_store import Calibration
 from server.platform.authorization.named_things import IdentificationId
-from server.platform.database.engine import Page
-from server.platform.http.bodies import Body, Label
+from server.platform.http.bodies import Body, Label, Listed, Shown
 
 
 class Proposal(
@@ -37,7 +36,7 @@ class Parameter(BaseModel):
     unit: str | None
 
 
-class StepResource(BaseModel):
+class StepResource(Shown):
     """Who did what to a calibration, when."""
 
     time: str
@@ -46,7 +45,7 @@ class StepResource(BaseModel):
     note: str
 
 
-class CalibrationResource(BaseModel):
+class CalibrationResource(Shown):
     """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop.
 
     ``proposed_by_id``: the principal that may not approve it, where the policy asks for a second person. ``history``:
@@ -70,26 +69,12 @@ class CalibrationResource(BaseModel):
     note: str
     history: list[StepResource]
 
-    @classmethod
-    def of(cls, value: Calibration) -> CalibrationResource:
-        """From the store."""
-        values = {name: getattr(value, name) for name in cls.model_fields}
-        return cls.model_validate({**values, "history": [step.__dict__ for step in value.history]})
 
-
-class CalibrationList(BaseModel):
+class CalibrationList(Listed[CalibrationResource]):
     """A page of calibrations."""
 
-    items: list[CalibrationResource]
-    next: int | None
 
-    @classmethod
-    def of(cls, page: Page[Calibration]) -> CalibrationList:
-        """From the store."""
-        return cls(items=[CalibrationResource.of(value) for value in page.items], next=page.next)
-
-
-class ShiftResource(BaseModel):
+class ShiftResource(Shown):
     """A parameter in both; ``sigmas`` is how far b is from a in standard deviations of the difference."""
 
     name: str
@@ -123,6 +108,6 @@ class ComparisonResource(BaseModel):
         return cls(
             a=CalibrationResource.of(a),
             b=CalibrationResource.of(b),
-            parameters=[ShiftResource(**shift.__dict__) for shift in compare_parameters(a.parameters, b.parameters)],
+            parameters=[ShiftResource.of(shift) for shift in compare_parameters(a.parameters, b.parameters)],
             errors={joint: JointErrors(**entry) for joint, entry in compare_errors(a.errors, b.errors).items()},
         )

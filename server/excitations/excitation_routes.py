@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
@@ -54,7 +56,7 @@ def list_excitations(
 ) -> ExcitationList:
     """List excitations, newest first."""
     page = service[Excitations].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    return ExcitationList(items=[_resource(service, value) for value in page.items], next=page.next)
+    return ExcitationList.of(page, partial(_resource, service))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
@@ -87,4 +89,4 @@ def send(id: str, service: ServiceDep) -> Sent:
 
 
 def _resource(service: Service, value: Excitation) -> ExcitationResource:
-    return ExcitationResource.of(value, service[Jobs].get(value.job).state)
+    return ExcitationResource.of(value, state=service[Jobs].get(value.job).state, **(value.result or {}))

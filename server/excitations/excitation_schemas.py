@@ -6,10 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.excitations.excitation_store import Excitation
-from server.jobs.job_store import State
 from server.platform.authorization.named_things import MachineName
-from server.platform.http.bodies import Label
+from server.platform.http.bodies import Label, Listed, Shown
 
 
 class ExcitationOrder(
@@ -37,7 +35,7 @@ class ExcitationOrder(
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
 
 
-class ExcitationResource(BaseModel):
+class ExcitationResource(Shown):
     """An excitation; what its design found is there once its job is done.
 
     ``not_told``: parameters that the motion tells nothing about. ``limits``: how much of each is used.
@@ -58,18 +56,9 @@ class ExcitationResource(BaseModel):
     limits: list[dict[str, Any]] | None = None
     not_told: list[str] | None = None
 
-    @classmethod
-    def of(cls, value: Excitation, state: State) -> ExcitationResource:
-        """From the store, with the state of its job."""
-        row = {key: item for key, item in value.__dict__.items() if key != "result"}
-        return cls(**row, state=state, **(value.result or {}))
 
-
-class ExcitationList(BaseModel):
+class ExcitationList(Listed[ExcitationResource]):
     """A page of excitations."""
-
-    items: list[ExcitationResource]
-    next: int | None
 
 
 class Sent(BaseModel):

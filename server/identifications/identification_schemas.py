@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BeforeValidator, Field
 
-from server.identifications.identification_store import Identification
 from server.platform.authorization.named_things import MachineName, RecordingId
-from server.platform.database.engine import Page
-from server.platform.http.bodies import Body, Flag, Label
+from server.platform.http.bodies import Body, Flag, Label, Listed, Shown
 from server.recordings.recording_schemas import RecordingRole
 
 
@@ -62,7 +61,11 @@ class IdentificationOrder(
     label: Label = ""
 
 
-class IdentificationResource(BaseModel):
+def _chosen(stored: Sequence[tuple[str, str | None]]) -> list[dict[str, str | None]]:
+    return [{"id": id, "role": role} for id, role in stored]
+
+
+class IdentificationResource(Shown):
     """An identification; ``verdict`` and ``overall`` are there once its job is done."""
 
     id: str
@@ -70,26 +73,12 @@ class IdentificationResource(BaseModel):
     machine: str
     machine_version: int
     label: str
-    recordings: list[RecordingChoice]
+    recordings: Annotated[list[RecordingChoice], BeforeValidator(_chosen)]
     options: dict[str, Any]
     created: str
     verdict: str | None
     overall: dict[str, Any] | None
 
-    @classmethod
-    def of(cls, value: Identification) -> IdentificationResource:
-        """From the store."""
-        chosen = [RecordingChoice.model_validate({"id": id, "role": role}) for id, role in value.recordings]
-        return cls(**{**value.__dict__, "recordings": chosen})
 
-
-class IdentificationList(BaseModel):
+class IdentificationList(Listed[IdentificationResource]):
     """A page of identifications."""
-
-    items: list[IdentificationResource]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[Identification]) -> IdentificationList:
-        """From the store."""
-        return cls(items=[IdentificationResource.of(value) for value in page.items], next=page.next)

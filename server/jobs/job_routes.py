@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator
 from dataclasses import asdict
+from functools import partial
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query
@@ -13,7 +14,7 @@ from fastapi.responses import StreamingResponse
 
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_schemas import JobList, JobResource
-from server.jobs.job_store import FINAL, Jobs
+from server.jobs.job_store import FINAL, Job, Jobs
 from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
@@ -39,7 +40,8 @@ def list_jobs(
     cursor: Cursor = 0,
 ) -> JobList:
     """List jobs, newest first; a page may be short where jobs of other machines are left out."""
-    jobs = JobList.of(service[Jobs].list(limit, cursor, state=state, between=between), service[JobTimes].expected_end)
+    page = service[Jobs].list(limit, cursor, state=state, between=between)
+    jobs = JobList.of(page, partial(_resource, service))
     if principal.machines is not None:
         machines = service.ownership.machines_of_jobs(job.id for job in jobs.items)
         jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]
@@ -49,15 +51,13 @@ def list_jobs(
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> JobResource:
     """Read a job."""
-    job = service[Jobs].get(id)
-    return JobResource.of(job, service[JobTimes].expected_end(job))
+    return _resource(service, service[Jobs].get(id))
 
 
 @router.post("/{id}/cancel", status_code=202, responses=problems(404, 422), dependencies=[require("operate")])
 def cancel(id: str, service: ServiceDep) -> JobResource:
     """Ask a job to stop; one that has ended stays as it is."""
-    job = service[JobRunner].cancel(id)
-    return JobResource.of(job, service[JobTimes].expected_end(job))
+    return _resource(service, service[JobRunner].cancel(id))
 
 
 @router.get(
@@ -93,3 +93,7 @@ async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]
             return
         if not await service.changes.wait(seen, KEEP_ALIVE_S):
             yield b": nothing new\n\n"
+
+
+def _resource(service: Service, job: Job) -> JobResource:
+    return JobResource.of(job, expected_end=service[JobTimes].expected_end(job))

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal
 
-from pydantic import BaseModel
-
-from server.jobs.job_store import Job
-from server.platform.database.engine import Page
+from server.platform.http.bodies import Listed, Shown
 
 
-class JobResource(BaseModel):
+class JobResource(Shown):
     """A job as it is now; ``fraction`` is 0 to 1 over all stages.
 
     ``expected_end``: when it will probably end, from how long earlier jobs of its kind took, else from its own
@@ -34,20 +30,6 @@ class JobResource(BaseModel):
     ended: str | None
     expected_end: str | None = None
 
-    @classmethod
-    def of(cls, job: Job, expected_end: str | None = None) -> JobResource:
-        """From the store."""
-        values = {key: value for key, value in job.__dict__.items() if key != "place"}
-        return cls(**{**values, "stages": list(job.stages), "expected_end": expected_end})
 
-
-class JobList(BaseModel):
+class JobList(Listed[JobResource]):
     """A page of jobs."""
-
-    items: list[JobResource]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[Job], expected_end: Callable[[Job], str | None]) -> JobList:
-        """From the store; ``expected_end`` is asked of each job."""
-        return cls(items=[JobResource.of(job, expected_end(job)) for job in page.items], next=page.next)

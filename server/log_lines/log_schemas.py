@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from server.log_lines.log_memory import Line
+from server.platform.http.bodies import Shown
 
 
-class LogLine(BaseModel):
+class LogLine(Shown):
     """A line of the log; ``detail`` is what it says beside time, level, logger and event."""
 
     number: int
@@ -18,11 +18,6 @@ class LogLine(BaseModel):
     logger: str
     event: str
     detail: dict[str, Any]
-
-    @classmethod
-    def of(cls, line: Line) -> LogLine:
-        """From memory."""
-        return cls(**line.__dict__)
 
 
 class LogLines(BaseModel):

@@ -6,12 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from server.machines.machine_store import MachineRow
-from server.platform.database.engine import Page
-from server.platform.http.bodies import Body, Flag
+from server.platform.http.bodies import Body, Flag, Listed, Shown
 
 
-class MachineSummary(BaseModel):
+class MachineSummary(Shown):
     """A machine: its current version, and whether it is acquired."""
 
     name: str
@@ -20,11 +18,6 @@ class MachineSummary(BaseModel):
     sha256: str
     created: str
     acquire: bool
-
-    @classmethod
-    def of(cls, row: MachineRow) -> MachineSummary:
-        """From the store."""
-        return cls(**row.__dict__)
 
 
 class MachineCheck(BaseModel):
@@ -42,16 +35,8 @@ class MachineDetail(MachineSummary):
     acquisition: dict[str, Any]
 
 
-class MachineList(BaseModel):
+class MachineList(Listed[MachineSummary]):
     """A page of machines; ``next`` is the cursor of the next page."""
-
-    items: list[MachineSummary]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[MachineRow]) -> MachineList:
-        """From the store."""
-        return cls(items=[MachineSummary.of(row) for row in page.items], next=page.next)
 
 
 class AcquisitionWish(Body, json_schema_extra={"examples": [{"enabled": True}]}):

@@ -38,7 +38,7 @@ def add_webhook(
 
     def make() -> NewWebhook:
         webhook, secret = service[Webhooks].add(body.label, body.url, body.events, principal)
-        return NewWebhook(**WebhookResource.of(webhook).model_dump(), secret=shown(secret))
+        return NewWebhook.of(webhook, secret=shown(secret))
 
     made = service.replays.once(principal.id, "webhooks", idempotency_key, body.model_dump(), make)
     response.headers["Location"] = f"/api/v1/webhooks/{made.id}"
@@ -50,7 +50,7 @@ def add_webhook(
 def list_webhooks(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
     """List webhooks, newest first."""
     page = service[Webhooks].store.list(limit, cursor, between)
-    return WebhookList(items=[WebhookResource.of(webhook) for webhook in page.items], next=page.next)
+    return WebhookList.of(page)
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=ADMIN)
@@ -85,4 +85,4 @@ def list_deliveries(
     """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
     own = service[Webhooks].store.get(id).id
     page = service[Webhooks].store.deliveries(limit, cursor, webhook=own, state=state, between=between)
-    return DeliveryList(items=[DeliveryResource.of(delivery) for delivery in page.items], next=page.next)
+    return DeliveryList.of(page)

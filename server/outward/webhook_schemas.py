@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from server.outward.outward_message import Kind
-from server.outward.webhook_store import Delivery, State, Webhook
-from server.platform.http.bodies import PLAIN, Body, Label
+from server.outward.webhook_store import State
+from server.platform.http.bodies import PLAIN, Body, Label, Listed, Shown
 
 
 class WebhookOrder(Body):
@@ -23,7 +23,7 @@ class WebhookOrder(Body):
     events: Annotated[tuple[Literal["alarm", "result"], ...], Field(min_length=1, max_length=2)] = ("alarm", "result")
 
 
-class WebhookResource(BaseModel):
+class WebhookResource(Shown):
     """A webhook, without its secret."""
 
     id: str
@@ -33,11 +33,6 @@ class WebhookResource(BaseModel):
     created: str
     created_by: str
 
-    @classmethod
-    def of(cls, webhook: Webhook) -> WebhookResource:
-        """From the store."""
-        return cls(**{name: value for name, value in webhook.__dict__.items() if name in cls.model_fields})
-
 
 class NewWebhook(WebhookResource):
     """A webhook and its secret (``whsec_...``), which is shown this once."""
@@ -45,14 +40,11 @@ class NewWebhook(WebhookResource):
     secret: str
 
 
-class WebhookList(BaseModel):
+class WebhookList(Listed[WebhookResource]):
     """A page of webhooks."""
 
-    items: list[WebhookResource]
-    next: int | None
 
-
-class DeliveryResource(BaseModel):
+class DeliveryResource(Shown):
     """A message on its way; ``message`` is what the receiver knows it by, ``error`` why the last try failed."""
 
     id: str
@@ -64,14 +56,6 @@ class DeliveryResource(BaseModel):
     created: str
     ended: str | None
 
-    @classmethod
-    def of(cls, delivery: Delivery) -> DeliveryResource:
-        """From the store."""
-        return cls(**{name: value for name, value in delivery.__dict__.items() if name in cls.model_fields})
 
-
-class DeliveryList(BaseModel):
+class DeliveryList(Listed[DeliveryResource]):
     """A page of deliveries."""
-
-    items: list[DeliveryResource]
-    next: int | None

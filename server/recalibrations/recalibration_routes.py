@@ -18,4 +18,4 @@ router = APIRouter(prefix="/recalibrations", tags=["schedules"], route_class=Typ
 def get(id: str, service: ServiceDep) -> RecalibrationResource:
     """Read a recalibration, with the table of errors before and after."""
     found = service[Recalibrations].get(id)
-    return RecalibrationResource.of(found, service[Jobs].get(found.job).state)
+    return RecalibrationResource.of(found, state=service[Jobs].get(found.job).state)

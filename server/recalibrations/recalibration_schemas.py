@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import BaseModel
-
-from server.recalibrations.recalibration_store import Recalibration
+from server.platform.http.bodies import Shown
 
 
-class RecalibrationResource(BaseModel):
+class RecalibrationResource(Shown):
     """A recalibration; its id is the ``subject`` of its job. What it has not come to is null.
 
     ``recordings``: ids by role. ``comparison``: errors per joint on the newest recordings, of the active calibration
@@ -27,9 +25,3 @@ class RecalibrationResource(BaseModel):
     identification: str | None
     comparison: dict[str, Any] | None
     calibration: str | None
-
-    @classmethod
-    def of(cls, value: Recalibration, state: str) -> RecalibrationResource:
-        """From the store."""
-        row = {key: item for key, item in value.__dict__.items() if key in cls.model_fields}
-        return cls.model_validate(row | {"state": state})

@@ -7,9 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, Field
 
 from server.platform.authorization.named_things import MachineName
-from server.platform.database.engine import Page
-from server.platform.http.bodies import Body, Label
-from server.recordings.recording_store import RecordingRow
+from server.platform.http.bodies import Body, Label, Listed, Shown
 
 RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
 
@@ -26,7 +24,7 @@ class RecordingStart(
     seconds: Annotated[float, Field(gt=0, le=86400)] | None = None
 
 
-class RecordingResource(BaseModel):
+class RecordingResource(Shown):
     """A recording; ``statistics`` count rows, gaps and what the acquisition lost while it ran."""
 
     id: str
@@ -44,22 +42,9 @@ class RecordingResource(BaseModel):
     statistics: dict[str, Any]
     error: str | None
 
-    @classmethod
-    def of(cls, row: RecordingRow) -> RecordingResource:
-        """From the store."""
-        return cls(**row.__dict__)
 
-
-class RecordingList(BaseModel):
+class RecordingList(Listed[RecordingResource]):
     """A page of recordings."""
-
-    items: list[RecordingResource]
-    next: int | None
-
-    @classmethod
-    def of(cls, page: Page[RecordingRow]) -> RecordingList:
-        """From the store."""
-        return cls(items=[RecordingResource.of(row) for row in page.items], next=page.next)
 
 
 class ChannelStatistics(BaseModel):

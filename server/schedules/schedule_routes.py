@@ -5,6 +5,7 @@ from __future__ import annotations
 import secrets
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from itertools import islice
 from typing import Annotated
 
@@ -77,7 +78,7 @@ def list_schedules(
 ) -> ScheduleList:
     """List schedules, newest first."""
     page = service[Schedules].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    return ScheduleList(items=[_resource(service, schedule) for schedule in page.items], next=page.next)
+    return ScheduleList.of(page, partial(_resource, service))
 
 
 @router.get("/upcoming", responses=problems(422), dependencies=[require("read")])
@@ -123,7 +124,7 @@ def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDe
 @router.get("/{id}/slots", responses=problems(404, 422), dependencies=[require("read")])
 def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
     """The newest slots that had their turn, newest first."""
-    return SlotList(items=[SlotResource(**slot.__dict__) for slot in service[Schedules].slots(id, limit)])
+    return SlotList(items=[SlotResource.of(slot) for slot in service[Schedules].slots(id, limit)])
 
 
 def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.identifications.identification_schemas import IdentificationOptions
 from server.platform.authorization.named_things import ExcitationId, MachineName
-from server.platform.http.bodies import Flag, Label
+from server.platform.http.bodies import Flag, Label, Listed, Shown
 from server.recalibrations.recalibration_store import Plan
 from server.schedules.schedule_clock import next_slot
 from server.schedules.schedule_store import Schedule, Slot
@@ -81,11 +81,8 @@ class ScheduleResource(ScheduleWish):
         )
 
 
-class ScheduleList(BaseModel):
+class ScheduleList(Listed[ScheduleResource]):
     """A page of schedules."""
-
-    items: list[ScheduleResource]
-    next: int | None
 
 
 class UpcomingSlots(BaseModel):
@@ -94,7 +91,7 @@ class UpcomingSlots(BaseModel):
     slots: list[str]
 
 
-class SlotResource(BaseModel):
+class SlotResource(Shown):
     """A slot in UTC; ``coalesced``: it had its turn together with a later one."""
 
     slot: str

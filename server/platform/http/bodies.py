@@ -1,10 +1,13 @@
-"""What bodies of requests are made of."""
+"""What bodies of requests and of answers are made of."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, Any, Generic, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from server.platform.database.engine import Page
 
 #: ``true`` or ``false``, not 0, "no" or what else Python takes for one.
 Flag = Annotated[bool, Field(strict=True)]
@@ -17,3 +20,30 @@ class Body(BaseModel):
     """A body that refuses what it does not know."""
 
     model_config = ConfigDict(extra="forbid")
+
+
+class Shown(BaseModel):
+    """What is shown of something that the service knows: what is called like its fields."""
+
+    model_config = ConfigDict(from_attributes=True)
+
+    @classmethod
+    def of(cls, value: object, **beside: object) -> Self:
+        """From a thing with such attributes, whatever else it has; ``beside`` are fields that it has not."""
+        own = {name: getattr(value, name) for name in cls.model_fields if name not in beside and hasattr(value, name)}
+        return cls.model_validate(own | beside)
+
+
+Item = TypeVar("Item", bound=BaseModel)
+
+
+class Listed(BaseModel, Generic[Item]):
+    """Some of a longer list; ``next`` is the cursor of the next page."""
+
+    items: list[Item]
+    next: int | None
+
+    @classmethod
+    def of(cls, page: Page[Any], show: Callable[[Any], object] = lambda value: value) -> Self:
+        """From the store; ``show`` makes an item of what does not show itself."""
+        return cls.model_validate({"items": [show(value) for value in page.items], "next": page.next})
