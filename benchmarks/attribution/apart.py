@@ -101,11 +101,17 @@ def _in_true_noise(session: Session, case: BenchCase) -> Model:
     design, truth = prepared.design, true_values(case.machine, case.truth)
     base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
     theta = np.array([truth[base.get(name, name)] for name in design.parameters.names])
-    whitenings = tuple(
-        whitening([full_residual(design, theta, joint, index) for index in prepared.fitted], design.bank)
-        for joint in range(len(case.machine.joints))
+    loaded, unloaded = (
+        tuple(
+            whitening(
+                [full_residual(design, theta, joint, i) for i in prepared.fitted if design.segments[i].loaded == there],
+                design.bank,
+            )
+            for joint in range(len(case.machine.joints))
+        )
+        for there in (True, False)
     )
-    return fit_model(design, NoiseModel(whitenings, True), prepared.fitted, (), session.prior)
+    return fit_model(design, NoiseModel(loaded, True, unloaded), prepared.fitted, (), session.prior)
 
 
 def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tuple[FloatArray, ...]:
@@ -123,8 +129,7 @@ def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tu
             force = design.bank.trimmed(head * cylinder.head_area - rod * cylinder.rod_area)
             at = design.bank.trimmed(there[stem]["time"])
             force = force[(at > segment.t[0] - _CLOSE) & (at < segment.t[-1] + _CLOSE)]  # a part may have been left out
-            kept = model.noise.kept(number, design.blocks[number][index].keep)
-            rows.append(model.noise.whiten(number, design.bank.reduce(force))[kept])
+            rows.append(design.white(model.noise, number, index, design.bank.reduce(force)))
         white = np.concatenate(rows)
         parts.append(np.concatenate([white, np.zeros(len(fit.residual[number]) - len(white))]))  # a prior's rows
     shadow = sum(q.T @ part for q, part in zip(fit.orthonormal, parts, strict=True))

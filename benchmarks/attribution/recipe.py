@@ -45,7 +45,7 @@ class Recipe:
     """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
-    as large as what is beyond them. ``positions``: an effect is as large as it stands out of the encoders' noise, too.
+    as large as what is beyond them. ``positions``: an effect is as large as it stands out of all noise of inertia, too.
     """
 
     arms: tuple[ArmKind, ...]

@@ -8,8 +8,9 @@ of the noncentrality of the chi-square that the true effect adds.
 
 The noise's covariance is known in closed form: a first-order disturbance, Poisson knocks (half sines with uniform
 amplitudes; Campbell's theorem), white noise and steps of both pressure transducers, and those of the encoders, twice
-differentiated, times the links' inertia: on a crane's slewing axis nearly all of it. Nothing here uses the fit's
-filters, noise estimates or decisions; the rigid body's columns come from its regressor.
+differentiated, times the links' inertia: on a crane's slewing axis nearly all of it. So is what restless joints do
+above half the rate, where no encoder follows. While rods are unpinned only the cylinder's own mass moves. Nothing here
+uses the fit's filters, noise estimates or decisions; the rigid body's columns come from its regressor.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.linkage import lever_arm
 from fitting.arrays import FloatArray
+from sim_backends.plant.controller import LOOP_FREQUENCY, VALVE_NOISE_TIME, output_std
 from sim_backends.plant.hydraulics import direction
 from sim_backends.plant.plant import KNOCK_TIME
 from sim_backends.plant.truth import SensorQuality, Truth
@@ -59,7 +61,7 @@ class Sight:
     bare : mapping
         Ideal tables of the fitted recordings without any effect, by stem.
     positions : bool
-        Count what noise of the encoders makes of the links' inertia.
+        Count what noise of the encoders, and motion that they do not follow, make of inertia.
     """
 
     def __init__(
@@ -71,17 +73,24 @@ class Sight:
         half = round(3.0 * rate / BANDWIDTH)
         self._filter = signal.firwin(2 * half + 1, BANDWIDTH, window=("kaiser", 8.0), fs=rate)
         self._step = max(1, int(rate / (2.75 * BANDWIDTH)))
+        lags = round(8.0 * rate)
         self._covariances = [
-            noise_covariance(machine, truth, quality, joint, round(8.0 * rate)) for joint in range(len(machine.joints))
+            noise_covariance(machine, truth, quality, joint, lags) for joint in range(len(machine.joints))
         ]
-        seen = self._covariances
-        if positions:
-            noise = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * rate**4 * np.array([6.0, -4.0, 1.0])
-            angles = np.stack([bare["train-1"][_encoder(machine, j.name)] for j in machine.joints], axis=1)
-            seen = [
-                np.append(c[:3] + s * noise, c[3:]) for c, s in zip(seen, inertias(machine, truth, angles), strict=True)
+        angles = np.stack([bare["train-1"][_encoder(machine, j.name)] for j in machine.joints], axis=1)
+        masses = {
+            True: inertias(machine, truth, angles),
+            False: np.diag([truth.cylinders[j.name].m ** 2 for j in machine.joints]),
+        }
+        self._whitening = {
+            loaded: [
+                self._whitener(own + more * positions)
+                for own, more in zip(
+                    self._covariances, mass @ restlessness(machine, quality, loaded, lags), strict=True
+                )
             ]
-        self._whitening = [self._whitener(covariance) for covariance in seen]
+            for loaded, mass in masses.items()
+        }
         self._basis = self._base_columns(bare)
         self._position_std = [self._gap_noise(quality, joint) for joint in range(len(machine.joints))]
 
@@ -91,7 +100,7 @@ class Sight:
         projected, total = np.zeros(self._basis[0].shape[1]), 0.0
         for joint in range(len(self._machine.joints)):
             white = np.concatenate(
-                [self._white(joint, self._difference(tables, bare or self._bare, stem, joint)) for stem in FITTED]
+                [self._white(joint, self._difference(tables, bare or self._bare, stem, joint), stem) for stem in FITTED]
             )
             total += float(white @ white)
             projected += self._basis[joint].T @ white
@@ -162,9 +171,9 @@ class Sight:
         taps = self._filter if values.ndim == 1 else self._filter[:, None]
         return np.asarray(signal.oaconvolve(trimmed, taps, mode="valid", axes=0)[:: self._step])
 
-    def _white(self, joint: int, values: FloatArray) -> FloatArray:
+    def _white(self, joint: int, values: FloatArray, stem: str) -> FloatArray:
         reduced = self._reduce(values)
-        factor = self._whitening[joint](len(reduced))
+        factor = self._whitening[stem != "unloaded"][joint](len(reduced))
         return np.asarray(linalg.solve_triangular(factor, reduced, lower=True))
 
     def _whitener(self, covariance: FloatArray) -> _Cholesky:
@@ -200,7 +209,7 @@ class Sight:
                 if body is not None:
                     r = lever_arm(joint.cylinder.linkage, q[:, number])
                     columns[:, 5 * count :] = body[:, number] / r[:, None]
-                rows[number].append(self._white(number, columns))
+                rows[number].append(self._white(number, columns, stem))
         stacked = [np.vstack(parts) for parts in rows]
         whole = np.vstack(stacked)
         norms = np.linalg.norm(whole, axis=0)
@@ -251,12 +260,12 @@ def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joi
 
 
 def inertias(machine: Machine, truth: Truth, q: FloatArray) -> FloatArray:
-    """Per joint the sum over all joints of (N per rad/s^2)^2, mean over poses (N, n): what acceleration noise makes."""
+    """Of each joint's effort, by the joint that moves, (N per rad/s^2)^2, (n, n): mean over poses (N, n)."""
     poses = q[:: max(1, len(q) // 50)]
     pi = np.concatenate([[link.mass, *link.moment, *link.inertia] for link in truth.links])
     still = np.zeros_like(poses)
     weight = rigid_body_regressor(machine, poses, still, still) @ pi
-    squares = np.zeros(poses.shape[1])
+    squares = np.zeros((poses.shape[1], poses.shape[1]))
     for other in range(poses.shape[1]):
         unit = still.copy()
         unit[:, other] = 1.0
@@ -265,8 +274,30 @@ def inertias(machine: Machine, truth: Truth, q: FloatArray) -> FloatArray:
             assert joint.cylinder is not None
             lever = lever_arm(joint.cylinder.linkage, poses[:, number])
             own = truth.cylinders[joint.name].m * lever if other == number else 0.0
-            squares[number] += float(np.mean((moved[:, number] / lever + own) ** 2))
+            squares[number, other] = float(np.mean((moved[:, number] / lever + own) ** 2))
     return squares
+
+
+def restlessness(machine: Machine, quality: SensorQuality, loaded: bool, lags: int) -> FloatArray:
+    """Autocovariance (n, lags) of what accelerations have that positions do not tell, of joints or of free pistons.
+
+    Noise of the encoders, twice differentiated; and what lies above half the rate and is folded below it: the error of
+    the controller's loop (:mod:`sim_backends.plant.controller`: ``w``, first-order noise with ``T``) has a density of
+    acceleration that falls as ``w^4 2 T / (2 pi f T)^2``, whose sum over all multiples of the rate is ``w^4 / (6 T)``
+    over the rate squared.
+    """
+    spans, noise = [], quality.encoder_std**2 + quality.encoder_resolution**2 / 12
+    for joint in machine.joints:
+        assert joint.cylinder is not None
+        ends = np.array(joint.limits.position)
+        spans.append(float(np.ptp(ends if loaded else joint.cylinder.linkage.piston_position(ends))))
+    if not loaded:
+        noise = quality.piston_std**2 + quality.piston_resolution**2 / 12
+    rate, errors = machine.rate_hz, quality.tracking * np.array(spans) / output_std()
+    found = np.zeros((len(spans), lags))
+    found[:, :3] = noise * rate**4 * np.array([6.0, -4.0, 1.0])
+    found[:, 0] += errors**2 * (2 * np.pi * LOOP_FREQUENCY) ** 4 / (6 * VALVE_NOISE_TIME * rate)
+    return found
 
 
 def _density(covariance: FloatArray, frequency: FloatArray) -> FloatArray:

@@ -231,7 +231,7 @@ def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
     """Of each joint the whitened residual in all rows, 0 where they are not fitted, and which are; a prior's last."""
     result = []
     for joint, own in enumerate(model.fit.residual):
-        rows = [model.noise.kept(joint, model.design.blocks[joint][index].keep) for index in model.fitted]
+        rows = [model.design.kept(model.noise, joint, index) for index in model.fitted]
         there = np.concatenate([*rows, np.ones(len(own) - sum(map(np.count_nonzero, rows)), dtype=bool)])
         spread = np.zeros(len(there))
         spread[there] = own

@@ -1,4 +1,4 @@
-"""Where no motion was recorded twice: the size of the noise, from the rows that are fitted.
+"""Where no motion was recorded twice, and while rods are unpinned: the size of the noise, from the fitted rows.
 
 The spectrum of a noise that was never measured comes from what a flexible model leaves at the full rate, and that holds
 more and less than the noise of the fitted rows: reversals and short rests, whose rows are not fitted, the model's error
@@ -9,13 +9,15 @@ leaves of its fitted rows what noise of that size leaves. A missing effect is pa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel
 from fitting.regression.streamed import fit_rows
+from fitting.signals.spectrum import Whitening
 
 #: Fits: weights between joints change with the sizes.
 _PASSES = 2
@@ -23,7 +25,9 @@ _PASSES = 2
 WORTH_SAYING = 1.5
 
 
-def on_fitted_rows(design: Design, noise: NoiseModel, fitted: Sequence[int]) -> tuple[NoiseModel, tuple[float, ...]]:
+def on_fitted_rows(
+    design: Design, noise: NoiseModel, fitted: Sequence[int], anew: Collection[int] | None = None
+) -> tuple[NoiseModel, tuple[float, ...]]:
     """The noise in the size that the fitted rows have, and by which factor (n,) it was moved.
 
     Parameters
@@ -31,26 +35,34 @@ def on_fitted_rows(design: Design, noise: NoiseModel, fitted: Sequence[int]) -> 
     design : the rows
     noise : as residuals gave it; one that was measured stays as it is
     fitted : segments that are fitted
+    anew : joints whose noise was estimated; None: all
     """
     factors = np.ones(len(noise.whitenings))
-    if noise.measured:
+    if noise.measured and not noise.unloaded:
         return noise, tuple(factors.tolist())
     # White inside the band, and nothing beyond it.
     share = min(1.0, 2.0 * design.bank.bandwidth_hz / design.bank.reduced_rate_hz)
     for _ in range(_PASSES):
         fit = fit_rows(design, noise, fitted)[0]
         told = float(np.count_nonzero(fit.told)) / max(sum(map(len, fit.residual)), 1)
-        sizes = [float(np.mean(r**2)) / max(1.0 - told, 0.1) / share if len(r) else 1.0 for r in fit.residual]
-        moved = np.sqrt([size if size > 0 else 1.0 for size in sizes])
-        factors *= moved
-        noise = NoiseModel(
-            tuple(
-                replace(own, innovation=own.innovation * factor, std=own.std * factor)
-                for own, factor in zip(noise.whitenings, moved.tolist(), strict=True)
-            ),
-            measured=False,
-        )
+        moved = np.ones((2, len(factors)))
+        for joint in range(len(factors)) if anew is None else anew:
+            counts = [np.count_nonzero(design.kept(noise, joint, index)) for index in fitted]
+            loaded = np.repeat([design.segments[index].loaded or not noise.unloaded for index in fitted], counts)
+            for there in (False,) if noise.measured else (False, True):
+                own = fit.residual[joint][: len(loaded)][loaded == there]
+                if own.any():
+                    moved[int(there), joint] = np.sqrt(np.mean(own**2) / max(1.0 - told, 0.1) / share)
+        factors *= moved[1]
+        noise = replace(noise, whitenings=_sized(noise.whitenings, moved[1]), unloaded=_sized(noise.unloaded, moved[0]))
     return noise, tuple(factors.tolist())
+
+
+def _sized(noise: Sequence[Whitening], factors: FloatArray) -> tuple[Whitening, ...]:
+    return tuple(
+        own if factor == 1.0 else replace(own, innovation=own.innovation * factor, std=own.std * factor)
+        for own, factor in zip(noise, factors.tolist(), strict=False)
+    )
 
 
 def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Protocol
 
@@ -382,7 +383,7 @@ class Session:
         late = [number for number, joint in enumerate(design.machine.joints) if joint.name in latency]
         design = with_efforts(design, segments, late)
         noise = noise_model(design, prepared.fitted, prepared.pairs, start=prepared.noise, anew=late)
-        noise, rescaled = on_fitted_rows(design, noise, prepared.fitted)
+        noise, rescaled = on_fitted_rows(design, noise, prepared.fitted, late)
         return replace(prepared, design=design, noise=noise, rescaled=rescaled)
 
     @staticmethod
@@ -418,13 +419,16 @@ class Session:
         if self.handed_base.weights == "whitened":
             return self.plain.noise
         design, fit = self.plain.design, self.handed_base.model.fit
-        spread = []
-        for joint in range(len(design.machine.joints)):
+        spread: dict[bool, list[float]] = {True: [], False: []}
+        for joint, loaded in product(range(len(design.machine.joints)), spread):
             rows = [
-                reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep] for i in self.plain.fitted
+                reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep]
+                for i in self.plain.fitted
+                if design.segments[i].loaded == loaded
             ]
-            spread.append(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
-        return NoiseModel(tuple(unit_whitening(s) for s in spread), False)
+            spread[loaded].append(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
+        both = [tuple(unit_whitening(s) for s in own) for own in spread.values()]
+        return NoiseModel(both[0], False, both[1])
 
     def fit(self, prepared: Prepared) -> Model:
         """Joint fit of the base model on a design."""

@@ -149,11 +149,10 @@ def _white(
     """Whitened columns of terms in one joint's rows, in the order of the base's rows."""
     parts = [np.zeros((0, sum(_width(term) for term in terms)))]
     for index in indices:
-        kept = noise.kept(joint, design.blocks[joint][index].keep)
-        if not kept.any():  # a joint that rests shows nothing, and has no scales that shapes could be measured by
-            continue
+        if not design.kept(noise, joint, index).any():
+            continue  # a joint that rests shows nothing, and has no scales that shapes could be measured by
         full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views[index]),)])
-        parts.append(noise.whiten(joint, design.bank.reduce(full))[kept])
+        parts.append(design.white(noise, joint, index, design.bank.reduce(full)))
     return np.vstack(parts)
 
 

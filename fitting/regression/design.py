@@ -156,6 +156,14 @@ class Design:
         """Indices of the segments with one of these roles."""
         return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
 
+    def kept(self, noise: NoiseModel, joint: int, index: int) -> BoolArray:
+        """Which whitened rows of one joint in one segment have only moving samples in their past."""
+        return noise.of(joint, self.segments[index].loaded).kept(self.blocks[joint][index].keep)
+
+    def white(self, noise: NoiseModel, joint: int, index: int, rows: FloatArray) -> FloatArray:
+        """Reduced rows of one joint in one segment, whitened and scaled; those that are kept."""
+        return noise.of(joint, self.segments[index].loaded)(rows)[self.kept(noise, joint, index)]
+
 
 #: Puts a segment and its blocks of all joints where they are to stay.
 Store = Callable[[Segment, list[JointBlock]], tuple[Segment, list[JointBlock]]]
@@ -276,27 +284,28 @@ def _driven(says_something: bool, keep: BoolArray) -> BoolArray:
 class NoiseModel:
     """Measurement noise of each joint's reduced effort.
 
+    While rods are unpinned no link moves, so what restless positions make of inertia is not in the efforts: on the slew
+    of a crane that is nearly all of the noise.
+
     Attributes
     ----------
     whitenings : per joint the whitening of its noise, in drive effort unit
     measured : True if it comes from a repeated motion, False if it had to be estimated from residuals
+    unloaded : the same of `unloaded` recordings; none where it is not known, and taken for that of the others
     """
 
     whitenings: tuple[Whitening, ...]
     measured: bool
+    unloaded: tuple[Whitening, ...] = ()
 
     @property
     def std(self) -> FloatArray:
         """Standard deviation of the noise after the identification filter, (n,), drive effort unit."""
         return np.array([w.std for w in self.whitenings])
 
-    def whiten(self, joint: int, rows: FloatArray) -> FloatArray:
-        """Whitened and scaled rows of one joint in one segment."""
-        return self.whitenings[joint](rows)
-
-    def kept(self, joint: int, keep: BoolArray) -> BoolArray:
-        """Which whitened rows have only moving samples in their past."""
-        return self.whitenings[joint].kept(keep)
+    def of(self, joint: int, loaded: bool) -> Whitening:
+        """Whitening of one joint's noise, with its links or without."""
+        return (self.unloaded if self.unloaded and not loaded else self.whitenings)[joint]
 
 
 def white_noise_model(joints: int) -> NoiseModel:
@@ -339,10 +348,9 @@ def whitened_joint(
     for index in fitted:
         block = design.blocks[joint][index]
         columns = block.reduced if extra is None else extra.beside(block.reduced, design.bank, joint, index)
-        kept = noise.kept(joint, block.keep)
-        parts_A.append(noise.whiten(joint, columns)[kept])
-        parts_b.append(noise.whiten(joint, block.reduced_target)[kept])
-        sections.append((index, kept))
+        parts_A.append(design.white(noise, joint, index, columns))
+        parts_b.append(design.white(noise, joint, index, block.reduced_target))
+        sections.append((index, design.kept(noise, joint, index)))
     return WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections))
 
 

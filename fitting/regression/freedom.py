@@ -18,7 +18,7 @@ import numpy as np
 from scipy import stats
 
 from fitting.arrays import FloatArray
-from fitting.regression.design import NoiseModel
+from fitting.regression.design import Design, NoiseModel
 from fitting.regression.solving import WhiteRows
 
 _MOST_FREEDOM = 1e6
@@ -28,7 +28,7 @@ LEVEL, SIGMAS = 0.95, 1.959964
 
 
 def degrees_of_freedom(
-    rows: Sequence[WhiteRows], covariance: FloatArray, noise: NoiseModel, rate_hz: float
+    rows: Sequence[WhiteRows], covariance: FloatArray, noise: NoiseModel, design: Design
 ) -> FloatArray:
     """Degrees of freedom of each parameter's variance, (p,), at most a million.
 
@@ -37,33 +37,30 @@ def degrees_of_freedom(
     rows : whitened rows of every joint, with (R, p) columns
     covariance : (p, p) of the parameters
     noise : the noise that they were whitened by
-    rate_hz : rate of the rows
+    design : whose rows they are
     """
     p = len(covariance)
     relative = np.zeros(p)
     variance = np.diag(covariance)
     told = variance > 0
     for joint, own in enumerate(rows):
-        left_open = noise.whitenings[joint].open
-        if left_open is None:
-            continue
         weights = own.A @ covariance
-        start, power_variance = 0, np.zeros((p, 0))
-        frequencies = []
-        for _, kept in own.sections:
-            count = int(np.count_nonzero(kept))
-            if not count:
-                continue
-            stretch = np.zeros((len(kept), p))
-            stretch[kept] = weights[start : start + count]
-            start += count
-            power = np.abs(np.fft.rfft(stretch, axis=0)) ** 2 / len(kept)
-            power[1 : (len(kept) + 1) // 2] *= 2.0
-            power_variance = np.hstack([power_variance, power.T])
-            frequencies.append(np.fft.rfftfreq(len(kept), 1.0 / rate_hz))
-        if frequencies:
-            own_variance = left_open.variance(np.concatenate(frequencies), power_variance)
-            relative += np.where(told, own_variance / np.where(told, variance, 1.0) ** 2, 0.0)
+        for loaded in (True, False):
+            left_open = noise.of(joint, loaded).open
+            start, powers, frequencies = 0, [np.zeros((p, 0))], [np.zeros(0)]
+            for index, kept in own.sections:
+                count = int(np.count_nonzero(kept))
+                if count and design.segments[index].loaded == loaded:
+                    stretch = np.zeros((len(kept), p))
+                    stretch[kept] = weights[start : start + count]
+                    power = np.abs(np.fft.rfft(stretch, axis=0)) ** 2 / len(kept)
+                    power[1 : (len(kept) + 1) // 2] *= 2.0
+                    powers.append(np.asarray(power.T, dtype=np.float64))
+                    frequencies.append(np.asarray(np.fft.rfftfreq(len(kept), 1.0 / design.bank.reduced_rate_hz)))
+                start += count
+            if left_open is not None:
+                own_variance = left_open.variance(np.concatenate(frequencies), np.hstack(powers))
+                relative += np.where(told, own_variance / np.where(told, variance, 1.0) ** 2, 0.0)
     return np.clip(2.0 / np.maximum(relative, 2.0 / _MOST_FREEDOM), _LEAST_FREEDOM, _MOST_FREEDOM)
 
 

@@ -185,24 +185,33 @@ def noise_model(
     """
     joints = len(design.machine.joints)
     model = white_noise_model(joints) if start is None else start
-    heard = fitted
     if design.stored:
-        pairs, heard = _spread(pairs), _spread(fitted)
+        pairs = _spread(pairs)
+    loaded, unloaded = (_heard(design, fitted, there) for there in (True, False))
     for _ in range(_PASSES):
         theta = fit_rows(design, model, fitted)[0].theta
-        found = []
+        found, free = [], []
         for joint in range(joints):
             if anew is not None and joint not in anew:
-                found.append(model.whitenings[joint])
+                found.append(model.of(joint, True))
+                free.append(model.of(joint, False))
                 continue
             if pairs:
                 series = _difference_stretches(design, theta, pairs, joint)
             else:
-                series = _flexible_residual(design, theta, heard, joint)
+                series = _flexible_residual(design, theta, loaded or unloaded, joint)
             # A joint that stood still all the time has no rows to weigh.
             found.append(whitening(series, design.bank) if series else unit_whitening())
-        model = NoiseModel(tuple(found), bool(pairs))
+            series = _flexible_residual(design, theta, unloaded, joint) if loaded and unloaded else []
+            free.append(whitening(series, design.bank) if series else found[-1])
+        model = NoiseModel(tuple(found), bool(pairs), tuple(free) if loaded and unloaded else ())
     return model
+
+
+def _heard(design: Design, fitted: Sequence[int], loaded: bool) -> Sequence[int]:
+    """Fitted segments in which the noise is heard, with the links or without."""
+    own = [i for i in fitted if design.segments[i].loaded == loaded]
+    return _spread(own) if design.stored else own
 
 
 def _spread(items: Sequence[_T]) -> Sequence[_T]:

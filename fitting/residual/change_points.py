@@ -294,7 +294,7 @@ def joint_rows(
     bank = design.bank
     for number, index in enumerate(fitted):
         segment, block = design.segments[index], design.blocks[joint][index]
-        kept = noise.kept(joint, block.keep)
+        kept = design.kept(noise, joint, index)
         begin = min(float(s.t[0]) for s in design.segments if s.recording == segment.recording)
         # Row k of the reduced signals stands in the middle of its filter window.
         at = bank.half + bank.decimation * np.arange(len(block.reduced_target))
@@ -302,7 +302,7 @@ def joint_rows(
         recordings.append(np.full(int(kept.sum()), segment.recording))
         unloaded.append(np.full(int(kept.sum()), not segment.loaded))
         reduced = bank.reduce(np.column_stack([per_segment[number] for per_segment in columns.values()]))
-        white = noise.whiten(joint, reduced)[kept]
+        white = design.white(noise, joint, index, reduced)
         for name, values in zip(columns, white.T, strict=True):
             parts[name].append(values)
     rows = sum(len(t) for t in times)

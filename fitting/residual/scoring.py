@@ -144,8 +144,9 @@ class Candidates:
     def follow(self, before: Model, model: Model) -> None:
         """Make the columns anew of joints whose effort was moved, or whose noise is another, since ``before``."""
         old, new = before.design.blocks, model.design.blocks
-        noises = zip(before.noise.whitenings, model.noise.whitenings, strict=True)
-        changed = {n for n, (a, b) in enumerate(noises) if a is not b or old[n] is not new[n]}
+        noises = [[(m.noise.of(n, True), m.noise.of(n, False)) for n in range(len(new))] for m in (before, model)]
+        pairs = enumerate(zip(*noises, strict=True))
+        changed = {n for n, (a, b) in pairs if a[0] is not b[0] or a[1] is not b[1] or old[n] is not new[n]}
         for place, numbers in self._groups.items():
             if place in changed or (place is None and changed):
                 self._columns[place] = self._built(model, place, numbers)
@@ -281,7 +282,7 @@ def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.
     unloaded = np.zeros(rows, dtype=bool)
     start = 0
     for index in model.fitted:
-        count = int(np.count_nonzero(model.noise.kept(joint, design.blocks[joint][index].keep)))
+        count = int(np.count_nonzero(design.kept(model.noise, joint, index)))
         unloaded[start : start + count] = not design.segments[index].loaded
         start += count
     return out, unloaded
@@ -309,8 +310,7 @@ def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequ
             for term, own in zip(terms, columns, strict=True):
                 full[:, start : start + own.shape[-1]] = own[:, joint] if term.everywhere else own
                 start += own.shape[-1]
-            kept = model.noise.kept(joint, design.blocks[joint][index].keep)
-            white = model.noise.whiten(joint, design.bank.reduce(full))[kept]
+            white = design.white(model.noise, joint, index, design.bank.reduce(full))
             out[number][ends[number] : ends[number] + len(white)] = white
             ends[number] += len(white)
     for joint, own, end in zip(joints, out, ends, strict=True):

@@ -100,10 +100,7 @@ def efforts(model: Model) -> FloatArray:
     """Whitened size of each joint's whole effort, (n,)."""
     sizes = []
     for joint in range(len(model.design.machine.joints)):
-        total = 0.0
-        for index in model.fitted:
-            block = model.design.blocks[joint][index]
-            kept = model.noise.kept(joint, block.keep)
-            total += float(np.sum(model.noise.whiten(joint, block.reduced_target)[kept] ** 2))
-        sizes.append(np.sqrt(total))
+        targets = ((index, model.design.blocks[joint][index].reduced_target) for index in model.fitted)
+        white = [model.design.white(model.noise, joint, index, target) for index, target in targets]
+        sizes.append(np.linalg.norm(np.concatenate(white)))
     return np.array(sizes)

@@ -85,7 +85,7 @@ class Controller:
         self._tracking = tracking
         self._noise = ColouredNoise(VALVE_NOISE_TIME, dt, len(machine.joints), rng)
         self._loop = second_order(LOOP_FREQUENCY, LOOP_DAMPING, dt, len(machine.joints))
-        self._loop_gain = 1.0 / _output_std()
+        self._loop_gain = 1.0 / output_std()
         self.park = self._limits.mean(axis=1)
         self.joints = self.park.copy()  # last joint positions asked for
         self.pistons = self._x(self.park)
@@ -204,7 +204,7 @@ class Controller:
         )
 
 
-def _output_std() -> float:
+def output_std() -> float:
     """Stationary standard deviation of the loop's output for unit coloured noise (continuous Lyapunov equation)."""
     w = 2 * np.pi * LOOP_FREQUENCY
     rate = 1.0 / VALVE_NOISE_TIME

@@ -23,9 +23,8 @@ def test_recursive_is_batch() -> None:
     for joint, estimate in enumerate(estimates):
         block = design.blocks[joint][0]
         own = design.parameters.drive_slice(joint)
-        kept = noise.kept(joint, block.keep)
-        A = noise.whiten(joint, block.reduced)[kept][:, own]
-        b = noise.whiten(joint, block.reduced_target)[kept]
+        A = design.white(noise, joint, 0, block.reduced)[:, own]
+        b = design.white(noise, joint, 0, block.reduced_target)
         A = np.vstack([A, [1 / prior.std[joint], 0, 0, 0, 0]])
         b = np.append(b, prior.mass[joint] / prior.std[joint])
         scale = np.linalg.norm(A, axis=0)

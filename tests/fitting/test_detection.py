@@ -56,8 +56,7 @@ def test_a_power_below_the_level_of_the_test_is_refused():
         visible_size(3.84, 1, 1.0)
 
 
-def sight(session, terms):
-    model = session.base_model
+def sight(model, terms):
     return visibilities(model.design, model.noise, model.views, model.rows(), model.fitted, terms)
 
 
@@ -73,7 +72,7 @@ def test_sizes_are_what_a_refit_with_the_effect_says():
     """Independent of projections: the information of an explicit joint refit with the column in it."""
     session = clean_session()
     model = session.base_model
-    for term, seen in zip(TERMS, sight(session, TERMS), strict=True):
+    for term, seen in zip(TERMS, sight(session.base_model, TERMS), strict=True):
         assert isinstance(seen, Visibility)
         extra = extra_columns(model.design, model.views, [term])
         rows = whitened(model.design, model.noise, model.fitted, extra)
@@ -90,7 +89,7 @@ def test_an_effect_of_the_smallest_size_gains_what_is_needed():
     machine, arm = planar_machine(2), truth(2)
     session = clean_session()
     term = TERMS[0]
-    (seen,) = sight(session, [term])
+    (seen,) = sight(session.base_model, [term])
     needed = 20.0
     size = np.sqrt(needed) / seen.per_unit
     values = [size] + [0.0] * (len(term.content.parameters) - 1)
@@ -105,8 +104,7 @@ def test_an_effect_of_the_smallest_size_gains_what_is_needed():
         for index in model.fitted:
             # Clean recordings keep every row but the filters' margins.
             own = design.bank.trimmed(added[design.segments[index].recording][:, joint])
-            kept = model.noise.kept(joint, design.blocks[joint][index].keep)
-            parts.append(model.noise.whiten(joint, design.bank.reduce(own))[kept])
+            parts.append(design.white(model.noise, joint, index, design.bank.reduce(own)))
         white = np.concatenate(parts)
         total += float(white @ white)
         shadow += root[joint][: len(white)].T @ white
@@ -118,7 +116,7 @@ def test_a_column_that_the_base_has_already_is_never_seen():
     session = clean_session()
     copy = Term(effect("velocity_root_friction"), 0, {"exponent": 1.0})
     name = next(iter(effect("velocity_root_friction").shapes(session.base_model.views[0][0])[0]))
-    (seen,) = sight(session, [replace(copy, shape={name: 1.0})])
+    (seen,) = sight(session.base_model, [replace(copy, shape={name: 1.0})])
     assert seen.surviving < 1e-4
     assert seen.smallest(20.0, 0.95) == np.inf
 
@@ -134,7 +132,7 @@ def test_typical_terms_are_one_per_effect_and_place():
     choices = {term.id: count for term, count in terms}
     assert choices["pressure_offset"] == 1
     assert choices["stribeck"] > 3
-    shown = sight(session, [term for term, _ in terms])
+    shown = sight(session.base_model, [term for term, _ in terms])
     assert all(0.0 <= seen.surviving <= 1.0 for seen in shown)
 
 
@@ -159,8 +157,10 @@ def test_a_forecast_agrees_with_what_the_recordings_then_show():
     fitted = [(role, seed) for role, seed in USUAL if role != "validate"]
     found = forecast(machine, base, plan(machine, fitted), default_guess(machine, base), effects())
     session = clean_session()
+    # A forecast knows one noise for all recordings.
+    alike = replace(session.plain, noise=replace(session.plain.noise, unloaded=()))
     planned = {v.term.family: v.surviving for v in found.visibilities}
-    recorded = sight(session, [v.term for v in found.visibilities if v.term.id not in MOVED])
+    recorded = sight(session.fit(alike), [v.term for v in found.visibilities if v.term.id not in MOVED])
     for seen in recorded:
         assert planned[seen.term.family] == pytest.approx(seen.surviving, abs=0.12), seen.term.family
     assert {t.name for t in found.tellings} == set(session.base_model.design.parameters.names)
@@ -192,7 +192,7 @@ def test_white_noise_is_as_large_as_asked_and_white_in_the_band():
     np.testing.assert_allclose(model.std, [3.0, 50.0], rtol=0.05)
     noise = np.random.default_rng(3).normal(size=60_000)
     noise *= 3.0 / np.std(bank.reduce(noise))
-    white = model.whiten(0, bank.reduce(noise))[20:]
+    white = model.whitenings[0](bank.reduce(noise))[20:]
     lags = [np.corrcoef(white[:-k], white[k:])[0, 1] for k in (1, 2, 3)]
     # Decimated to 1.4 times the band, a spectrum that ends there cannot be flat to the edge.
     assert np.abs(lags).max() < 0.3

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import signal, stats
@@ -14,6 +17,8 @@ from fitting.signals.spectrum import unit_whitening, whitening
 
 BANK = filter_bank(50.0, 3.0)
 SECONDS = 60
+#: One loaded segment, as far as degrees of freedom ask for it.
+DESIGN: Any = SimpleNamespace(bank=BANK, segments=(SimpleNamespace(loaded=True),))
 
 
 def noise(rng: np.random.Generator) -> np.ndarray:
@@ -39,7 +44,7 @@ def test_intervals_cover_95_percent_of_slow_and_fast_parameters() -> None:
         model = whitening([noise(rng)], BANK)
         rows = WhiteRows(model(A), model(BANK.reduce(noise(rng))), ((0, np.ones(len(A), dtype=bool)),))
         fit = solve([rows])
-        freedom = degrees_of_freedom([rows], fit.covariance, NoiseModel((model,), True), BANK.reduced_rate_hz)
+        freedom = degrees_of_freedom([rows], fit.covariance, NoiseModel((model,), True), DESIGN)
         plain += np.abs(fit.theta) < SIGMAS * fit.std
         widened += np.abs(fit.theta) < SIGMAS * fit.std * coverage_factors(freedom)
     # Two standard errors of a share of 500 draws are 2 %.
@@ -54,9 +59,7 @@ def test_a_slow_parameter_lives_on_few_lines_and_more_data_on_more() -> None:
     for count in (1, 4):
         model = whitening([noise(rng) for _ in range(count)], BANK)
         rows = WhiteRows(model(A), np.zeros(len(A)), ((0, np.ones(len(A), dtype=bool)),))
-        found.append(
-            degrees_of_freedom([rows], solve([rows]).covariance, NoiseModel((model,), True), BANK.reduced_rate_hz)
-        )
+        found.append(degrees_of_freedom([rows], solve([rows]).covariance, NoiseModel((model,), True), DESIGN))
     (slow, fast), (slow_4, fast_4) = found
     assert 3 < slow < fast
     assert slow_4 > 1.2 * slow
@@ -74,4 +77,4 @@ def test_a_noise_that_is_given_costs_nothing() -> None:
     A = BANK.reduce(columns())
     rows = WhiteRows(A, np.zeros(len(A)), ((0, np.ones(len(A), dtype=bool)),))
     known = NoiseModel((unit_whitening(),), False)
-    assert degrees_of_freedom([rows], solve([rows]).covariance, known, BANK.reduced_rate_hz).tolist() == [1e6, 1e6]
+    assert degrees_of_freedom([rows], solve([rows]).covariance, known, DESIGN).tolist() == [1e6, 1e6]

@@ -18,7 +18,7 @@ from synthetic_arm import (
     truth,
 )
 
-from fitting.loop.session import Session
+from fitting.loop.session import Options, Session
 from fitting.regression.noise import difference_noise, effort_floor, noise_model, pair_repeats
 from fitting.signals.filters import filter_bank
 
@@ -134,7 +134,7 @@ def test_the_measured_model_whitens_the_measured_noise() -> None:
     assert model.measured
     for joint in range(2):
         noise = session.bank.reduce(difference_noise(design, session.base_model.fit.theta, pairs, joint)[0])
-        white = model.whiten(joint, noise)
+        white = model.whitenings[joint](noise)
         # White inside the band; the roll-off of the filter is not blown up again.
         frequency, power = signal.periodogram(white, session.bank.reduced_rate_hz, scaling="density")
         power = power * session.bank.reduced_rate_hz / 2
@@ -146,3 +146,21 @@ def test_the_measured_model_whitens_the_measured_noise() -> None:
 def test_pairs_are_found_from_the_design_alone() -> None:
     session = clean_session(2)
     assert pair_repeats(session.plain.design) == session.plain.pairs
+
+
+def test_noise_while_rods_are_unpinned_is_its_own() -> None:
+    """What restless links do is in the loaded recordings alone, so the free cylinders' noise is far below theirs."""
+    machine, arm = planar_machine(2), truth(2)
+    loud, quiet = (
+        make_recordings(machine, arm, noise=replace(FORCE_ONLY, white=factor * 10.0, slow=factor * 6.0))
+        for factor in (10.0, 1.0)
+    )
+    mixed = [a if a.role != "unloaded" else b for a, b in zip(loud, quiet, strict=True)]
+    session = Session(machine, mixed, Options())
+    noise, sigma = session.plain.noise, filtered_std(FORCE_ONLY, session.bank.bandwidth_hz)
+    assert noise.measured and noise.std == pytest.approx([10 * sigma] * 2, rel=0.3)
+    assert [own.std for own in noise.unloaded] == pytest.approx([sigma] * 2, rel=0.3)
+    alike = Session(machine, loud, Options())
+    friction = [s.base_model.design.parameters.names.index("joint2.f_v") for s in (session, alike)]
+    stds = [s.base_model.fit.std[n] for s, n in zip((session, alike), friction, strict=True)]
+    assert stds[0] < 0.25 * stds[1], "the rows without links tell friction, as far as they are quiet"

@@ -9,7 +9,6 @@ import pytest
 from synthetic_arm import make_session, planar_machine, truth
 
 from fitting.loop.noise_scale import on_fitted_rows, words
-from fitting.regression.design import NoiseModel
 from fitting.regression.streamed import fit_rows
 
 MACHINE, ARM = planar_machine(2), truth(2)
@@ -25,10 +24,8 @@ def sizes(design, noise, fitted) -> list[float]:
 def test_a_noise_that_is_off_by_ten_is_the_same_as_one_that_is_not(off: float) -> None:
     prepared = make_session(MACHINE, ARM, ALONE).plain
     whitenings = prepared.noise.whitenings
-    wrong = NoiseModel(
-        (replace(whitenings[0], innovation=off * whitenings[0].innovation, std=off * whitenings[0].std), whitenings[1]),
-        measured=False,
-    )
+    first = replace(whitenings[0], innovation=off * whitenings[0].innovation, std=off * whitenings[0].std)
+    wrong = replace(prepared.noise, whitenings=(first, whitenings[1]))
     found, factors = on_fitted_rows(prepared.design, wrong, prepared.fitted)
     assert found.std == pytest.approx(prepared.noise.std, rel=1e-3)
     assert factors[0] == pytest.approx(1 / off, rel=1e-3) and factors[1] == pytest.approx(1.0, rel=1e-3)
@@ -42,4 +39,7 @@ def test_a_noise_that_is_off_by_ten_is_the_same_as_one_that_is_not(off: float) -
 def test_a_noise_that_was_measured_stays_as_it_is() -> None:
     prepared = make_session(MACHINE, ARM, (*ALONE, ("repeat", 2))).plain
     assert prepared.noise.measured and prepared.rescaled == (1.0, 1.0)
-    assert on_fitted_rows(prepared.design, prepared.noise, prepared.fitted)[0] is prepared.noise
+    again = on_fitted_rows(prepared.design, prepared.noise, prepared.fitted)[0]
+    assert again.std.tolist() == prepared.noise.std.tolist()
+    unloaded = [own.std for own in prepared.noise.unloaded]
+    assert [own.std for own in again.unloaded] == pytest.approx(unloaded, rel=1e-3), "these were not"

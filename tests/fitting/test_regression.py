@@ -42,7 +42,7 @@ def test_whitened_least_squares_is_the_dense_generalised_solution() -> None:
     rng = np.random.default_rng(1)
     A, theta = rng.normal(size=(300, 4)), np.array([1.0, -2.0, 0.5, 3.0])
     b = A @ theta + ar1(rng, 300)
-    fit = solve([WhiteRows(model().whiten(0, A), model().whiten(0, b), ())])
+    fit = solve([WhiteRows(model().whitenings[0](A), model().whitenings[0](b), ())])
     # Every row counts, the first ones too: the stationary covariance of all of them.
     C = linalg.toeplitz(SIGMA**2 / (1 - PHI**2) * PHI ** np.arange(300))
     information = A.T @ np.linalg.solve(C, A)
@@ -56,7 +56,7 @@ def test_whitened_least_squares_is_the_dense_generalised_solution() -> None:
 
 def test_whitening_a_first_order_noise_gives_white_unit_noise() -> None:
     noise = ar1(np.random.default_rng(3), 20_000)
-    white = model().whiten(0, noise)
+    white = model().whitenings[0](noise)
     assert np.std(white) == pytest.approx(1.0, abs=4 / np.sqrt(2 * len(white)))
     for lag in (1, 2, 5):
         assert abs(np.mean(white[lag:] * white[:-lag])) < 4 / np.sqrt(len(white))
@@ -68,7 +68,7 @@ def test_standard_deviations_cover_the_truth() -> None:
     distances = []
     for _ in range(200):
         b = A @ theta + ar1(rng, 200)
-        fit = solve([WhiteRows(model().whiten(0, A), model().whiten(0, b), ())])
+        fit = solve([WhiteRows(model().whitenings[0](A), model().whitenings[0](b), ())])
         error = fit.theta - theta
         distances.append(error @ np.linalg.solve(fit.covariance, error))
     # Chi-square with 3 degrees of freedom: mean 3, standard error sqrt(6 / 200).

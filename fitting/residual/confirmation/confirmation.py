@@ -140,9 +140,9 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
             for index, part in ((pair.train, left), (pair.repeat, right))
         )
         rest = design.segments[pair.train].rest[left, joint] | design.segments[pair.repeat].rest[right, joint]
-        kept = model.noise.kept(joint, moving_rows(bank, rest))
+        noise = model.noise.of(joint, design.segments[pair.train].loaded)
         halves = np.column_stack([first + second, first - second]) / np.sqrt(2.0)
-        white = model.noise.whiten(joint, bank.reduce(halves))[kept]
+        white = noise(bank.reduce(halves))[noise.kept(moving_rows(bank, rest))]
         together += float(white[:, 0] @ white[:, 0])
         apart += float(white[:, 1] @ white[:, 1])
         rows += len(white)
@@ -294,6 +294,5 @@ def _joint_chi_square(model: Model, validate: Sequence[int], joint: int) -> floa
 
 
 def _white_residual(model: Model, index: int, joint: int) -> FloatArray:
-    block = model.design.blocks[joint][index]
     residual = model.design.bank.reduce(full_residual(model.design, model.fit.theta, joint, index, model.extra))
-    return model.noise.whiten(joint, residual)[model.noise.kept(joint, block.keep)]
+    return model.design.white(model.noise, joint, index, residual)

@@ -54,10 +54,7 @@ class Leftover:
         """Of a fitted model."""
         sections = []
         for joint in range(len(model.fit.residual)):
-            counts = [
-                int(np.count_nonzero(model.noise.kept(joint, model.design.blocks[joint][index].keep)))
-                for index in model.fitted
-            ]
+            counts = [int(np.count_nonzero(model.design.kept(model.noise, joint, index))) for index in model.fitted]
             ends = np.cumsum(counts).tolist()
             sections.append([slice(end - count, end) for end, count in zip(ends, counts, strict=True)])
         return cls(model.fit.residual, sections)

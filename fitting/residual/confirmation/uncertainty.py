@@ -58,7 +58,7 @@ def with_doubts(model: Model) -> Model:
     rows = model.rows()
     covariance = _with_shapes(model, rows)
     hidden = law_variances(model, rows)
-    freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design.bank.reduced_rate_hz)
+    freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design)
     factors = coverage_factors(freedom) * sandwich_factors(model, rows)
     covariance = (covariance + np.diag(hidden)) * factors[:, None] * factors[None, :]
     return replace(model, fit=replace(model.fit, covariance=covariance, hidden=hidden * factors**2))
@@ -190,10 +190,10 @@ def _white(model: Model, extra: Extra) -> FloatArray:
         rows = np.zeros((len(model.fit.residual[joint]), len(extra.names)))
         start = 0
         for index in model.fitted:
-            kept = model.noise.kept(joint, model.design.blocks[joint][index].keep)
-            count, own = int(np.count_nonzero(kept)), extra.columns[joint][index]
-            if own is not None:
-                rows[start : start + count] = model.noise.whiten(joint, model.design.bank.reduce(own))[kept]
+            count = int(np.count_nonzero(model.design.kept(model.noise, joint, index)))
+            if (own := extra.columns[joint][index]) is not None:
+                white = model.design.white(model.noise, joint, index, model.design.bank.reduce(own))
+                rows[start : start + count] = white
             start += count
         parts.append(rows)
     return np.vstack(parts)
