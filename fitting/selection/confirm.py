@@ -35,7 +35,6 @@ class Answer:
     ----------
     held_out, validate_gain, witness : what held-out blocks, `validate` and unloaded recordings say of it
     faint : it may be noise of just the rows that show it
-    worse : number of a joint that it makes worse on `validate`, if that is what is against it
     silence : why `validate` confirms nothing, if it does not
     """
 
@@ -44,7 +43,6 @@ class Answer:
     validate_gain: float | None
     witness: str
     faint: bool
-    worse: int | None = None
     silence: str = ""
 
 
@@ -67,12 +65,10 @@ class Gate:
             against = of_the_load(choice.term.content.level, heard)
             if against:
                 reason = f"an effect of the drive itself has to be there without a load: {against}"
-        worse = None
         if not reason and seen is not None:
             found = worse_joint(before, trial, self._validate)
             if found is not None:
-                worse = found[0]
-                name = before.design.parameters.joints[worse]
+                name = before.design.parameters.joints[found[0]]
                 reason = f"it makes {name} worse on the validation motion (error {100 * found[1]:+.1f} %)"
         reason = reason or _driving(choice.term, before, trial)
         return Answer(
@@ -81,7 +77,6 @@ class Gate:
             None if seen is None else seen.gain,
             "" if heard is None else heard.words,
             too_faint(choice, held_out),
-            worse,
             silence(seen),
         )
 

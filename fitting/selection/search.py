@@ -1,8 +1,8 @@
 """From residual to named effect: the most probable set of terms, found step by step, each confirmed elsewhere.
 
-One criterion decides: the posterior odds of :mod:`fitting.selection.rating`. A step takes the explanation that,
-together with what would follow it on its joint, is the most probable; rebuilds and refits; and looks again. At the end
-every term is held against all others in its place, beside the rest.
+One criterion decides: the posterior odds of :mod:`fitting.selection.rating`. A step takes the most probable
+explanation, rebuilds and refits, and looks again. At the end every term is held against all others in its place, beside
+the rest.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fitting.residual.confirmation.trials import Signals, Trials
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
-from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms, white_columns
+from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
@@ -36,7 +36,7 @@ from fitting.selection.resolution import resolved
 
 Progress = Callable[[float, str], None]
 
-#: Explanations whose followers are looked at, and log odds that one has to have for that.
+#: Explanations of a joint whose shapes are searched.
 WIDTH = 4
 #: Share of the best gain from which on a name is looked at closer.
 NEAR = 0.25
@@ -97,7 +97,6 @@ class Search:
         self.known = len(known)
         self.refused: set[tuple[object, ...]] = set()
         self.lawless: set[int | None] = set()
-        self.waiting: set[tuple[object, ...]] = set()
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {
             item.score.term.family: Candidate(*item.score.term.family, item.score.score, "accepted", "a spectral line")
@@ -129,7 +128,7 @@ class Search:
         self.open = rated
         if _log_total(rated) < priors.SAID_ODDS:
             return False
-        self._try(self._ahead(self._sharp(rated, self.model)))
+        self._try(decided(self._sharp(rated, self.model)))
         return True
 
     def _rated(self, model: Model) -> list[Rated]:
@@ -205,29 +204,6 @@ class Search:
     def _rating(self, model: Model) -> Rating:
         return Rating(self.candidates, model, self._visible(model), self._failed(), left=self.left)
 
-    def _ahead(self, rated: Sequence[Rated]) -> Rated:
-        """The explanation that is the most probable by itself, or as exact formula together with what would follow."""
-        head = rated[0]
-        joint = head.term.joint
-        near = [r for r in rated if r.term.joint == joint and r.score.gain > NEAR * head.score.gain]
-        near = near[: 2 * WIDTH]
-        if len(near) < 2 or joint is None:
-            return head
-        if decided(rated) is not head:
-            return decided(rated)
-        best, most = head, head.log_odds
-        for one in near:
-            rest = 0.5 * (near[0].score.gain - one.score.gain)  # what could be left for a follower
-            if one is not head and one.exact + max(rest, 0.0) < most:
-                continue
-            next_ = self._follower(one, joint)
-            total = max(one.log_odds, one.exact + (0.0 if next_ is None else max(0.0, next_.log_odds)))
-            if total > most:
-                # What is only good together with the head comes after it.
-                best = head if next_ is not None and family(next_.term) == family(head.term) else one
-                most = total
-        return best
-
     def _sharp(self, rated: Sequence[Rated], model: Model) -> list[Rated]:
         """Explanations with the shapes of those names searched that come near the best of their joint.
 
@@ -253,16 +229,6 @@ class Search:
         more = 0.5 * (self.signals.delay_gain(model, trial) - late.score.gain)
         return late if more <= 0 else replace(late, log_odds=late.log_odds + more, exact=late.exact + more)
 
-    def _follower(self, first: Rated, joint: int) -> Rated | None:
-        """The best further explanation on a joint, once ``first`` is there."""
-        model = beside(self.model, first.term)
-        seen = self._visible(self.model)
-        seen[joint] = np.hypot(seen[joint], np.sqrt(first.score.gain))
-        scores = self.candidates.scores(model, [joint])
-        rated = Rating(self.candidates, model, seen, self._failed()).rated(scores)
-        open_ = self._beside(rated, (*self.model.terms, first.term))
-        return max(open_, key=lambda r: r.log_odds, default=None)
-
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""
         score = self._sharpened(choice.score)
@@ -274,8 +240,6 @@ class Search:
             said = replace(
                 said, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
             )
-        if said.reason and self._waits_for(said.worse, choice):
-            return
         if said.reason:
             self.refused.add(family(choice.term))
             self.table[place] = Candidate(*place, score.score, "rejected", said.reason)
@@ -283,7 +247,7 @@ class Search:
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
                 self.lawless.add(score.term.joint)
                 self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
-            elif not said.faint and not self._had_better(choice):
+            elif not said.faint:
                 self.failed.append((score.term.joint, score.gain))
             return
         # What is in the model itself is no other name any more for what was found before.
@@ -294,13 +258,6 @@ class Search:
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
         self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial
-
-    def _had_better(self, choice: Rated) -> bool:
-        """Whether another name of its joint was more probable by itself: then its failure says nothing of that one."""
-        return any(
-            r.term.joint == choice.term.joint and isinstance(r.term.content, Effect) and r.log_odds > choice.log_odds
-            for r in self._beside(self.open, self.model.terms)
-        )
 
     def _spilled(self, score: Score) -> bool:
         """Whether a gain is what a joint with an unconfirmed law bends of the parameters that joints share.
@@ -314,20 +271,6 @@ class Search:
         # Fitted anew: which parameters are held at zero belongs to the set of terms.
         left = score_terms(self.signals.refit((*self.model.terms, *laws)), [score.term], [1])
         return not left or left[0].gain < least_gain(score.live)
-
-    def _waits_for(self, joint: int | None, choice: Rated) -> bool:
-        """Whether what a joint lacks itself was tried first; a choice that made that joint worse is judged anew then.
-
-        Parameters that two joints share are bent by both effects.
-        """
-        if joint is None or joint == choice.term.joint or family(choice.term) in self.waiting:
-            return False
-        own = [r for r in self._open(self._rated(self.model)) if r.term.joint == joint]
-        if not own or own[0].log_odds < priors.SAID_ODDS:
-            return False
-        self.waiting.add(family(choice.term))
-        self._try(self._ahead(self._sharp(own, self.model)))
-        return True
 
     def _sharpened(self, score: Score) -> Score:
         """A name at its best shape; a law with as many functions as it takes, of two signals where that is better."""
@@ -419,10 +362,7 @@ class Search:
             )
             return replace(slot, moved=True)
         self.table[place] = Candidate(*place, item.score.score, "rejected", "another explanation is more probable")
-        before = len(self.accepted)
         self._try(decided(rated))
-        if len(self.accepted) == before and own is not None and not slot.improbable:
-            self._try(own)  # what beat it does not hold: it comes back
         return replace(slot, moved=True)
 
     def result(self) -> Attribution:
@@ -514,24 +454,6 @@ def _contending(rated: Sequence[Rated]) -> list[Rated]:
 def best_scores(rated: Sequence[Rated]) -> list[Score]:
     """Scores of the catalogue's effects."""
     return [r.score for r in rated if isinstance(r.term.content, Effect)]
-
-
-def beside(model: Model, term: Term) -> Model:
-    """The model with one more term of one joint projected out, linearly: its residual and its orthonormal rows."""
-    joint = term.joint or 0
-    columns, _ = white_columns(model, term)
-    fit = model.fit
-    shadow = fit.orthonormal[joint].T @ columns
-    parts = [-q @ shadow for q in fit.orthonormal]
-    parts[joint] = parts[joint] + columns
-    stacked = np.vstack(parts)
-    left, values, _ = np.linalg.svd(stacked, full_matrices=False)
-    basis = left[:, values > 1e-6 * max(float(values[0]), 1e-300)]
-    residual = np.concatenate(fit.residual)
-    residual = residual - basis @ (basis.T @ residual)
-    ends = np.cumsum([len(r) for r in fit.residual])[:-1]
-    orthonormal = tuple(np.hstack([q, more]) for q, more in zip(fit.orthonormal, np.split(basis, ends), strict=True))
-    return replace(model, fit=replace(fit, orthonormal=orthonormal, residual=tuple(np.split(residual, ends))))
 
 
 def _log_total(rated: Sequence[Rated]) -> float:
