@@ -5,6 +5,9 @@ more and less than the noise of the fitted rows: reversals and short rests, whos
 where splines in the joint's own motion do not follow it, the filter's edge. Its shape may be right and its size be off
 by ten, either way: then nothing can be found, or everything is. So each joint's noise is scaled until the base model
 leaves of its fitted rows what noise of that size leaves. A missing effect is part of it; it has to stand out of this.
+
+So it is with free cylinders, which have no more noise than the same ones with their links: theirs is taken where what
+is left of their rows is far less, and an effect in them cannot have made it.
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from fitting.signals.spectrum import Whitening
 
 #: Fits: weights between joints change with the sizes.
 _PASSES = 2
+#: Noise of free cylinders over that with the links from which on they are taken for alike.
+FAR_LESS = 0.5
 #: Factor from which on it is worth saying.
 WORTH_SAYING = 1.5
 
@@ -55,7 +60,9 @@ def on_fitted_rows(
                     moved[int(there), joint] = np.sqrt(np.mean(own**2) / max(1.0 - told, 0.1) / share)
         factors *= moved[1]
         noise = replace(noise, whitenings=_sized(noise.whitenings, moved[1]), unloaded=_sized(noise.unloaded, moved[0]))
-    return noise, tuple(factors.tolist())
+    pairs = zip(noise.whitenings, noise.unloaded, strict=False)
+    quiet = tuple(own if own.std < FAR_LESS * loaded.std else loaded for loaded, own in pairs)
+    return replace(noise, unloaded=quiet), tuple(factors.tolist())
 
 
 def _sized(noise: Sequence[Whitening], factors: FloatArray) -> tuple[Whitening, ...]:

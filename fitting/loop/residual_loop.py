@@ -114,19 +114,10 @@ class SessionSignals:
         session, design = self._session, model.design
         prepared = self.prepared(model.terms)
         joints = range(len(design.machine.joints))
-        noise = {
-            loaded: [
-                [
-                    full_residual(design, model.fit.theta, j, i, model.extra)
-                    for i in model.fitted
-                    if design.segments[i].loaded == loaded
-                ]
-                for j in joints
-            ]
-            for loaded in (True, False)
-        }
         if prepared.pairs:
-            noise[True] = [difference_noise(design, model.fit.theta, prepared.pairs, j, model.extra) for j in joints]
+            noise = [difference_noise(design, model.fit.theta, prepared.pairs, j, model.extra) for j in joints]
+        else:
+            noise = [[full_residual(design, model.fit.theta, j, i, model.extra) for i in model.fitted] for j in joints]
         return Replicas(model, position_channel_noise(design.machine, session.recordings), noise)
 
     def _on_replica(

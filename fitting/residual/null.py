@@ -131,18 +131,16 @@ class Replicas:
     ----------
     model : the fitted model
     position_std : noise of the position channels
-    noise : of loaded segments (True) and of unloaded ones, per joint stretches (N,) of measurement noise of the drive
-        effort at full rate, alike in length
+    noise : per joint stretches (N,) of measurement noise of the drive effort at full rate, alike in length; of free
+        cylinders it is as much less as in the model
     """
 
-    def __init__(
-        self, model: Model, position_std: PositionStd, noise: Mapping[bool, Sequence[Sequence[FloatArray]]]
-    ) -> None:
+    def __init__(self, model: Model, position_std: PositionStd, noise: Sequence[Sequence[FloatArray]]) -> None:
         self._machine, self._bank = model.design.machine, model.design.bank
         self._position_std = position_std
-        self._noise = {
-            loaded: [np.stack(stretch, axis=1) for stretch in zip(*own, strict=True)] for loaded, own in noise.items()
-        }
+        self._noise = [np.stack(stretch, axis=1) for stretch in zip(*noise, strict=True)]
+        kinds = ((model.noise.of(joint, False), model.noise.of(joint, True)) for joint in range(len(noise)))
+        self._share_unloaded = np.array([unloaded.std / loaded.std for unloaded, loaded in kinds])
         self._segments = [model.design.segments[i] for i in model.fitted]
         joints = range(len(self._machine.joints))
         theta, extra = model.fit.theta, model.extra
@@ -160,7 +158,8 @@ class Replicas:
         """One replica of the fitted recordings, in the order of their numbers."""
         parts: dict[int, list[tuple[Segment, dict[str, FloatArray]]]] = {}
         for segment, effort in zip(self._segments, self._efforts, strict=True):
-            noisy = effort + resampled(self._noise[segment.loaded], len(segment), self._bank.rate_hz, rng)
+            drawn = resampled(self._noise, len(segment), self._bank.rate_hz, rng)
+            noisy = effort + (drawn if segment.loaded else self._share_unloaded * drawn)
             parts.setdefault(segment.recording, []).append((segment, self._channels(segment, noisy, rng)))
         return [_recording(self._machine, parts[number]) for number in sorted(parts)]
 

@@ -35,6 +35,7 @@ class Answer:
     ----------
     held_out, validate_gain, witness : what held-out blocks, `validate` and unloaded recordings say of it
     faint : it may be noise of just the rows that show it
+    worse : it makes another joint worse on `validate`
     silence : why `validate` confirms nothing, if it does not
     """
 
@@ -43,6 +44,7 @@ class Answer:
     validate_gain: float | None
     witness: str
     faint: bool
+    worse: bool = False
     silence: str = ""
 
 
@@ -65,6 +67,7 @@ class Gate:
             against = of_the_load(choice.term.content.level, heard)
             if against:
                 reason = f"an effect of the drive itself has to be there without a load: {against}"
+        found = None
         if not reason and seen is not None:
             found = worse_joint(before, trial, self._validate)
             if found is not None:
@@ -77,6 +80,7 @@ class Gate:
             None if seen is None else seen.gain,
             "" if heard is None else heard.words,
             too_faint(choice, held_out),
+            found is not None and found[0] != choice.term.joint,
             silence(seen),
         )
 

@@ -96,6 +96,7 @@ class Search:
         self.model, self.accepted = base, list(known)
         self.known = len(known)
         self.refused: set[tuple[object, ...]] = set()
+        self.again: set[tuple[object, ...]] = set()  # of these, what made another joint worse: until that is explained
         self.lawless: set[int | None] = set()
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {
@@ -242,6 +243,8 @@ class Search:
             )
         if said.reason:
             self.refused.add(family(choice.term))
+            if said.worse:
+                self.again.add(family(choice.term))
             self.table[place] = Candidate(*place, score.score, "rejected", said.reason)
             if not said.faint and isinstance(score.term.content, Law):
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
@@ -255,6 +258,8 @@ class Search:
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
             for item in self.accepted
         ]
+        self.refused -= self.again  # parameters that two joints share are bent by both effects
+        self.again.clear()
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
         self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial

@@ -32,7 +32,6 @@ from fitting.residual.scoring import score_terms
 from fitting.residual.stored_views import StoredColumns, StoredViews
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
 from fitting.residual.views import build_views
-from fitting.selection.search import beside
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import segments_of
@@ -181,15 +180,6 @@ def test_effects_are_fitted_from_the_file_as_in_memory(both: tuple[Design, Desig
     assert np.allclose(first.fit.theta, second.fit.theta, rtol=1e-5, atol=1e-6 * np.abs(first.fit.theta).max())
     assert np.allclose(first.fit.std, second.fit.std, rtol=1e-5)
     assert np.allclose(first.contribution(0, 1, 1), second.contribution(0, 1, 1), rtol=1e-5)
-
-
-def test_a_term_is_held_beside_a_fit_from_the_file_as_in_memory(both: tuple[Design, Design]) -> None:
-    noise, prior = white_noise_model(2), mass_prior(MACHINE)
-    fitted, more = (fit_model(d, noise, FITTED, TERMS[1:2], prior) for d in both), TERMS[0]
-    first, second = (beside(model, more).fit for model in fitted)
-    assert second.rows == first.rows and second.chi_square == pytest.approx(first.chi_square, rel=1e-6)
-    for own, same in zip(first.orthonormal, second.orthonormal, strict=True):
-        assert np.allclose(own @ own.T, same @ same.T, atol=1e-6)
 
 
 @pytest.fixture

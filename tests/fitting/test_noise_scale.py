@@ -27,10 +27,10 @@ def test_a_noise_that_is_off_by_ten_is_the_same_as_one_that_is_not(off: float) -
     first = replace(whitenings[0], innovation=off * whitenings[0].innovation, std=off * whitenings[0].std)
     wrong = replace(prepared.noise, whitenings=(first, whitenings[1]))
     found, factors = on_fitted_rows(prepared.design, wrong, prepared.fitted)
-    assert found.std == pytest.approx(prepared.noise.std, rel=1e-3)
-    assert factors[0] == pytest.approx(1 / off, rel=1e-3) and factors[1] == pytest.approx(1.0, rel=1e-3)
+    assert found.std == pytest.approx(prepared.noise.std, rel=2e-3)
+    assert factors[0] == pytest.approx(1 / off, rel=2e-3) and factors[1] == pytest.approx(1.0, rel=2e-3)
     share = 2 * prepared.design.bank.bandwidth_hz / prepared.design.bank.reduced_rate_hz
-    assert sizes(prepared.design, found, prepared.fitted) == pytest.approx([share] * 2, rel=0.05)
+    assert sizes(prepared.design, found, prepared.fitted) == pytest.approx([share] * 2, rel=0.08)
     said = words(("boom", "arm"), factors)
     assert [line.split(":")[0] for line in said] == ([] if off == 1.0 else ["boom"])
     assert off == 1.0 or f"{off:.2g} times the noise" in said[0]

@@ -130,7 +130,7 @@ def test_replicas_of_a_session_carry_velocities() -> None:
     stds = position_channel_noise(session.machine, session.recordings)
     assert stds["joint1.speed"] == pytest.approx(2e-3, rel=0.1)
     stretch = np.zeros(2000)
-    drawn = Replicas(session.base_model, stds, {True: [[stretch]]}).draw(np.random.default_rng(0))
+    drawn = Replicas(session.base_model, stds, [[stretch]]).draw(np.random.default_rng(0))
     assert set(drawn[0].values) == {c.name for c in machine.channels}
 
 
