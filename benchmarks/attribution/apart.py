@@ -31,7 +31,7 @@ from fitting.loop.session import Session
 from fitting.regression.design import NoiseModel, full_residual
 from fitting.residual.scoring import Candidates, catalogue_terms
 from fitting.residual.terms import Model, fit_model
-from fitting.signals.spectrum import whitening
+from fitting.signals.spectrum import Whitening, whitening
 from sim_backends.plant.cases import STEMS
 from sim_backends.undeclared import EffectSpec
 
@@ -101,17 +101,13 @@ def _in_true_noise(session: Session, case: BenchCase) -> Model:
     design, truth = prepared.design, true_values(case.machine, case.truth)
     base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
     theta = np.array([truth[base.get(name, name)] for name in design.parameters.names])
-    loaded, unloaded = (
-        tuple(
-            whitening(
-                [full_residual(design, theta, joint, i) for i in prepared.fitted if design.segments[i].loaded == there],
-                design.bank,
-            )
-            for joint in range(len(case.machine.joints))
-        )
-        for there in (True, False)
-    )
-    return fit_model(design, NoiseModel(loaded, True, unloaded), prepared.fitted, (), session.prior)
+
+    def whitenings(loaded: bool) -> tuple[Whitening, ...]:
+        own, joints = [i for i in prepared.fitted if design.segments[i].loaded == loaded], range(len(design.blocks))
+        return tuple(whitening([full_residual(design, theta, j, i) for i in own], design.bank) for j in joints)
+
+    noise = NoiseModel(whitenings(True), True, whitenings(False))
+    return fit_model(design, noise, prepared.fitted, (), session.prior)
 
 
 def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tuple[FloatArray, ...]:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Protocol
 
@@ -51,7 +50,7 @@ from fitting.signals.preparation import (
     with_efforts_of,
 )
 from fitting.signals.rods import with_rods_as_said
-from fitting.signals.spectrum import unit_whitening
+from fitting.signals.spectrum import Whitening, unit_whitening
 
 #: Roles that parameters are fitted on. `validate` is never among them.
 FITTED_ROLES = ("unloaded", "train", "repeat", "operation")
@@ -419,16 +418,14 @@ class Session:
         if self.handed_base.weights == "whitened":
             return self.plain.noise
         design, fit = self.plain.design, self.handed_base.model.fit
-        spread: dict[bool, list[float]] = {True: [], False: []}
-        for joint, loaded in product(range(len(design.machine.joints)), spread):
-            rows = [
-                reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep]
-                for i in self.plain.fitted
-                if design.segments[i].loaded == loaded
-            ]
-            spread[loaded].append(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
-        both = [tuple(unit_whitening(s) for s in own) for own in spread.values()]
-        return NoiseModel(both[0], False, both[1])
+        joints = range(len(design.machine.joints))
+
+        def misfit(joint: int, loaded: bool) -> Whitening:
+            own = (i for i in self.plain.fitted if design.segments[i].loaded == loaded)
+            rows = [reduced_residual(design, fit.theta, joint, i)[design.blocks[joint][i].keep] for i in own]
+            return unit_whitening(float(np.sqrt(np.mean(np.concatenate(rows) ** 2))) if any(map(len, rows)) else 1.0)
+
+        return NoiseModel(tuple(misfit(j, True) for j in joints), False, tuple(misfit(j, False) for j in joints))
 
     def fit(self, prepared: Prepared) -> Model:
         """Joint fit of the base model on a design."""

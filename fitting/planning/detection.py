@@ -149,10 +149,11 @@ def _white(
     """Whitened columns of terms in one joint's rows, in the order of the base's rows."""
     parts = [np.zeros((0, sum(_width(term) for term in terms)))]
     for index in indices:
-        if not design.kept(noise, joint, index).any():
+        kept = design.kept(noise, joint, index)
+        if not kept.any():
             continue  # a joint that rests shows nothing, and has no scales that shapes could be measured by
         full = np.hstack([c[:, joint] if t.everywhere else c for t in terms for c in (t.columns(views[index]),)])
-        parts.append(design.white(noise, joint, index, design.bank.reduce(full)))
+        parts.append(noise.of(joint, design.segments[index].loaded)(design.bank.reduce(full))[kept])
     return np.vstack(parts)
 
 

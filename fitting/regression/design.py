@@ -348,9 +348,10 @@ def whitened_joint(
     for index in fitted:
         block = design.blocks[joint][index]
         columns = block.reduced if extra is None else extra.beside(block.reduced, design.bank, joint, index)
-        parts_A.append(design.white(noise, joint, index, columns))
-        parts_b.append(design.white(noise, joint, index, block.reduced_target))
-        sections.append((index, design.kept(noise, joint, index)))
+        kept, whiten = design.kept(noise, joint, index), noise.of(joint, design.segments[index].loaded)
+        parts_A.append(whiten(columns)[kept])
+        parts_b.append(whiten(block.reduced_target)[kept])
+        sections.append((index, kept))
     return WhiteRows(np.vstack(parts_A), np.concatenate(parts_b), tuple(sections))
 
 

@@ -302,7 +302,7 @@ def joint_rows(
         recordings.append(np.full(int(kept.sum()), segment.recording))
         unloaded.append(np.full(int(kept.sum()), not segment.loaded))
         reduced = bank.reduce(np.column_stack([per_segment[number] for per_segment in columns.values()]))
-        white = design.white(noise, joint, index, reduced)
+        white = noise.of(joint, segment.loaded)(reduced)[kept]
         for name, values in zip(columns, white.T, strict=True):
             parts[name].append(values)
     rows = sum(len(t) for t in times)

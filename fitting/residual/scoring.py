@@ -144,9 +144,12 @@ class Candidates:
     def follow(self, before: Model, model: Model) -> None:
         """Make the columns anew of joints whose effort was moved, or whose noise is another, since ``before``."""
         old, new = before.design.blocks, model.design.blocks
-        noises = [[(m.noise.of(n, True), m.noise.of(n, False)) for n in range(len(new))] for m in (before, model)]
-        pairs = enumerate(zip(*noises, strict=True))
-        changed = {n for n, (a, b) in pairs if a[0] is not b[0] or a[1] is not b[1] or old[n] is not new[n]}
+        changed = {
+            n
+            for n in range(len(new))
+            if old[n] is not new[n]
+            or any(before.noise.of(n, loaded) is not model.noise.of(n, loaded) for loaded in (True, False))
+        }
         for place, numbers in self._groups.items():
             if place in changed or (place is None and changed):
                 self._columns[place] = self._built(model, place, numbers)

@@ -56,7 +56,8 @@ def test_a_power_below_the_level_of_the_test_is_refused():
         visible_size(3.84, 1, 1.0)
 
 
-def sight(model, terms):
+def sight(session, terms):
+    model = session.base_model
     return visibilities(model.design, model.noise, model.views, model.rows(), model.fitted, terms)
 
 
@@ -72,7 +73,7 @@ def test_sizes_are_what_a_refit_with_the_effect_says():
     """Independent of projections: the information of an explicit joint refit with the column in it."""
     session = clean_session()
     model = session.base_model
-    for term, seen in zip(TERMS, sight(session.base_model, TERMS), strict=True):
+    for term, seen in zip(TERMS, sight(session, TERMS), strict=True):
         assert isinstance(seen, Visibility)
         extra = extra_columns(model.design, model.views, [term])
         rows = whitened(model.design, model.noise, model.fitted, extra)
@@ -89,7 +90,7 @@ def test_an_effect_of_the_smallest_size_gains_what_is_needed():
     machine, arm = planar_machine(2), truth(2)
     session = clean_session()
     term = TERMS[0]
-    (seen,) = sight(session.base_model, [term])
+    (seen,) = sight(session, [term])
     needed = 20.0
     size = np.sqrt(needed) / seen.per_unit
     values = [size] + [0.0] * (len(term.content.parameters) - 1)
@@ -116,7 +117,7 @@ def test_a_column_that_the_base_has_already_is_never_seen():
     session = clean_session()
     copy = Term(effect("velocity_root_friction"), 0, {"exponent": 1.0})
     name = next(iter(effect("velocity_root_friction").shapes(session.base_model.views[0][0])[0]))
-    (seen,) = sight(session.base_model, [replace(copy, shape={name: 1.0})])
+    (seen,) = sight(session, [replace(copy, shape={name: 1.0})])
     assert seen.surviving < 1e-4
     assert seen.smallest(20.0, 0.95) == np.inf
 
@@ -132,7 +133,7 @@ def test_typical_terms_are_one_per_effect_and_place():
     choices = {term.id: count for term, count in terms}
     assert choices["pressure_offset"] == 1
     assert choices["stribeck"] > 3
-    shown = sight(session.base_model, [term for term, _ in terms])
+    shown = sight(session, [term for term, _ in terms])
     assert all(0.0 <= seen.surviving <= 1.0 for seen in shown)
 
 
@@ -157,10 +158,8 @@ def test_a_forecast_agrees_with_what_the_recordings_then_show():
     fitted = [(role, seed) for role, seed in USUAL if role != "validate"]
     found = forecast(machine, base, plan(machine, fitted), default_guess(machine, base), effects())
     session = clean_session()
-    # A forecast knows one noise for all recordings.
-    alike = replace(session.plain, noise=replace(session.plain.noise, unloaded=()))
     planned = {v.term.family: v.surviving for v in found.visibilities}
-    recorded = sight(session.fit(alike), [v.term for v in found.visibilities if v.term.id not in MOVED])
+    recorded = sight(session, [v.term for v in found.visibilities if v.term.id not in MOVED])
     for seen in recorded:
         assert planned[seen.term.family] == pytest.approx(seen.surviving, abs=0.12), seen.term.family
     assert {t.name for t in found.tellings} == set(session.base_model.design.parameters.names)

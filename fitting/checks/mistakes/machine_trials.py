@@ -50,8 +50,10 @@ def gravity(trial: Trial) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
-#: Factors by which a decimal point or a unit is off, and m that a link is long: others are not what was meant.
-SLIPS, LONG = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3), (0.005, 20.0)
+#: Factors by which a decimal point or a unit is off.
+SLIPS = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
+#: m that a link is long: another length is not what was meant.
+LONG = (0.005, 20.0)
 
 
 def lengths(trial: Trial) -> Iterator[Hypothesis]:

@@ -190,10 +190,11 @@ def _white(model: Model, extra: Extra) -> FloatArray:
         rows = np.zeros((len(model.fit.residual[joint]), len(extra.names)))
         start = 0
         for index in model.fitted:
-            count = int(np.count_nonzero(model.design.kept(model.noise, joint, index)))
-            if (own := extra.columns[joint][index]) is not None:
-                white = model.design.white(model.noise, joint, index, model.design.bank.reduce(own))
-                rows[start : start + count] = white
+            kept, own = model.design.kept(model.noise, joint, index), extra.columns[joint][index]
+            count = int(np.count_nonzero(kept))
+            if own is not None:
+                whiten = model.noise.of(joint, model.design.segments[index].loaded)
+                rows[start : start + count] = whiten(model.design.bank.reduce(own))[kept]
             start += count
         parts.append(rows)
     return np.vstack(parts)
