@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks.attribution.coverage import true_values
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.attribution.making import OF_THE_SIGNAL, BenchCase, opened, undisturbed
+from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
-from benchmarks.attribution.sight import FITTED
+from benchmarks.attribution.sight import FITTED, delayed
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.loop.session import Session
@@ -77,6 +77,8 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
     quiet = undisturbed(quality) if true.id in OF_THE_SIGNAL else quality
     spec = EffectSpec(true.id, true.joint, true.size)
     ideal = [{stem: plan.record(stem, e, quiet)[1] for stem in FITTED} for e in ((spec,), ())]
+    if true.id == DELAY and true.joint is not None:
+        ideal[0] = delayed(case.machine, ideal[1], true.joint, true.size)
     model = _in_true_noise(session, case)
     model = replace(model, fit=replace(model.fit, residual=_waveform(model, list(recorded), ideal[0], ideal[1])))
     total = float(sum(part @ part for part in model.fit.residual))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.loop.closing import Examined
 from fitting.loop.kinematic_check import KinematicFinding
+from fitting.loop.residual_loop import other_bands
 from fitting.loop.session import Options, Session
+from fitting.pipeline.verdict import NAMED_FROM
 from fitting.residual.findings import Attribution
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
@@ -34,6 +36,7 @@ class Said:
         probability)
     unknown : joint to the probability that it has an effect of no catalogue, where that is more than nothing
     nothing : probability that nothing is missing, where nothing was found; else None
+    depends : whether it is said that this depends on the bandwidth
     """
 
     sets: tuple[tuple[Place, ...], ...]
@@ -42,6 +45,14 @@ class Said:
     stated: tuple[tuple[Stated, ...], ...] = ()
     unknown: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
+    depends: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """The report's word for what is missing."""
+        if any(len(members) > 1 for members in self.sets):
+            return "ambiguous"
+        return "unexplained" if self.laws else "effect_added" if self.sets else "nothing_missing"
 
 
 def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]]) -> list[Recording]:
@@ -54,9 +65,31 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
     return result
 
 
-def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int) -> Said:
-    """Run the loop on recordings, with at most so many replicas, and put what it found into plain names."""
-    return said_of(Examined.of(Session(machine, recordings, Options(bootstrap=bootstrap))))
+def judge(
+    machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float] = (1.0,)
+) -> list[Said]:
+    """Run the loop on recordings, with at most so many replicas, and put what it found into plain names.
+
+    Parameters
+    ----------
+    bands : of the identification's own bandwidth, one answer for each
+    """
+    own = Session(machine, recordings, Options(bootstrap=bootstrap))
+    hz = [min(band * own.bank.bandwidth_hz, machine.rate_hz / 5) for band in bands]
+    others = {band: Options(bootstrap=bootstrap, bandwidth_hz=at) for band, at in zip(bands, hz, strict=True)}
+    examined = [Examined.of(own if band == 1.0 else Session(machine, recordings, others[band])) for band in bands]
+    said = [said_of(one) for one in examined]
+    return said if len(bands) == 1 else [replace(s, depends=_depends(e)) for s, e in zip(said, examined, strict=True)]
+
+
+def _depends(examined: Examined) -> bool:
+    """Whether the report says that its verdict depends on the bandwidth (:func:`fitting.pipeline.verdict.label`)."""
+    found, moved = examined.attribution, examined.kinematics
+    if any(abs(value) < NAMED_FROM * std for item in found.accepted for _, value, std in item.cutoffs[1:]):
+        return True
+    if found.verdict != "nothing_missing" or moved.findings or moved.laws:
+        return False
+    return any(families for _, families in other_bands(examined.session.search.session, moved.corrections))
 
 
 def said_of(examined: Examined) -> Said:

@@ -21,7 +21,7 @@ from benchmarks.attribution.recipe import (
     generator,
     largest,
 )
-from benchmarks.attribution.sight import FITTED, Sight
+from benchmarks.attribution.sight import FITTED, Sight, delayed
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from sim_backends.plant.cases import STEMS, CasePlan, plan_case
@@ -36,7 +36,8 @@ _SCALINGS = 5
 _FIRST = 0.1  # of the largest size
 _CLOSE = 0.12  # relative, to the lambda that was drawn
 #: These also delay or scale the disturbance, which nobody can see: their waveform is taken from an undisturbed run.
-OF_THE_SIGNAL = ("sensor_latency", "pressure_gain")
+DELAY = "sensor_latency"
+OF_THE_SIGNAL = (DELAY, "pressure_gain")
 
 
 @dataclass(frozen=True)
@@ -192,7 +193,10 @@ class _Workbench:
         for _ in range(_SCALINGS):
             spec = replace(unit, size=unit.size * size)
             both = {stem: self.plan.record(stem, [*before, spec], quality) for stem in FITTED}
-            seen = self._seen(unit.id, {stem: pair[1] for stem, pair in both.items()}, bare)
+            ideal = {stem: pair[1] for stem, pair in both.items()}
+            if unit.id == DELAY and bare is not None and unit.joint is not None:
+                ideal = delayed(self.plan.machine, bare, unit.joint, spec.size)
+            seen = self._seen(unit.id, ideal, bare)
             if abs(seen / target - 1.0) < _CLOSE:
                 if bare is not None:
                     both = {stem: self.plan.record(stem, [*before, spec], self.quality) for stem in FITTED}

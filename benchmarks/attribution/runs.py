@@ -26,7 +26,7 @@ Line = dict[str, Any]
 
 @dataclass(frozen=True)
 class Order:
-    """One case to do, judged without the recordings of one role if that is said."""
+    """One case to do, judged without the recordings of one role if that is said, and at so many bands."""
 
     key: CaseKey
     selection: Selection
@@ -35,6 +35,7 @@ class Order:
     apart: bool = False
     bootstrap: int = Options.bootstrap
     without: str | None = None
+    bands: tuple[float, ...] = (1.0,)
 
 
 def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
@@ -82,7 +83,7 @@ def run_case(order: Order) -> Line:
     key = order.key
     line: Line = {"kind": key.kind, "number": key.number, "seed": key.seed}
     line |= {"selection": order.selection.as_json(), "bootstrap": order.bootstrap}
-    line |= {"without": order.without, "recipe": order.selection.recipe, "result": "error"}
+    line |= {"without": order.without, "at": order.bands, "recipe": order.selection.recipe, "result": "error"}
     started = time.process_time()
     try:
         if order.cache is not None:
@@ -107,7 +108,7 @@ def run_case(order: Order) -> Line:
         return line | {"result": "made"}
     try:
         recordings = [r for r in recordings_of(case.machine, case.recordings) if r.role != order.without]
-        said = judge(case.machine, recordings, order.bootstrap)
+        said, *others = judge(case.machine, recordings, order.bootstrap, order.bands)
     except Exception as error:  # whatever the fit throws is how this case came out
         return line | {"error": f"{type(error).__name__}: {error}", "seconds": time.process_time() - made}
     seconds = time.process_time() - made
@@ -120,7 +121,12 @@ def run_case(order: Order) -> Line:
         "unknown": said.unknown,
         "nothing": said.nothing,
     }
-    line["seconds"] = seconds
+    line["seconds"] = seconds / len(order.bands)
+    if others:
+        line["bands"] = {
+            f"{band:g}": [one.verdict, one.sets, one.laws, one.depends]
+            for band, one in zip(order.bands, (said, *others), strict=True)
+        }
     if outcome.result == "right" and not outcome.surplus:
         estimates = intervals(said.values, true_values(case.machine, case.truth))
         line["parameters"] = {i.name: [i.value, i.std, i.truth] for i in estimates}
@@ -167,9 +173,12 @@ def run(
         part = output.with_name(output.name + ".part")
         part.write_text(text, encoding="utf-8")
         part.replace(output)
-        wanted = {order.key: (order.selection.as_json(), order.bootstrap, order.without) for order in orders}
+        wanted = {
+            order.key: (order.selection.as_json(), order.bootstrap, order.without, order.bands) for order in orders
+        }
         for key, line in known.items():
             own = line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without")
+            own = (*own, tuple(line.get("at", (1.0,))))
             if key in wanted and own != wanted[key]:
                 raise InputError(
                     f"{output}: has {key.text} from a run with other restrictions; give another file to -o"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -79,10 +80,25 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         ),
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
+    found += _bands(done)
     found += reliability.checks(done)
     found += coverage(done)
     found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
     return [check for check in found if check.shown != "no cases"]
+
+
+def _bands(lines: Sequence[Line]) -> list[Check]:
+    """Of cases that were judged at several bands: whether the verdict is one, or is said to depend on them."""
+    known = [list(line["bands"].values()) for line in lines if "bands" in line]
+    same = [len({verdict for verdict, *_ in own}) == 1 for own in known]
+    names = [len({json.dumps(said[1:3]) for said in own}) == 1 for own in known]
+    labelled = [own[0][3] for own in known]
+    honest = sum(a or b for a, b in zip(same, labelled, strict=True))
+    return [
+        rate("the same verdict at every band", sum(same), len(known)),
+        rate("the same names and laws at every band", sum(names), len(known)),
+        rate("the same verdict, or said to depend on the band", honest, len(known), "at least", 0.95),
+    ]
 
 
 def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:

@@ -84,6 +84,7 @@ def attribution(
     without: Annotated[
         str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded or validate.")
     ] = None,
+    bands: Annotated[bool, typer.Option(help="Judge at .7 and 1.3 of the bandwidth, too.")] = False,
 ) -> Outcome:
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
@@ -106,7 +107,10 @@ def attribution(
         cache.mkdir(parents=True, exist_ok=True)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
     chosen("--without", without, ("repeat", "unloaded", "validate"), "is no role that can be left out; one of")
-    orders = [Order(key, selection, cache, only_make, apart, replicas, without) for key in keys]
+    orders = [
+        Order(key, selection, cache, only_make, apart, replicas, without, (1.0, 0.7, 1.3) if bands else (1.0,))
+        for key in keys
+    ]
     lines = run(orders, workers, output, lambda line: show(summary.case_text(line)))
     changes = [] if compare is None else ["", *summary.compared(read_lines(compare), lines)]
     content = {

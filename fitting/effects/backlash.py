@@ -23,7 +23,7 @@ from fitting.effects.base import (
 from fitting.signals.corrections import Corrections
 
 #: Widths that bushings take to be crossed, over the largest force of the joint.
-WIDTHS = geometric(0.002, 0.2, 13)
+WIDTHS = geometric(0.002, 0.9, 25)
 
 
 class Backlash(Effect):
@@ -34,7 +34,9 @@ class Backlash(Effect):
     level = "joint"
     variable = "cylinder_force"
     over_time = True
-    equation = "x = x(q) + g/2 sgn F, softened over a width w of F; about the joint x(q) + r g/2 sgn F"
+    equation = (
+        "x = x(q) + g/2 clip(F/w, -1, 1); about the joint x(q) + r g/2 clip(r F/(r0 w), -1, 1), r0 the mean lever"
+    )
     parity = Parity.OTHER
     dependence = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
@@ -67,9 +69,12 @@ class Backlash(Effect):
         """Half the play, on the side that the force pushes to; within the width it is being crossed."""
         if not has_both_positions(view.machine, view.joint):
             return None
-        force = view.bending_force(bool(shape.get("friction")))
+        lever = gap_lever(view, shape)
+        bending = lever * view.bending_force(bool(shape.get("friction")))
         width = max(float(shape.get("width", 0.0)), 1e-9 * view.range.force)
-        return (0.5 * gap_lever(view, shape) * np.clip(force / width, -1.0, 1.0))[:, None]
+        if shape.get("about"):
+            width *= _mean_lever(view)
+        return (0.5 * lever * np.clip(bending / width, -1.0, 1.0))[:, None]
 
     def places(self, shape: Shape) -> Sequence[Shape]:
         """In the pin, or between piston and its sensor: friction jumps with the piston's own speed."""
@@ -80,3 +85,12 @@ class Backlash(Effect):
     ) -> Corrections:
         """Play in the pin, or at the piston's sensor; see :meth:`places`."""
         return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
+
+
+def _mean_lever(view: DriveView) -> float:
+    """Stroke per angle of the whole travel, as magnitude, m."""
+    joint = view.machine.joints[view.joint]
+    assert joint.cylinder is not None
+    low, high = joint.limits.position
+    ends = joint.cylinder.linkage.piston_position(np.array([low, high]))
+    return abs(float(ends[1] - ends[0])) / (high - low)

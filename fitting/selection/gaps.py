@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise, product
+from itertools import groupby, pairwise, product
 
 import numpy as np
 import numpy.typing as npt
+from scipy import optimize
 from scipy.special import ndtr
 
 from fitting.arrays import FloatArray
 from fitting.effects import effects
+from fitting.effects.base import Effect, Shape
 from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws
 from fitting.selection import priors
@@ -44,8 +46,9 @@ _CHANCE = 5e-4
 _EPSILONS_DRIVEN, _EPSILONS_EXACT = (0.002, 0.006, 0.015), (0.0005, 0.002, 0.005)
 #: Correlation lengths of laws, in sixteenths of the range: a scale's error may repeat a dozen times along it.
 _LENGTHS = (0.5, *priors.LENGTHS)
-#: Least share of what gives way to a force that no zero of a sensor explains: play on one side is an offset.
-_LEAST_MOVED = 0.05
+#: Of shapes that differ in a number only every so manieth is tried; chi-square between neighbours above which the
+#: number is searched, and how finely, relative to it.
+_TRIED, _LEAST_GRID, _FINE = 3, 4.0, 1e-3
 #: Correlation length of a discrepancy, in sixteenths of its variable's range.
 _SMOOTH = 4.0
 
@@ -170,15 +173,16 @@ class _Evidence:
         self._zeros, self._count = np.linalg.qr(rows.zeros)[0], len(rows.values)
         self.parts: list[GapColumns] = []
         self._left: dict[tuple[int, ...], float] = {}
+        self._grids: dict[str, float] = {}  # numbers of a grid, of which a shape has one
         self._floor = _LEAST_ROW * float(np.sqrt(self._count))
         self._chi_square: dict[tuple[int, ...], float] = {}
         self.laws = list(gap_laws(rows.views))
         smooth = rows.whitened([self.laws[0].columns(view) for view in rows.views])
         beside = np.linalg.qr(np.hstack([rows.base, rows.zeros, smooth]))[0]
         for effect in effects():
-            found = [gap_columns(rows, effect, shape) for shape in effect.gap_shapes(rows.views[0])]
-            self.parts += _sharpest([part for part in found if part is not None], beside, rows.values)
-        self.parts = [part for part in self.parts if not part.effect.stays_in_gap or self._moves(part)]
+            found = _sharpest(rows, effect, beside)
+            self._grids[effect.id] = len(effect.gap_shapes(rows.views[0])) / max(len(found), 1)
+            self.parts += found
         columns = [rows.values[:, None], *(p.columns for p in self.parts), *(p.beyond[:, None] for p in self.parts)]
         columns += [part.rates for part in self.parts]
         columns += [rows.whitened([law.columns(view) for view in rows.views]) for law in self.laws]
@@ -199,10 +203,6 @@ class _Evidence:
         self._slow = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._rates]
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
-    def _moves(self, part: GapColumns) -> bool:
-        """Whether what gives way to a force does more here than a zero of either sensor would."""
-        return bool(np.linalg.norm(self._beyond_zeros(part.columns)) > _LEAST_MOVED * np.linalg.norm(part.columns))
-
     def _beyond_zeros(self, columns: FloatArray) -> FloatArray:
         """Columns (M, k) less what a zero of either sensor explains."""
         return np.asarray(columns - self._zeros @ (self._zeros.T @ columns))
@@ -222,7 +222,7 @@ class _Evidence:
         for key in keys:
             near = sorted(screened[key], reverse=True)[:_NEAR]
             curved = np.array([self._named(numbers, curved=True) for _, numbers in near])
-            prior = self._prior(key) - np.log(len(screened[key]))
+            prior = self._prior(key) - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
             exact, numbers = near[int(np.argmax(curved))]
             own = GapSet(tuple(self.parts[n] for n in numbers))
             laws, leftovers = self._laws(numbers)
@@ -405,21 +405,49 @@ def _left_by(part: GapColumns) -> float:
     return _LEFT_PLAY if part.effect.shape_units else _LEFT_DRIVEN
 
 
-def _sharpest(parts: Sequence[GapColumns], beside: FloatArray, gap: FloatArray) -> list[GapColumns]:
-    """Of shapes that differ in numbers only, as a width does, the one that takes most beside any law of position."""
-    best: dict[tuple[object, ...], tuple[float, GapColumns]] = {}
-    for part in parts:
-        choices = part.effect.discrete_shapes
-        place = tuple(item for item in part.shape.items() if item[0] in choices)
-        if len(place) == len(part.shape):
-            best[part.effect.id, place] = (0.0, part)
+def _sharpest(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapColumns]:
+    """Of shapes that differ in a number only, as a width, the one that takes most beside any law of position.
+
+    Some of them are tried; where their neighbours take another chi-square, the number is searched between them.
+    """
+    found: list[GapColumns] = []
+    for _, group in groupby(effect.gap_shapes(rows.views[0]), lambda shape: _place(effect, shape)):
+        shapes = list(group)[::_TRIED]
+        trials = {n: part for n, shape in enumerate(shapes) if (part := gap_columns(rows, effect, shape)) is not None}
+        if len(trials) < 2:
+            found += trials.values()
             continue
-        own = np.hstack([part.columns, part.rates])
-        basis = np.linalg.qr((own - beside @ (beside.T @ own)) / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
-        gain = float(np.sum((basis.T @ gap) ** 2))
-        if gain > best.get((part.effect.id, place), (-1.0, part))[0]:
-            best[part.effect.id, place] = (gain, part)
-    return [part for _, part in best.values()]
+        taken = {n: _taken(part, beside, rows.values) for n, part in trials.items()}
+        best = max(taken, key=lambda n: taken[n])
+        near = [n for n in (best - 1, best + 1) if n in taken]
+        if max(taken[best] - taken[n] for n in near) <= _LEAST_GRID:
+            found.append(trials[best])
+            continue
+        number = next(key for key in shapes[best] if key not in effect.discrete_shapes)
+
+        def at(log: float, shape: Shape = shapes[best], number: str = number) -> GapColumns:
+            part = gap_columns(rows, effect, {**shape, number: float(np.exp(log))})
+            assert part is not None  # as its neighbours
+            return part
+
+        ends = np.log([shapes[n][number] for n in sorted({best, *near})])
+        log = optimize.fminbound(
+            lambda log: -_taken(at(float(log)), beside, rows.values), ends[0], ends[-1], xtol=_FINE
+        )
+        found.append(at(float(log)))
+    return found
+
+
+def _place(effect: Effect, shape: Shape) -> tuple[tuple[str, float], ...]:
+    """What of a shape has but a few values."""
+    return tuple(item for item in shape.items() if item[0] in effect.discrete_shapes)
+
+
+def _taken(part: GapColumns, beside: FloatArray, gap: FloatArray) -> float:
+    """Chi-square that a shape takes of the gap."""
+    own = np.hstack([part.columns, part.rates])
+    basis = np.linalg.qr((own - beside @ (beside.T @ own)) / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
+    return float(np.sum((basis.T @ gap) ** 2))
 
 
 def _gain(gram: FloatArray, products: FloatArray, places: npt.NDArray[np.intp]) -> float:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.attribution import case_files, runs
+from benchmarks.attribution import case_files, runs, summary
+from benchmarks.attribution.judging import Said
 from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
 from benchmarks.attribution.recipe import (
     KINDS,
@@ -234,20 +235,42 @@ def test_what_the_fit_throws_is_a_result(monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert (line["result"], line["error"]) == ("error", "ZeroDivisionError: nothing to divide")
 
 
-def test_a_case_can_be_judged_without_the_recordings_of_a_role(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    judged: list[list[str]] = []
-
-    def judge(machine: Any, recordings: list[Any], bootstrap: int) -> Any:
-        judged.append([r.role for r in recordings])
-        raise RuntimeError("enough")
-
-    case = SimpleNamespace(
+def unsimulated() -> Any:
+    return SimpleNamespace(
         machine=SimpleNamespace(name="arm", rate_hz=50.0),
         effects=(),
         quality=draw_quality(np.random.default_rng(1)),
         redrawn=(),
         recordings={f"{role}-1": {"time": [0.0, 0.02]} for role in ("unloaded", "train", "repeat", "validate")},
     )
+
+
+def test_a_case_can_be_judged_at_several_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    def judge(machine: Any, recordings: list[Any], bootstrap: int, bands: Any) -> Any:
+        name = (("stribeck", "boom"),)
+        return [Said((), (), {}, depends=True), Said((name,), (), {}), Said((name,), (), {})][: len(bands)]
+
+    monkeypatch.setattr(runs, "judge", judge)
+    monkeypatch.setattr(runs, "make_case", lambda key, selection: unsimulated())
+    line = runs.run_case(runs.Order(CaseKey("large", 0), Selection(), None, bands=(1.0, 0.7, 1.3)))
+    assert line["result"] == "silent", "what counts is what is said at the own band"
+    assert {band: said[0] for band, said in line["bands"].items()} == {
+        "1": "nothing_missing", "0.7": "effect_added", "1.3": "effect_added"
+    }  # fmt: skip
+    shown = {check.name: check.measured for check in summary.checks([line])}
+    assert shown["the same verdict at every band"] == 0
+    assert shown["the same verdict, or said to depend on the band"] == 1
+    assert "bands" not in runs.run_case(runs.Order(CaseKey("large", 0), Selection(), None))
+
+
+def test_a_case_can_be_judged_without_the_recordings_of_a_role(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    judged: list[list[str]] = []
+
+    def judge(machine: Any, recordings: list[Any], bootstrap: int, bands: Any) -> Any:
+        judged.append([r.role for r in recordings])
+        raise RuntimeError("enough")
+
+    case = unsimulated()
     monkeypatch.setattr(runs, "judge", judge)
     monkeypatch.setattr(runs, "make_case", lambda key, selection: case)
     for role in (None, "repeat"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from benchmarks.attribution.sight import FITTED, Sight, inertias, noise_covariance, restlessness
+from benchmarks.attribution.sight import FITTED, Sight, delayed, inertias, noise_covariance, restlessness
 from fitting.arm.linkage import lever_arm
 from sim_backends.plant.arm import ArmDesign, arm_xml
 from sim_backends.plant.cases import CasePlan, plan_case
@@ -178,6 +178,27 @@ def test_a_line_above_the_band_is_seen_without_the_filter_only(plan, bare) -> No
     force = amplitude * plan.machine.joints[0].cylinder.head_area
     assert sight.broadband(tables) == pytest.approx(np.sqrt(samples * force**2 / 2 / density), rel=0.02)
     assert sight.force(tables) < 0.1 * sight.broadband(tables)
+
+
+def test_of_a_delay_is_counted_what_samples_tell_of_it(plan) -> None:
+    rate, tau, rng = plan.machine.rate_hz, 0.7e-3, np.random.default_rng(4)
+    time = np.arange(200_000) / rate
+    turns = np.cumsum(rng.uniform(0.5, 1.5, 5000))
+    force = np.where(np.searchsorted(turns, time) % 2, -1.0, 1.0)
+    late = np.where(np.searchsorted(turns, time - tau) % 2, -1.0, 1.0)
+    table = {
+        "time": time,
+        "joint1.head_pressure": force,
+        "joint1.rod_pressure": np.sin(2.0 * time),
+        "joint2.angle": time,
+    }
+    told = delayed(plan.machine, {"a": table}, "joint1", tau)["a"]
+    assert np.allclose(told["joint1.rod_pressure"], np.sin(2.0 * (time - tau)), atol=(2 * tau) ** 2)
+    assert told["joint2.angle"] is time
+    band = signal.firwin(101, 3.0, fs=rate)
+    true, counted = (np.convolve(own - force, band, "valid") for own in (late, told["joint1.head_pressure"]))
+    assert true @ counted / (counted @ counted) == pytest.approx(1.0, abs=0.25), "the same on the average"
+    assert true @ true / (counted @ counted) == pytest.approx(1 / (tau * rate), rel=0.25), "and far less of it"
 
 
 def test_mismatch_is_counted_in_noise_widths_of_the_gap(plan, sight) -> None:

@@ -21,6 +21,7 @@ from synthetic_arm import (
 )
 
 from daq.machine.machine_file import Machine
+from fitting.arm.linkage import lever_arm
 from fitting.effects import effect
 from fitting.effects.base import Shape
 from fitting.loop.kinematic_check import (
@@ -158,6 +159,35 @@ def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(pla
     steps = [step_to_json(step) for step in finding.steps]
     assert corrections_from_json(session, steps).play == corrections.play
     assert finding.gap_after < 0.3 * finding.gap_before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("about", "share"), [(False, 0.071), (False, 0.63), (True, 0.3), (True, 0.63)])
+def test_play_that_soft_bushings_cross_is_named_where_it_sits_with_its_width(about: bool, share: float) -> None:
+    """The width is no value of the fit's grid, and about the joint it is one of the effort, whatever the lever is."""
+    machine = planar_machine(2).model_copy(update={"gravity": (9.81, 0.0, 0.0)})
+    bodiless = replace(ARM, pi=0 * ARM.pi)
+    linkage = machine.joints[1].cylinder.linkage  # type: ignore[union-attr]
+    bent = []
+    for role, seed in ROLES:
+        motion = make_motion(machine, role, seed)
+        effort = force(machine, ARM, motion)
+        lever = lever_arm(linkage, motion.q[:, 1]) if about else np.ones(len(motion.q))
+        bent.append((role, motion, effort, lever, lever * (effort - force(machine, bodiless, motion))[:, 1]))
+    width = share * max(np.abs(bending).max() for role, *_, bending in bent if role != "unloaded")
+    recordings = []
+    for number, (role, motion, effort, lever, bending) in enumerate(bent):
+        x = motion.x.copy()
+        if role != "unloaded":
+            x[:, 1] += 0.5 * lever * (0.01 if about else 0.002) * np.clip(bending / width, -1.0, 1.0)
+        recordings.append(sample(machine, replace(motion, x=x), effort, role, 1, number=number))
+    finding = named(kinematics(Session(machine, recordings)).findings, "backlash", 1)
+    assert (finding.effect.id, finding.rivals) == ("backlash", ())
+    assert finding.steps[0].shape["about"] == about
+    assert finding.values[0] == pytest.approx(0.01 if about else 0.002, rel=0.03)
+    limits = machine.joints[1].limits.position
+    mean = np.ptp(linkage.piston_position(np.array(limits))) / np.ptp(limits) if about else 1.0
+    assert finding.steps[0].shape["width"] == pytest.approx(width / mean, rel=0.03)
 
 
 def _open_question(session: Session) -> dict[str, float]:
