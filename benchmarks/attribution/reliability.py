@@ -13,9 +13,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy.stats import beta
 
 from benchmarks.targets import Check, figure
@@ -106,6 +108,25 @@ def text(lines: Sequence[Line]) -> list[str]:
         interval = f"{100 * b.low:.0f} to {100 * b.high:.0f} %"
         rows.append(f"{100 * b.stated:7.1f}% {100 * b.right:7.1f}% {interval:>16s} {b.count:11d}")
     return rows
+
+
+def draw(lines: Sequence[Line], target: Path) -> None:
+    """Draw the diagram: share that is right over stated probability, with intervals and numbers of statements."""
+    found = diagram(statements(lines))
+    stated, right = np.array([b.stated for b in found]), np.array([b.right for b in found])
+    ends = np.array([[b.right - b.low, b.high - b.right] for b in found]).T
+    picture = Figure(figsize=(5.2, 4.6), layout="constrained")
+    axes = picture.add_subplot()
+    axes.plot([0, 100], [0, 100], color="#999999", linewidth=1, label="as stated")
+    axes.errorbar(
+        100 * stated, 100 * right, 100 * np.maximum(ends, 0.0), fmt="o", color="#1f6f8b", capsize=3,
+        label="right, with 90 % intervals",
+    )  # fmt: skip
+    for b in found:
+        axes.annotate(str(b.count), (100 * b.stated, 100 * b.right), (7, -11), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="stated probability, %", ylabel="right, %", xlim=(-3, 106), ylim=(-3, 106))
+    axes.legend(loc="upper left", frameon=False)
+    picture.savefig(target, dpi=110)
 
 
 def checks(lines: Sequence[Line]) -> list[Check]:

@@ -177,8 +177,8 @@ def run(
             order.key: (order.selection.as_json(), order.bootstrap, order.without, order.bands) for order in orders
         }
         for key, line in known.items():
-            own = line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without")
-            own = (*own, tuple(line.get("at", (1.0,))))
+            asked = line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without")
+            own = (*asked, tuple(line.get("at", (1.0,))))
             if key in wanted and own != wanted[key]:
                 raise InputError(
                     f"{output}: has {key.text} from a run with other restrictions; give another file to -o"

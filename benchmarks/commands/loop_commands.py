@@ -85,10 +85,13 @@ def attribution(
         str | None, typer.Option(help="Judge without recordings of this role: repeat, unloaded or validate.")
     ] = None,
     bands: Annotated[bool, typer.Option(help="Judge at .7 and 1.3 of the bandwidth, too.")] = False,
+    diagram: Annotated[
+        Path | None, typer.Option(help="Draw stated probabilities against what is right, as PNG.")
+    ] = None,
 ) -> Outcome:
     """How often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
-    from benchmarks.attribution import summary
+    from benchmarks.attribution import reliability, summary
     from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from fitting.loop.session import Options
@@ -113,6 +116,8 @@ def attribution(
     ]
     lines = run(orders, workers, output, lambda line: show(summary.case_text(line)))
     changes = [] if compare is None else ["", *summary.compared(read_lines(compare), lines)]
+    if diagram is not None and any("said" in line for line in lines):
+        reliability.draw(lines, diagram)
     content = {
         "selection": selection.as_json(),
         "found_against_lambda": summary.found_against_size(lines),
