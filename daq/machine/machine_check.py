@@ -16,9 +16,8 @@ from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
 from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
 from daq.machine.machine_file_errors import Problem, line_of, of_the_whole
-from daq.machine.plausible import doubts
+from daq.machine.plausible import doubts, valve_doubts
 from daq.machine.travel import travel_of
-from daq.machine.valve_doubts import valve_doubts
 from daq.machine.valves import Valve
 from daq.units import SI_UNITS
 
