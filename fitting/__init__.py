@@ -15,6 +15,7 @@
 ``report``      the report and its figures
 ``loop``        the loop on recordings: session, kinematics, attribution, long recordings
 ``model``       what an identification hands over: evaluated, stored, exported
+``valve``       command to speed of each axis, its effects, its inverse
 ``pipeline``    the stages, their program, the verdict
 ``commands``    the commands of identification
 ==============  ====================================================================================================

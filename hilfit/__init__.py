@@ -21,6 +21,7 @@ from hilfit.machine import Machine
 from hilfit.model import Model, simulate, tracking
 from hilfit.recording import Recording
 from hilfit.result import Result, identify
+from hilfit.valve import ValveResult, identify_valve
 
 __all__ = [
     "HilfitError",
@@ -31,7 +32,9 @@ __all__ = [
     "Recording",
     "Result",
     "Simulated",
+    "ValveResult",
     "identify",
+    "identify_valve",
     "simulate",
     "tracking",
 ]

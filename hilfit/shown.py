@@ -66,6 +66,31 @@ def plot_result(report: Mapping[str, Any], joints: Sequence[str] | None = None) 
     return drawn
 
 
+def plot_valves(report: Mapping[str, Any], joints: Sequence[str] | None = None) -> Figure:
+    """Of each axis the curve of speed over command at the reference drops, and the speed that was measured."""
+    from matplotlib import pyplot as plt
+
+    own = {name: axis for name, axis in report["axes"].items() if joints is None or name in joints}
+    figure, axes = plt.subplots(
+        len(own),
+        2,
+        squeeze=False,
+        figsize=(_WIDTH, 1.3 * _HEIGHT * len(own)),
+        layout="constrained",
+        width_ratios=(1, 2),
+    )
+    for (left, right), (name, axis) in zip(axes, own.items(), strict=True):
+        shown = axis["figures"]
+        left.plot(shown["curve"]["command"], shown["curve"]["speed"], color="#0b6e75")
+        left.set(ylabel=f"{name} [m/s]", xlabel="command [of full]")
+        right.plot(shown["time"], np.array(shown["measured"], dtype=float), color="0.2", label="measured")
+        right.plot(shown["time"], shown["predicted"], "--", color="#0b6e75", label="predicted")
+        right.set(xlabel="time [s]")
+        right.legend(loc="upper right", fontsize="small")
+    drawn: Figure = figure
+    return drawn
+
+
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
     head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
     body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)

@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from daq.machine.joints import Joint
+from daq.machine.machine_file import Machine
 from daq.machine.travel import Travel, travel_of
 from daq.units import SI_UNITS, conversion
 
@@ -124,9 +125,9 @@ def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
                 "write the acceleration of gravity in the base frame in m/s^2, as in [0.0, -9.81, 0.0]; zeros if every "
                 "axis is vertical",
             )
-    supply, flow = (_number(content, "hydraulics", key) for key in ("supply_pressure", "pump_flow"))
-    yield from _PRESSURE.doubts(("hydraulics", "supply_pressure"), supply, "a supply pressure of")
-    yield from _FLOW.doubts(("hydraulics", "pump_flow"), flow, "a flow of")
+    for key, pressure, limit in (("hydraulics", "supply_pressure", "pump_flow"), ("supply", "pressure", "flow_limit")):
+        yield from _PRESSURE.doubts((key, pressure), _number(content, key, pressure), "a supply pressure of")
+        yield from _FLOW.doubts((key, limit), _number(content, key, limit), "a flow of")
 
 
 def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
@@ -325,7 +326,8 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     if bounds is None:
         return
     low, high = (float(there.to_si(value)) for value in bounds)
-    if quantity in ("head_pressure", "rod_pressure", "supply_pressure") and not 5e5 <= high <= 1.5e8:
+    high_pressure = quantity.endswith("_pressure") and quantity != "tank_pressure"
+    if high_pressure and not 5e5 <= high <= 1.5e8:
         yield Doubt(
             (*place, "range"),
             f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",
@@ -340,4 +342,36 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
                 f"covers {100 * max(shared, 0.0) / (limits[1] - limits[0]):.0f} % of the joint's limits: every value "
                 "beyond it counts as saturated",
                 f"write the range in {unit}, or correct the unit",
+            )
+
+
+def valve_doubts(machine: Machine) -> Iterator[Doubt]:
+    """What a valid machine file leaves unsaid of its valves, and what that costs, joint by joint."""
+    for number, joint in enumerate(machine.joints):
+        if joint.cylinder is None or joint.cylinder.valve is None:
+            continue
+        place: Place = ("joints", number, "cylinder", "valve")
+        pressures = [machine.channel(f"{side}_pressure", joint.name) for side in ("head", "rod")]
+        if machine.channel("command", joint.name) is None:
+            yield Doubt(
+                place,
+                "no channel shows what this valve is told, so nothing of it can be identified",
+                f"add a channel of quantity command, joint {joint.name}, in {joint.cylinder.valve.unit}",
+                slight=True,
+            )
+        elif not all(pressures):
+            yield Doubt(
+                place,
+                "without both chamber pressures only the curve and the delay can be told: speeds at another load are "
+                "predicted worse",
+                "add head_pressure and rod_pressure",
+                slight=True,
+            )
+        elif machine.supplied_at is None and machine.channel("supply_pressure") is None:
+            yield Doubt(
+                place,
+                "nothing tells the supply pressure: an orifice that feeds the cylinder cannot be told from a "
+                "compensated valve, and speeds at another load are predicted worse",
+                "add a supply_pressure channel, or supply: {pressure: ...} in Pa",
+                slight=True,
             )

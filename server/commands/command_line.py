@@ -47,6 +47,9 @@ PARTS = (
         },
     ),
     Part(
+        "fitting.commands.valve_command", {"valve": "What speed a valve's command gives, and the command for a speed."}
+    ),
+    Part(
         "fitting.model.cli",
         {
             "predict": "Predict the efforts in a recording by a model.",

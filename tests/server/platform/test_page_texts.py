@@ -138,7 +138,7 @@ MACHINE_FILE = tuple(
     for name in (
         *(
             f"machine/{name}"
-            for name in ("coherence", "joints", "buses", "bus_places", "linkages", "machine_file_errors")
+            for name in ("coherence", "joints", "buses", "bus_places", "linkages", "machine_file_errors", "valves")
         ),
         *("safe_yaml", "machine/plausible", "machine/can_database"),
     )

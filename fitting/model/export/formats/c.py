@@ -122,7 +122,7 @@ def _signature(program: Program, own: Function, kind: str, suffix: str) -> str:
     return f"void {program.name}_{own.name}{suffix}({', '.join(words)})"
 
 
-def _dialect(name: str, kind: str, suffix: str) -> Dialect:
+def dialect_of(name: str, kind: str, suffix: str) -> Dialect:
     own = {word: f"{name}_{word}{suffix}" for word in ("sign", "above", "at_least")}
     maths = {w: f"{w}{suffix}" for w in ("sin", "cos", "exp", "expm1", "tanh", "sqrt", "erf", "hypot")}
     return Dialect(
@@ -148,7 +148,7 @@ def _function(program: Program, own: Function, kind: str, suffix: str) -> dict[s
     """Signature and body of a function."""
     asked = own.variables(lambda name, place: name).values()
     unused = [f"(void){given};" for given in own.arguments if given not in (*asked, "memory")]
-    body = own.assignments(_dialect(program.name, kind, suffix))
+    body = own.assignments(dialect_of(program.name, kind, suffix))
     return {"signature": _signature(program, own, kind, suffix), "body": [*body, *unused]}
 
 

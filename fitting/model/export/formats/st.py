@@ -44,7 +44,7 @@ def _source(program: Program) -> str:
 
 def _block(program: Program, own: Function) -> dict[str, object]:
     """Name, declarations and body of a function block."""
-    body = own.assignments(_dialect(program.name), lambda name, place: indexed(_WORDS.get(name, name), place))
+    body = own.assignments(dialect_of(program.name), lambda name, place: indexed(_WORDS.get(name, name), place))
     local = [name for name, _, _ in (line.partition(" :=") for line in body) if "[" not in name]
     sizes = program.sizes(own)
 
@@ -60,7 +60,7 @@ def _block(program: Program, own: Function) -> dict[str, object]:
     return {"name": own.name, "sections": sections, "body": body}
 
 
-def _dialect(name: str) -> Dialect:
+def dialect_of(name: str) -> Dialect:
     own = {word: f"{name}_{word}" for word in ("sign", "tanh", "expm1", "erf", "hypot")}
     standard = {word: word.upper() for word in ("sin", "cos", "exp", "sqrt", "abs", "max", "min")}
     more = {

@@ -1,0 +1,151 @@
+"""``hilfit valve``: command to speed of every axis, what its model lacks, and the inverse for a controller."""
+
+from __future__ import annotations
+
+import json as json_text
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from daq.console import MachineFile, print_json, progress_bar, reported, show_table
+
+Files = list[Path] | None
+
+
+def register(app: typer.Typer) -> None:
+    """Mount the command."""
+    app.command("valve")(reported(valve))
+
+
+def valve(
+    machine: MachineFile,
+    recordings: Annotated[list[Path], typer.Argument(help="Recordings with commands, positions and pressures.")],
+    validate: Annotated[Files, typer.Option(help="Recording of another motion, to judge by.")] = None,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Directory of the report.")] = Path("hilfit-valve"),
+    no_loop: Annotated[bool, typer.Option("--no-loop", help="Look for no effects.")] = False,
+    bandwidth: Annotated[float | None, typer.Option(help="Of the filter in Hz; 3, or a fifth of the rate.")] = None,
+    columns: Annotated[
+        Path | None,
+        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
+    ] = None,
+    resample: Annotated[
+        bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
+    ] = False,
+    to: Annotated[
+        list[str] | None, typer.Option(help="Write the inverse, too: c, csv, python or st; may be given several times.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print valve.json on standard output.")] = False,
+) -> None:
+    """Identify what speed a command gives, from recordings with commands, and write valve.json."""
+    from daq.errors import InputError
+    from daq.machine.machine_file import load_machine
+    from daq.recordings.column_map import load_map
+    from daq.recordings.recording import read_recording
+    from daq.recordings.recording_files import replacing
+    from fitting.valve.export import export_valve, formats
+    from fitting.valve.identify import identify_valves
+
+    for name in set(to or []) - set(formats()):
+        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a folder with -o")
+    described = load_machine(machine)
+    named = None if columns is None else load_map(columns, described)
+
+    def read(paths: list[Path]) -> list[Any]:
+        return [read_recording(p, described, "operation", columns=named, resample=resample) for p in paths]
+
+    with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:
+        found = identify_valves(
+            described,
+            read(recordings),
+            read(validate or []),
+            bandwidth_hz=bandwidth,
+            loop=not no_loop,
+            progress=lambda share, text: bar(share, 1.0, text),
+        )
+    output.mkdir(parents=True, exist_ok=True)
+    with replacing(output / "valve.json") as temporary:
+        temporary.write_text(json_text.dumps(found.report, indent=1) + "\n", encoding="utf-8")
+    written = [export_valve(own, name, output / "inverse") for own in found.models.values() for name in to or []]
+    if json:
+        print_json(found.report)
+        return
+    print_valves(found.report)
+    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {f}" for own in written for f in own.files)]))
+
+
+def print_valves(report: Mapping[str, Any]) -> None:
+    """The report in a few lines on a terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from fitting.report.text import number, share
+
+    console = Console()
+    curves = Table("axis", "way", "edge (2 % of full speed)", "command", "speed at largest", "law of the pressure")
+    for name, own in report["axes"].items():
+        for way, found in own["directions"].items():
+            if not found["moves"]:
+                curves.add_row(name, way, "never seen to move", "", "", "")
+                continue
+            edge, fastest = found["edge_at_2_percent"], found["speed_at_largest"]
+            curves.add_row(
+                name,
+                way,
+                _with_bar(edge),
+                f"{number(edge['command'], 4)} {edge['command_unit']}",
+                f"{number(fastest['value'])} m/s",
+                found["law"]["title"],
+            )
+    show_table(curves, console)
+    errors = Table(
+        "axis", "delay", "before", "after", "handed out", "static", "ARX(2,2)", "linear", title=_judged(report)
+    )
+    for name, own in report["axes"].items():
+        shown = [share(own["errors"][key]) for key in ("before", "after", "handed_out", "static", "arx", "linear")]
+        errors.add_row(name, f"{_with_bar(own['delay'])} s", *shown)
+    show_table(errors, console)
+    for name, own in report["axes"].items():
+        for line in _sentences(name, own):
+            console.print(line, soft_wrap=True, markup=False, highlight=False)
+    for warning in report["warnings"]:
+        console.print(f"note: {warning}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _judged(report: Mapping[str, Any]) -> str:
+    seen = all(own["errors"]["role"] == "validate" for own in report["axes"].values())
+    return "error over the speed's RMS, on " + ("the other motion" if seen else "what was fitted: give --validate")
+
+
+def _with_bar(value: Mapping[str, Any]) -> str:
+    from fitting.report.text import number, with_std
+
+    return number(value["value"]) if value["std"] is None else with_std(value["value"], value["std"])
+
+
+def _sentences(name: str, own: Mapping[str, Any]) -> list[str]:
+    from fitting.report.text import number, share
+
+    lines = [f"{name}: {check['text']}; {check['cure']}" for check in own["checks"]]
+    for found in own["effects"]:
+        alike = found["indistinguishable_from"]
+        lines.append(
+            f"{name}: {found['title']} (probability {number(found['probability'], 2)}): on rows left out "
+            f"{share(found['error_before'])} -> {share(found['error_after'])}"
+            + (f"; not to be told from {', '.join(alike)}: {found['experiment']}" if alike else "")
+        )
+    if not own["effects"]:
+        lines.append(f"{name}: no effect stands out of what is left")
+    if own["pump_limit"] is not None:
+        lines.append(f"{name}: the pump gives at most {number(own['pump_limit']['value'] * 6e4)} l/min")
+    reasons = {
+        "before": "what was found does not hold on the other motion; the model without it is handed out",
+        "static": "on the other motion nothing is better than a static curve, which is handed out",
+    }
+    if own["handed_out"] in reasons:
+        lines.append(f"{name}: {reasons[own['handed_out']]}")
+    return lines

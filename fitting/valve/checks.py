@@ -1,0 +1,103 @@
+"""Mistakes in what was recorded of a valve: another axis' command, its sign, before the dead band's compensation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from daq.machine.machine_file import Machine
+from fitting.valve.fit import Fit, fitted
+from fitting.valve.model import DELAY, WAYS, Structure
+from fitting.valve.rows import Axis
+
+#: m/s, and share of full command: below that an axis stands.
+STILL_SPEED, STILL_COMMAND = 1e-3, 0.02
+#: Of an error turned round or left as it is: nobody's command explains less.
+_TURNED, _NOTHING = 0.5, 0.8
+#: Share of full command: a dead band below it was taken off before the command was recorded.
+_NO_EDGE = 0.01
+#: Largest command that leaves much of a valve unseen.
+_FAR = 0.6
+
+
+def moves(axis: Axis) -> bool:
+    """Whether the axis is told to move, and does."""
+    if not axis.keep.any() or float(np.ptp(axis.signals.u)) < STILL_COMMAND:
+        return False
+    return float(np.sqrt(np.mean(axis.speed[axis.keep] ** 2))) > STILL_SPEED
+
+
+#: Code, text and cure.
+Check = tuple[str, str, str]
+
+
+def axis_checks(machine: Machine, axis: Axis, fit: Fit) -> list[dict[str, str]]:
+    """What may be wrong, each with its cure."""
+    channel = machine.channel("command", axis.joint.name)
+    name = "command" if channel is None else channel.name
+    found = [*_of_the_command(name, axis, fit), *_of_the_motion(axis, fit), *_of_the_pressures(axis)]
+    return [{"code": code, "joint": axis.joint.name, "text": text, "cure": cure} for code, text, cure in found]
+
+
+def _of_the_command(name: str, axis: Axis, fit: Fit) -> Iterator[Check]:
+    misfit = fitted(axis, Structure()).misfit if fit.misfit > _TURNED else fit.misfit
+    if misfit > _TURNED:
+        signals = replace(axis.signals, u=-axis.signals.u)
+        turned = fitted(replace(axis, signals=signals), Structure()).misfit
+        if turned < _TURNED * misfit:
+            yield (
+                "command_sign",
+                f"{name} looks as if it had the wrong sign: turned round it leaves {turned:.2f} of the speed "
+                f"unexplained, not {misfit:.2f}",
+                f"write extends: {-axis.valve.extends} in its valve, or look at swapped position and pressures",
+            )
+        elif misfit > _NOTHING:
+            yield (
+                "command_axis",
+                f"{name} explains next to nothing of the speed ({misfit:.2f} of it is left)",
+                "look whether it is the command of this axis, and in time with the positions",
+            )
+    edges = [fit.shape[f"edge.{way}"] for way in WAYS if _moves(fit, way)]
+    if edges and max(edges) < _NO_EDGE and fit.misfit < _TURNED:
+        yield (
+            "before_compensation",
+            f"{name} shows no dead band: it looks recorded before the controller's compensation",
+            "record the value that is sent to the amplifier; what is before it tells of the controller",
+        )
+    if fit.shape["delay"] > 0.98 * DELAY[2]:
+        yield (
+            "late",
+            f"{name} is {fit.shape['delay']:.2f} s ahead of the speed, which is all that was searched",
+            "look at the clocks of both buses",
+        )
+
+
+def _of_the_motion(axis: Axis, fit: Fit) -> Iterator[Check]:
+    for way, most in zip(WAYS, axis.largest, strict=True):
+        if not _moves(fit, way):
+            text = f"{axis.joint.name} was never seen to {way} by its valve"
+            yield "one_way", text, "record motion in both directions"
+        elif most < _FAR:
+            yield (
+                "unvisited",
+                f"commands that {way} beyond {100 * most:.0f} % of full were never recorded",
+                "record higher levels; the inverse is clipped there",
+            )
+
+
+def _of_the_pressures(axis: Axis) -> Iterator[Check]:
+    if not axis.has_pressures:
+        yield "no_pressures", "no chamber pressures: the curve and the delay only", "add head_pressure and rod_pressure"
+    elif not axis.has_supply:
+        yield (
+            "no_supply",
+            "nobody knows the supply pressure: an orifice that feeds the cylinder cannot be told from a compensated "
+            "valve, and speeds at another load are predicted worse",
+            "add a supply_pressure channel, or supply: {pressure: ...}",
+        )
+
+
+def _moves(fit: Fit, way: str) -> bool:
+    return any(gain > 0 for name, gain in fit.gains.items() if name.startswith(f"gain.{way}"))

@@ -1,0 +1,307 @@
+"""Effects of the level "valve": what a command's way to a speed may have beyond edges, gains, delay and pressure law.
+
+Each is one object with the hooks of :class:`ValveEffect`: it changes the command, the delay, the factor of an
+opening, adds columns, or limits the whole. ``starts`` are the shapes from which a search begins anew: an optimum that
+was found without the effect has bent the edges and the delay, and leads nowhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from fitting.arrays import BoolArray, FloatArray
+from fitting.valve.laws import Bounds, root
+
+if TYPE_CHECKING:
+    from fitting.valve.rows import Axis, Signals
+
+Shape = Mapping[str, float]
+#: K: oil at 40 degrees Celsius, where gains are given if its temperature is measured.
+REFERENCE = 313.15
+#: Pressure drops (N,) at inlet and outlet of the direction, over their references.
+Drops = tuple[FloatArray, FloatArray]
+
+
+class ValveEffect:
+    """Base of the effects; every hook leaves things as they are."""
+
+    id: ClassVar[str]
+    title: ClassVar[str]
+    level: ClassVar[str] = "valve"
+    equation: ClassVar[str]
+    #: Numbers that are searched, by names that begin with the effect's own: start, least, largest.
+    shape: ClassVar[Mapping[str, Bounds]] = {}
+    units: ClassVar[Mapping[str, str]] = {}
+    starts: ClassVar[Sequence[Shape]] = ({},)
+    confounders: ClassVar[tuple[str, ...]] = ()
+    experiment: ClassVar[str]
+    look_at: ClassVar[str]
+    source: ClassVar[str]
+
+    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+        """Whether what is measured could show it, beside the laws of the pressure that were chosen."""
+        return True
+
+    def command(self, u: FloatArray, shape: Shape) -> FloatArray:
+        """The command (N,) that the spool follows."""
+        return u
+
+    def delay(self, way: int, shape: Shape) -> float:
+        """What is added to the delay of a direction, s."""
+        return 0.0
+
+    def factor(
+        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
+    ) -> FloatArray:
+        """What an opening is multiplied by (N,), from what it would be without this effect."""
+        return own
+
+    def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
+        """Further linear columns (N,); ``share`` is that of the head's balance in the speed."""
+        return {}
+
+    def limited(self, columns: dict[str, FloatArray], signals: Signals, shape: Shape) -> dict[str, FloatArray]:
+        """All columns (N,) by their names, once everything else is in them."""
+        return columns
+
+    def starts_of(self, axis: Axis) -> Sequence[Shape]:
+        """Shapes from which the search begins anew."""
+        return self.starts
+
+    def beside(self, axis: Axis) -> tuple[str, str] | None:
+        """Laws of the pressure that the effect is tried beside, too: without it others may have been chosen."""
+        return None
+
+
+class Hysteresis(ValveEffect):
+    """The spool stays where it is until the command has gone a little way: friction, and the solenoid's remanence."""
+
+    id = "spool_hysteresis"
+    title = "hysteresis of the spool"
+    equation = "spool = play(u, h): |spool - u| <= h"
+    shape: ClassVar = {"spool_hysteresis.width": (0.01, 0.0, 0.15)}
+    units: ClassVar = {"spool_hysteresis.width": "of full command, either side"}
+    starts = ({"spool_hysteresis.width": 0.008}, {"spool_hysteresis.width": 0.03})
+    confounders = ("delay_per_direction",)
+    experiment = "the ladder of small steps around each edge, up and down, at two speeds"
+    look_at = "dither of the amplifier, dirt in the spool, the solenoid"
+    source = "Merritt 1967, 10-5"
+
+    def command(self, u: FloatArray, shape: Shape) -> FloatArray:
+        width, spool, out = shape["spool_hysteresis.width"], float(u[0]), []
+        for own in u.tolist():
+            if own - width > spool:
+                spool = own - width
+            elif own + width < spool:
+                spool = own + width
+            out.append(spool)
+        return np.array(out)
+
+
+class DelayPerDirection(ValveEffect):
+    """One direction answers later: one solenoid of two, a longer hose, a load-holding valve that opens late."""
+
+    id = "delay_per_direction"
+    title = "another delay in each direction"
+    equation = "T_extend = T + d, T_retract = T - d"
+    shape: ClassVar = {"delay_per_direction.half": (0.05, -0.25, 0.25)}
+    units: ClassVar = {"delay_per_direction.half": "s"}
+    starts = ({"delay_per_direction.half": 0.06}, {"delay_per_direction.half": -0.06})
+    confounders = ("spool_hysteresis",)
+    experiment = "steps of both signs from rest"
+    look_at = "the two solenoids, and a counterbalance valve"
+    source = "measured"
+
+    def delay(self, way: int, shape: Shape) -> float:
+        half = shape["delay_per_direction.half"]
+        return half if way == 0 else -half
+
+
+class WarmUp(ValveEffect):
+    """Speeds grow as the oil gets warm (or fall, of a laminar metering edge)."""
+
+    id = "warm_up"
+    title = "speeds that change as the oil gets warm"
+    equation = "g (1 + a (theta - theta_0) / 10 K), or without a sensor g (1 + a exp(-t / tau))"
+    shape: ClassVar = {"warm_up.share": (-0.05, -0.6, 0.6), "warm_up.tau": (30.0, 3.0, 600.0)}
+    units: ClassVar = {
+        "warm_up.share": "per 10 K, or at the beginning",
+        "warm_up.tau": "s, of no meaning with a sensor",
+    }
+    starts = (
+        {"warm_up.share": -0.1, "warm_up.tau": 15.0},
+        {"warm_up.share": -0.1, "warm_up.tau": 120.0},
+        {"warm_up.share": 0.1, "warm_up.tau": 60.0},
+    )
+    confounders = ("pump_flow_limit",)
+    experiment = "the same cycle cold and warm, with the oil's temperature"
+    look_at = "oil temperature and viscosity grade"
+    source = "Merritt 1967, 3-3"
+
+    def factor(
+        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
+    ) -> FloatArray:
+        if signals.warm:
+            return own * np.maximum(1.0 + shape["warm_up.share"] * (signals.temperature - REFERENCE) / 10.0, 0.05)
+        return own * (1.0 + shape["warm_up.share"] * np.exp(-signals.clock / shape["warm_up.tau"]))
+
+
+class OverrunningLoad(ValveEffect):
+    """A load that pulls is held by the oil that leaves: there the outlet's edge decides, not the inlet's."""
+
+    id = "overrunning_load"
+    title = "the outlet's edge decides where the load pulls"
+    equation = "f = r sqrt(d_out / d_out0) where (p_head A1 - p_rod A2) is along the motion"
+    shape: ClassVar = {f"overrunning_load.{way}": (1.0, 0.05, 10.0) for way in ("extend", "retract")}
+    units: ClassVar = dict.fromkeys(shape, "of the inlet's edge, at the reference drops")
+    starts = tuple({"overrunning_load.extend": r, "overrunning_load.retract": r} for r in (0.7, 1.3))
+    confounders = ("undeclared_orifice",)
+    experiment = "the same speeds with the load pulling and pushing"
+    look_at = "counterbalance and throttle-check valves, the outlet edges of the spool"
+    source = "Merritt 1967, 5-6"
+
+    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+        if not axis.has_pressures:
+            return False
+        pulling = [_pulls(axis.signals, way, axis.areas) & (sign * axis.signals.u > 0) for way, sign in _SIGNS.items()]
+        return bool(np.any(pulling))
+
+    def beside(self, axis: Axis) -> tuple[str, str] | None:
+        return ("none", "none")
+
+    def factor(
+        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
+    ) -> FloatArray:
+        pulls = _pulls(signals, way, areas)
+        return np.where(pulls, shape[f"overrunning_load.{way}"] * root(drops[1]), own)
+
+
+_SIGNS = {"extend": 1.0, "retract": -1.0}
+
+
+def _pulls(signals: Signals, way: str, areas: tuple[float, float]) -> BoolArray:
+    """Where (N,) the load is along a direction's motion."""
+    force = signals.pressures[0] * areas[0] - signals.pressures[1] * areas[1]
+    return np.asarray(_SIGNS[way] * force < 0.0)
+
+
+class UndeclaredOrifice(ValveEffect):
+    """A valve that is declared compensated and is not, or whose compensator is stuck."""
+
+    id = "undeclared_orifice"
+    title = "an orifice where the machine file says compensated"
+    equation = "f = sqrt((p_s - p_in) / d_0)"
+    confounders = ("overrunning_load",)
+    experiment = "the same command at two loads"
+    look_at = "the compensator, and compensated: of the machine file"
+    source = "Merritt 1967, 5-3"
+
+    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+        return axis.has_supply and axis.valve.compensated is True
+
+    def factor(
+        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
+    ) -> FloatArray:
+        return root(drops[0])
+
+
+class PistonLeak(ValveEffect):
+    """Oil that passes the piston's seal, in proportion to the pressure across it."""
+
+    id = "piston_leak"
+    title = "a leak past the piston"
+    equation = "Q = c (p_head - p_rod)"
+    confounders = ("port_leak",)
+    experiment = "rest with the valve closed at a loaded pose: the head's pressure falls and the rod's rises"
+    look_at = "the piston's seal"
+    source = "Merritt 1967, 5-4"
+
+    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+        return axis.has_pressures
+
+    def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
+        across = signals.pressures[0] - signals.pressures[1]
+        return {"piston_leak": -across * (share / areas[0] + (1.0 - share) / areas[1])}
+
+
+class PortLeak(ValveEffect):
+    """Oil that leaves a closed port to the tank: the spool's own leak, a relief valve that does not close."""
+
+    id = "port_leak"
+    title = "a leak from the ports to the tank"
+    equation = "Q_i = c (p_i - p_tank)"
+    confounders = ("piston_leak",)
+    experiment = "rest with the valve closed at a loaded pose: both pressures fall, and the load sinks"
+    look_at = "the spool, relief and anti-cavitation valves"
+    source = "Merritt 1967, 5-4"
+
+    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+        return axis.has_pressures
+
+    def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
+        head, rod = (own - signals.tank for own in signals.pressures)
+        return {"port_leak": -share * head / areas[0] + (1.0 - share) * rod / areas[1]}
+
+
+class PumpFlowLimit(ValveEffect):
+    """The pump gives no more: what is asked beyond that is not there.
+
+    ``openings`` are those at which this axis alone takes all that the pump gives; the flow itself shows where others
+    take part of it.
+    """
+
+    id = "pump_flow_limit"
+    title = "the pump's flow limit"
+    equation = "A |v| <= Q - sum of the others' A |v|"
+    shape: ClassVar = {
+        "pump_flow_limit.flow": (5e-4, 1e-6, 1e-1),
+        "pump_flow_limit.extend": (0.5, 0.01, 1.5),
+        "pump_flow_limit.retract": (0.5, 0.01, 1.5),
+    }
+    units: ClassVar = {
+        "pump_flow_limit.flow": "m^3/s",
+        "pump_flow_limit.extend": "of full command, beyond the edge",
+        "pump_flow_limit.retract": "of full command, beyond the edge",
+    }
+    confounders = ("warm_up",)
+    experiment = "all axes together, faster than the pump can, and each alone"
+    look_at = "the pump, its drive and its setting; supply.flow_limit of the machine file"
+    source = "continuity"
+
+    def beside(self, axis: Axis) -> tuple[str, str] | None:
+        return ("meter_in", "meter_in") if axis.has_supply and axis.valve.compensated is not True else None
+
+    def starts_of(self, axis: Axis) -> Sequence[Shape]:
+        own = np.where(axis.speed > 0, axis.areas[0] * axis.speed, -axis.areas[1] * axis.speed)
+        most = max(float(np.quantile(own + axis.reduced(axis.signals.others), 0.98)), 1e-5)
+        return [
+            {"pump_flow_limit.flow": most, "pump_flow_limit.extend": share, "pump_flow_limit.retract": share}
+            for share in (0.25, 0.5, 0.8)
+        ]
+
+    def limited(self, columns: dict[str, FloatArray], signals: Signals, shape: Shape) -> dict[str, FloatArray]:
+        left = np.clip(1.0 - signals.others / shape["pump_flow_limit.flow"], 0.0, 1.0)
+        for way in ("extend", "retract"):
+            name = f"gain.{way}"
+            if name in columns:
+                most = shape[f"pump_flow_limit.{way}"] * left
+                columns[name] = np.clip(columns[name], -most, most)
+        return columns
+
+
+EFFECTS: dict[str, ValveEffect] = {
+    effect.id: effect
+    for effect in (
+        Hysteresis(),
+        DelayPerDirection(),
+        WarmUp(),
+        OverrunningLoad(),
+        UndeclaredOrifice(),
+        PistonLeak(),
+        PortLeak(),
+        PumpFlowLimit(),
+    )
+}

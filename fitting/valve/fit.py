@@ -1,0 +1,217 @@
+"""Fitting a valve's model: a grid, then Gauss and Newton with the linear parameters projected out.
+
+Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
+at each point; from its best point the shape is refined. Intervals are those of a sandwich: the residual hangs
+together over one or two seconds, so scores are summed over that long (Bartlett's weights), and recordings differ from
+one another by more than that, which counts where three or more were fitted.
+
+Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); W. Newey and K. West,
+Econometrica 55, 1987 (scores); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy import optimize
+
+from fitting.arrays import FloatArray
+from fitting.estimators.covariance import series_scores
+from fitting.valve.laws import Bounds
+from fitting.valve.model import Shape, Structure, columns, solved
+from fitting.valve.rows import Axis
+
+#: s, and share of full command, of the grid.
+DELAYS = tuple(np.round(np.arange(0.0, 0.65, 0.08), 3))
+EDGES = (0.0, 0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4)
+#: Of a search that begins anew with another shape.
+COARSE = (DELAYS[::2], EDGES[::2])
+#: Of the delay's profile, s.
+PROFILE = tuple(np.round(np.arange(0.0, 0.61, 0.05), 3))
+#: s over which a residual hangs together.
+MEMORY = 1.5
+#: Of a number's scale: steps of derivatives. The command has steps itself, and a smaller one sees single samples.
+_STEP = 1e-2
+_ITERATIONS = 15
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    axis, structure : what was fitted to what
+    shape : numbers that were searched
+    gains : linear parameters by name: m/s per full command, 1/Pa, ...
+    residual : (M,) m/s, measured less predicted; 0 in rows that are left out
+    """
+
+    axis: Axis
+    structure: Structure
+    shape: Shape
+    gains: Mapping[str, float]
+    residual: FloatArray = field(repr=False)
+
+    @property
+    def misfit(self) -> float:
+        """RMS of the error over that of the speed."""
+        return relative(self.axis, self.residual)
+
+    @cached_property
+    def jacobian(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names of all free parameters, and what each does to the predicted speed, (M, p); 0 in rows left out.
+
+        What stands at the end of its interval is not free.
+        """
+        axis, structure = self.axis, self.structure
+        names, matrix = columns(axis, structure, self.shape)
+        gains = np.array([self.gains[name] for name in names])
+        free = [n for n in names if self.gains[n] > 0]
+        found = [matrix[:, [names.index(n) for n in free]]]
+        for name, (start, low, high) in structure.shape().items():
+            step = _STEP * scale_of((start, low, high))
+            ends = [min(max(self.shape[name] + s, low), high) for s in (-step, step)]
+            if not low + 1e-6 * step < self.shape[name] < high - 1e-6 * step:
+                continue
+            sides = [columns(axis, structure, {**self.shape, name: end})[1] @ gains for end in ends]
+            slope = (sides[1] - sides[0]) / (ends[1] - ends[0])
+            if np.any(slope[axis.keep]):
+                free.append(name)
+                found.append(slope[:, None])
+        return tuple(free), np.where(axis.keep[:, None], np.column_stack(found), 0.0)
+
+    @cached_property
+    def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
+        """Names of the free parameters, and their covariance (p, p): see the module's text."""
+        names, J = self.jacobian
+        size = np.linalg.norm(J, axis=0)
+        bread = np.linalg.pinv((J / size).T @ (J / size)) / np.outer(size, size)
+        lags = max(1, round(MEMORY * self.axis.bank.reduced_rate_hz))
+        rng = np.random.default_rng(0)  # unused by sums over lags
+        groups = [self.axis.recordings == number for number in np.unique(self.axis.recordings)]
+        inside = sum(series_scores(J[g], self.residual[g], lags, rng) for g in groups)
+        count = int(np.count_nonzero(self.axis.keep))
+        S = bread @ inside @ bread * (count / max(count - len(names), 1))
+        if len(groups) >= 3:
+            scores = np.array([J[g].T @ self.residual[g] for g in groups])
+            between = bread @ (scores.T @ scores) @ bread * (len(groups) / (len(groups) - 1))
+            more = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(S), 1e-300), 1.0))
+            S = S * np.outer(more, more)
+        return names, S
+
+    def std(self, name: str) -> float | None:
+        """Standard deviation of a parameter; None where it stands at the end of its interval, or is not there."""
+        names, S = self.covariance
+        return float(np.sqrt(S[names.index(name), names.index(name)])) if name in names else None
+
+
+def relative(axis: Axis, residual: FloatArray) -> float:
+    """RMS of an error (M,) over that of the measured speed, over rows that are kept."""
+    keep = axis.keep
+    return float(np.sqrt(np.mean(residual[keep] ** 2) / max(float(np.mean(axis.speed[keep] ** 2)), 1e-30)))
+
+
+def scale_of(bounds: Bounds) -> float:
+    """A usual change of a number that is searched."""
+    start, low, high = bounds
+    return max(abs(start), 0.02 * (high - low)) if start else 0.05 * (high - low)
+
+
+def predicted(axis: Axis, fit: Fit) -> FloatArray:
+    """Filtered speed (M,) that a fit predicts for an axis, of other recordings too."""
+    names, matrix = columns(axis, fit.structure, fit.shape)
+    return np.asarray(matrix @ np.array([fit.gains.get(name, 0.0) for name in names]))
+
+
+def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iterations: int = _ITERATIONS) -> Fit:
+    """The model fitted to an axis.
+
+    Parameters
+    ----------
+    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held
+    """
+    bounds = structure.shape()
+    begun = {name: own[0] for name, own in bounds.items()} | dict(start or {})
+    if start is None or "delay" not in start:
+        begun |= _grid(axis, structure, begun, (DELAYS, EDGES) if start is None else COARSE)
+    return _refined(axis, structure, {name: begun[name] for name in bounds}, (), iterations)
+
+
+def profile(fit: Fit) -> list[tuple[float, float]]:
+    """The whole model's misfit over the delay, s, everything else at its best for each."""
+    found = []
+    for delay in PROFILE:
+        own = _refined(fit.axis, fit.structure, {**fit.shape, "delay": delay}, ("delay",), iterations=5)
+        found.append((float(delay), own.misfit))
+    return found
+
+
+def _grid(
+    axis: Axis, structure: Structure, shape: Shape, points: tuple[tuple[float, ...], tuple[float, ...]]
+) -> dict[str, float]:
+    """The best delay and edges of a grid."""
+    keep, y = axis.keep, axis.speed[axis.keep]
+    best, where = np.inf, dict[str, float]()
+    for delay in points[0]:
+        tried = []
+        for edge in points[1]:
+            here = {**shape, "delay": delay, "edge.extend": edge, "edge.retract": edge}
+            names, matrix = columns(axis, structure, here)
+            tried.append(matrix[keep])
+        whole = np.column_stack(tried)
+        gram, product = whole.T @ whole, whole.T @ y
+        one, other = (np.array([name.startswith(f"gain.{way}") for name in names]) for way in ("extend", "retract"))
+        rest = np.flatnonzero(~(one | other))
+        for first in range(len(tried)):
+            for second in range(len(tried)):
+                place = np.concatenate(
+                    [np.flatnonzero(one) + first * len(names), np.flatnonzero(other) + second * len(names), rest]
+                )
+                own, right = gram[np.ix_(place, place)], product[place]
+                scale = np.sqrt(np.maximum(np.diag(own), 1e-30))
+                answer = np.linalg.solve(own / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)), right / scale)
+                cost = float(y @ y - answer @ (right / scale))
+                if cost < best and np.all(answer[: -len(rest) or None] >= -1e-9):
+                    best = cost
+                    where = {"delay": delay, "edge.extend": points[1][first], "edge.retract": points[1][second]}
+    return where
+
+
+def _refined(
+    axis: Axis, structure: Structure, shape: Shape, held: tuple[str, ...], iterations: int = _ITERATIONS
+) -> Fit:
+    bounds = structure.shape()
+    free = [name for name in shape if name not in held]
+    scales = np.array([scale_of(bounds[name]) for name in free])
+    low, high = (np.array([bounds[name][k] for name in free]) / scales for k in (1, 2))
+    keep, y = axis.keep, axis.speed
+
+    def at(z: FloatArray) -> dict[str, float]:
+        return {**shape, **dict(zip(free, (z * scales).tolist(), strict=True))}
+
+    def residual(z: FloatArray) -> FloatArray:
+        matrix = columns(axis, structure, at(z))[1][keep]
+        return np.asarray(y[keep] - matrix @ solved(matrix, y[keep]))
+
+    def slope(z: FloatArray) -> FloatArray:
+        here, out = residual(z), []
+        for k in range(len(z)):
+            step = _STEP if z[k] + _STEP <= high[k] else -_STEP
+            moved = z.copy()
+            moved[k] += step
+            out.append((residual(moved) - here) / step)
+        return np.column_stack(out)
+
+    begin = np.clip([shape[name] for name in free] / scales, low + 1e-6, high - 1e-6)
+    answer = optimize.least_squares(
+        residual, begin, jac=slope, bounds=(low, high), max_nfev=iterations, xtol=1e-5, ftol=1e-7
+    )
+    found = at(answer.x)
+    names, matrix = columns(axis, structure, found)
+    gains = solved(matrix[keep], y[keep])
+    left = np.where(keep, y - matrix @ gains, 0.0)
+    return Fit(axis, structure, found, dict(zip(names, gains.tolist(), strict=True)), left)

@@ -1,0 +1,317 @@
+"""From recordings to a report on each axis' valve (schema ``hilfit/valve/1``) and the models that are handed out."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from daq.errors import InputError
+from daq.machine.joints import Joint
+from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
+from fitting.valve.checks import axis_checks, moves
+from fitting.valve.choose import Candidate, Chosen, chosen
+from fitting.valve.effects import EFFECTS
+from fitting.valve.fit import Fit, predicted, profile, relative
+from fitting.valve.inverse import ValveModel, model_of
+from fitting.valve.laws import LAWS
+from fitting.valve.model import WAYS, Structure
+from fitting.valve.peers import peers_of
+from fitting.valve.rows import Axis, axis_of
+
+SCHEMA = "hilfit/valve/1"
+#: Share of full speed at whose command an edge is reported: what a controller needs does not hang on the exponent then.
+EDGE_SPEED = 0.02
+_NORMAL_95 = 1.959964
+_UNITS = {"delay": "s", "margin": "Pa", "exponent": "1", "power": "1"}
+#: Points of the curves of a report.
+_POINTS = 61
+
+
+@dataclass(frozen=True)
+class Identified:
+    """Valves of a machine.
+
+    Attributes
+    ----------
+    report : content of ``valve.json`` (schema ``hilfit/valve/1``)
+    models : what is handed out, by joint
+    """
+
+    report: dict[str, Any]
+    models: dict[str, ValveModel]
+
+
+def identify_valves(
+    machine: Machine,
+    recordings: Sequence[Recording],
+    validate: Sequence[Recording],
+    *,
+    bandwidth_hz: float | None = None,
+    loop: bool = True,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> Identified:
+    """Identify command to speed of every axis whose command was recorded.
+
+    Parameters
+    ----------
+    recordings : what is fitted; several, so that laws are chosen on another motion
+    validate : another motion, on which nothing is chosen but that nothing is handed out which is worse there than a
+        static curve; may be empty
+    loop : whether effects are looked for
+    progress : called with the share done and what is being done
+
+    Raises
+    ------
+    InputError
+        If no axis has a command, or none moves.
+    """
+    joints = [joint for joint in machine.joints if machine.channel("command", joint.name) is not None]
+    if not joints:
+        raise InputError(
+            f"machine '{machine.name}' has no channel of quantity command; add one for each valve that is recorded"
+        )
+    if not recordings:
+        raise InputError("valve: no recording; give at least one in which the axes move by their valves")
+    axes: dict[str, Any] = {}
+    models: dict[str, ValveModel] = {}
+    resting = []
+    for number, joint in enumerate(joints):
+        progress(number / len(joints), f"the valve of {joint.name}")
+        axis = axis_of(machine, joint, recordings, bandwidth_hz=bandwidth_hz)
+        if not moves(axis):
+            resting.append(joint.name)
+            continue
+        judged = None
+        if validate:
+            judged = axis_of(machine, joint, validate, bandwidth_hz=bandwidth_hz, drops=axis.drops)
+            judged = judged if moves(judged) else None
+        axes[joint.name], models[joint.name] = _of_axis(machine, joint, axis, judged, loop=loop)
+    if not axes:
+        raise InputError(
+            f"{recordings[0].file}: {', '.join(resting)}: no axis is moved by its command; record a motion, or look "
+            "whether the command channel is that of this axis"
+        )
+    report = {
+        "schema": SCHEMA,
+        "machine": machine.name,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "software": {"hilfit": version("hilfit"), "python": platform.python_version(), "numpy": version("numpy")},
+        "data": [
+            {"role": role, "file": own.file, "sha256": own.sha256, "samples": len(own)}
+            for role, several in (("train", recordings), ("validate", validate))
+            for own in several
+        ],
+        "axes": axes,
+        "resting": resting,
+        "warnings": [
+            f"{name}: does not move by its command in any recording; nothing is said of it" for name in resting
+        ],
+    }
+    return Identified(report, models)
+
+
+def _of_axis(
+    machine: Machine, joint: Joint, axis: Axis, judged: Axis | None, *, loop: bool
+) -> tuple[dict[str, Any], ValveModel]:
+    picked = chosen(axis, loop=loop)
+    peers = peers_of(axis, judged or axis)
+    fit, handed = picked.fit, "model"
+    errors: dict[str, Any] = {
+        "role": "train" if judged is None else "validate",
+        "unit": "of the speed's RMS",
+        "before": _error(picked.base, judged),
+        "after": _error(fit, judged),
+        "linear": _finite(peers.linear),
+        "arx": _finite(peers.arx),
+        "static": _finite(peers.static),
+        "speed_rms": float(np.sqrt(np.mean((judged or axis).speed[(judged or axis).keep] ** 2))),
+    }
+    if judged is not None and errors["after"] > errors["before"]:
+        fit, handed = picked.base, "before"  # what was found does not hold on another motion
+    if judged is not None and _error(fit, judged) > peers.static:
+        fit, handed = peers.curve, "static"
+    errors["handed_out"] = _error(fit, judged)
+    limit = _pump_limit(fit)
+    model = model_of(
+        fit,
+        error=None if judged is None else errors["handed_out"],
+        pump_limit=machine.pump_limit if limit is None else limit,
+    )
+    reached = [own.largest for own in model.directions]
+    content = {
+        "unit": axis.valve.unit,
+        "full": axis.valve.full,
+        "bandwidth_hz": axis.bank.bandwidth_hz,
+        "rows": {"kept": int(np.count_nonzero(axis.keep)), "all": len(axis.keep)},
+        "measured": {"pressures": axis.has_pressures, "supply": axis.has_supply, "oil_temperature": axis.signals.warm},
+        "handed_out": handed,
+        "delay": {**_value(fit, "delay", "s"), "profile": [list(point) for point in profile(fit)]},
+        "directions": {way: _direction(fit, model, number) for number, way in enumerate(WAYS)},
+        "stiffness": _stiffness(fit),
+        "pump_limit": None if limit is None else {"value": limit, "unit": "m^3/s"},
+        "errors": errors,
+        "laws": picked.laws,
+        "effects": [_effect(found, alike, fit) for found, alike in zip(picked.found, picked.sets, strict=True)],
+        "verdict": _verdict(picked),
+        "candidates": [[_candidate(c) for c in step] for step in picked.steps],
+        "checks": axis_checks(machine, axis, picked.fit),
+        "largest_recorded": dict(zip(WAYS, reached, strict=True)),
+        "model": model.to_json(),
+        "figures": _figures(fit, model, judged or axis),
+    }
+    return content, model
+
+
+def _error(fit: Fit, judged: Axis | None) -> float:
+    return fit.misfit if judged is None else relative(judged, judged.speed - predicted(judged, fit))
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _value(fit: Fit, name: str, unit: str, factor: float = 1.0) -> dict[str, Any]:
+    value = factor * (fit.shape[name] if name in fit.shape else fit.gains[name])
+    std = fit.std(name)
+    if std is None:
+        return {"value": value, "std": None, "ci95": None, "unit": unit}
+    half = _NORMAL_95 * factor * std
+    return {"value": value, "std": factor * std, "ci95": [value - half, value + half], "unit": unit}
+
+
+def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
+    name, own = WAYS[way], model.directions[way]
+    if own.fastest <= 0.0:
+        return {"moves": False}
+    found = {
+        "moves": True,
+        "edge": _value(fit, f"edge.{name}", "of full command"),
+        "edge_at_2_percent": _edge(fit, model, way),
+        "curve": fit.structure.curve,
+        "law": {"id": own.law, "title": LAWS[own.law].title},
+        "reference_drop": {"inlet": own.drop_in, "outlet": own.drop_out, "unit": "Pa"},
+        "speed_at_largest": {"value": own.fastest, "unit": "m/s"},
+    }
+    if fit.structure.curve != "monotone":
+        found["gain"] = _value(fit, f"gain.{name}", "m/s per full command" if own.power == 1.0 else "m/s")
+    for key in [*own.law_shape, *(["power"] if fit.structure.curve == "power" else [])]:
+        found[key] = _value(fit, f"{key}.{name}", _UNITS[key])
+    return found
+
+
+def _edge(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
+    """The command that gives 2 % of the speed at the largest one, at the reference drops, with its interval."""
+    own, name, valve = model.directions[way], WAYS[way], fit.axis.valve
+
+    def at(shape: dict[str, float]) -> float:
+        edge = shape[f"edge.{name}"]
+        power = shape.get(f"power.{name}", 1.0)
+        if own.openings:
+            return edge + own.opening(EDGE_SPEED * own.fastest)
+        return edge + float(EDGE_SPEED ** (1.0 / power)) * (own.largest - edge)
+
+    names, S = fit.covariance
+    here, slopes = at(dict(fit.shape)), np.zeros(len(names))
+    for key in (f"edge.{name}", f"power.{name}"):
+        if key in names:
+            moved = {**fit.shape, key: fit.shape[key] + 1e-4}
+            slopes[names.index(key)] = (at(moved) - here) / 1e-4
+    std = float(np.sqrt(max(float(slopes @ S @ slopes), 0.0))) or None
+    sign = (1.0, -1.0)[way] * valve.extends
+    return {
+        "value": here,
+        "std": std,
+        "ci95": None if std is None else [here - _NORMAL_95 * std, here + _NORMAL_95 * std],
+        "unit": "of full command",
+        "command": valve.neutral + sign * here * valve.full,
+        "command_unit": valve.unit,
+    }
+
+
+def _stiffness(fit: Fit) -> dict[str, Any] | None:
+    if not fit.structure.stiffness:
+        return None
+    compliance, hoses = fit.gains["compliance"], fit.gains["hoses"]
+    return {
+        "bulk_modulus": None if compliance <= 0 else {"value": 1.0 / compliance, "unit": "Pa"},
+        "dead_volume": None if compliance <= 0 else {"value": hoses / compliance, "unit": "m^3"},
+    }
+
+
+def _pump_limit(fit: Fit) -> float | None:
+    """The flow that the pump gives, by the direction that is limited more often; None where none was seen."""
+    if "pump_flow_limit" not in fit.structure.effects:
+        return None
+    signals, shape = fit.axis.signals, fit.shape
+    if float(np.ptp(signals.others)) * 10.0 > shape["pump_flow_limit.flow"]:
+        return float(shape["pump_flow_limit.flow"])
+    counts = [
+        np.count_nonzero(sign * signals.u - shape[f"edge.{way}"] > shape[f"pump_flow_limit.{way}"])
+        for way, sign in zip(WAYS, (1.0, -1.0), strict=True)
+    ]
+    way = int(np.argmax(counts))
+    name = WAYS[way]
+    return float(fit.axis.areas[way] * fit.gains[f"gain.{name}"] * shape[f"pump_flow_limit.{name}"])
+
+
+def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any]:
+    effect = EFFECTS.get(found.id)
+    own: dict[str, Any] = {
+        "id": found.id,
+        "title": found.title,
+        "level": "valve",
+        "probability": found.probability,
+        "error_before": found.before,
+        "error_after": found.error,
+        "indistinguishable_from": list(alike),
+        "parameters": {},
+    }
+    if effect is None:
+        return own
+    for name in (*effect.shape, found.id):
+        if name in fit.shape or (name in fit.gains and name == found.id):
+            unit = effect.units.get(name, "m^3/s/Pa" if name == found.id else "1")
+            own["parameters"][name.rpartition(".")[2]] = _value(fit, name, unit)
+    return own | {"equation": effect.equation, "look_at": effect.look_at, "experiment": effect.experiment}
+
+
+def _verdict(picked: Chosen) -> str:
+    if not picked.found:
+        return "nothing_missing"
+    return "ambiguous" if any(picked.sets) else "effect_added"
+
+
+def _candidate(own: Candidate) -> dict[str, Any]:
+    return {
+        "id": own.id,
+        "title": own.title,
+        "probability": own.probability,
+        "log_odds": own.odds,
+        "error_before": own.before,
+        "error_after": own.error,
+        "holds_elsewhere": own.confirmed,
+    }
+
+
+def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
+    """The curve at the reference drops, and what was measured and predicted on the motion that was judged on."""
+    u = np.linspace(-model.directions[1].largest, model.directions[0].largest, _POINTS)
+    v = [model.directions[0 if x > 0 else 1].speed(abs(x) - model.directions[0 if x > 0 else 1].edge) for x in u]
+    period = 1.0 / judged.bank.reduced_rate_hz
+    measured = np.where(judged.keep, judged.speed, np.nan)
+    return {
+        "curve": {"command": u.tolist(), "speed": (np.sign(u) * np.array(v)).tolist()},
+        "time": (np.arange(len(judged.speed)) * period).tolist(),
+        "measured": [None if np.isnan(own) else own for own in measured.tolist()],
+        "predicted": predicted(judged, fit).tolist(),
+    }
+
+
+__all__ = ["SCHEMA", "Identified", "Structure", "identify_valves"]

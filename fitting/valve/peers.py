@@ -1,0 +1,91 @@
+"""What a valve's model is compared with: a line, an autoregression, a curve of the command alone.
+
+All three get the same rows, the same filters and the same recordings, and are judged on the same other motion; the
+autoregression runs freely there, on nothing but commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fitting.arrays import BoolArray, FloatArray
+from fitting.signals.filters import recursive
+from fitting.valve.fit import DELAYS, Fit, fitted, predicted, relative
+from fitting.valve.model import Structure, delayed
+from fitting.valve.rows import Axis
+
+#: Rows at the start of a stretch in which an autoregression has not forgotten that it began from nothing.
+_SETTLING = 8
+
+
+@dataclass(frozen=True)
+class Peers:
+    """Errors of the peers on another motion, RMS over that of the speed.
+
+    Attributes
+    ----------
+    linear : one gain and a delay
+    arx : two poles, two zeros and a delay, simulated
+    static : a curve of the command and a delay, no pressures
+    curve : the static curve as a model, which is handed out where nothing is better
+    """
+
+    linear: float
+    arx: float
+    static: float
+    curve: Fit
+
+
+def peers_of(axis: Axis, judged: Axis) -> Peers:
+    """The peers fitted to an axis, judged on another."""
+    curve = fitted(axis, Structure(curve="monotone"))
+    return Peers(
+        linear=min(_linear(axis, judged, delay) for delay in DELAYS)[1],
+        arx=min(_arx(axis, judged, lag) for lag in range(round(DELAYS[-1] * axis.bank.reduced_rate_hz) + 1))[1],
+        static=relative(judged, judged.speed - predicted(judged, curve)),
+        curve=curve,
+    )
+
+
+def _linear(axis: Axis, judged: Axis, delay: float) -> tuple[float, float]:
+    """Errors on the fitted rows and on others."""
+    one, other = (own.reduced(delayed(own.signals, own.signals.u, delay * axis.bank.rate_hz)) for own in (axis, judged))
+    gain = float(one[axis.keep] @ axis.speed[axis.keep]) / max(float(one[axis.keep] @ one[axis.keep]), 1e-30)
+    return relative(axis, axis.speed - gain * one), relative(judged, judged.speed - gain * other)
+
+
+def _arx(axis: Axis, judged: Axis, lag: int) -> tuple[float, float]:
+    """Errors, simulated freely, on the fitted rows and on others: ``y_k = a y_(k-1..2) + b u_(k-lag..lag+1)``."""
+    rows, right = [], []
+    for u, y, keep in _series(axis):
+        late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
+        block = np.column_stack([y[1:-1], y[:-2], late[2:], late[1:-1]])
+        kept = keep[2:] & keep[1:-1] & keep[:-2]
+        rows.append(block[kept])
+        right.append(y[2:][kept])
+    a = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+    if np.any(np.abs(np.roots([1.0, -a[0], -a[1]])) >= 1.0):
+        return np.inf, np.inf
+    return _simulated(axis, a, lag), _simulated(judged, a, lag)
+
+
+def _simulated(axis: Axis, a: FloatArray, lag: int) -> float:
+    errors = list[FloatArray]()
+    for u, y, keep in _series(axis):
+        late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
+        out = recursive([a[2], a[3], 0.0], [1.0, -a[0], -a[1]], late)
+        errors.append(np.where(keep & (np.arange(len(y)) >= _SETTLING), y - out, 0.0))
+    return relative(axis, np.concatenate(errors))
+
+
+def _series(axis: Axis) -> Iterator[tuple[FloatArray, FloatArray, BoolArray]]:
+    """Filtered command, speed and whether a row is kept (rows,), stretch by stretch."""
+    start = 0
+    for part in axis.signals.parts:
+        u = axis.bank.reduce(axis.signals.u[part])
+        own = slice(start, start + len(u))
+        start += len(u)
+        yield u, axis.speed[own], axis.keep[own]

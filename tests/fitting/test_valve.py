@@ -1,0 +1,389 @@
+"""Valves: what a bench with known edges, gains, delays and effects is identified as (`valve_bench.py`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from valve_bench import RATE, Bench, machine_of, written
+
+from daq import InputError, Machine, Recording, read_recording
+from fitting.signals.filters import filter_bank
+from fitting.valve.effects import EFFECTS
+from fitting.valve.fit import fitted
+from fitting.valve.identify import Identified, identify_valves
+from fitting.valve.inverse import CLIPPED, NO_NUMBER, NO_PRESSURE, REST_SHARE, Direction, ValveModel
+from fitting.valve.laws import LAWS, laws_for
+from fitting.valve.model import Structure, delayed, solved
+from fitting.valve.rows import Signals, axis_of
+
+Identify = Callable[..., Identified]
+TRAIN, VALIDATE, SECONDS = (1, 2, 3), 9, 35.0
+#: What each effect of the bench is, large enough to be seen and small enough to be there on a machine.
+CASES: dict[str, dict[str, Any]] = {
+    "spool_hysteresis": {"hysteresis": 0.02},
+    "delay_per_direction": {"later": 0.1},
+    "warm_up": {"cold": -0.25},
+    "piston_leak": {"leak": 8e-13},
+    "pump_flow_limit": {"pump": 6e-4},
+}
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory: pytest.TempPathFactory) -> Identify:
+    """Identifications of benches, each made when first asked for."""
+    made: dict[Any, Identified] = {}
+
+    def of(machine: Machine | None = None, *, loop: bool = True, **bench: Any) -> Identified:
+        described = machine or machine_of()
+        key = (repr(described), loop, tuple(sorted(bench.items())))
+        if key not in made:
+            own, folder = Bench(**bench), tmp_path_factory.mktemp("bench")
+            recordings = [
+                read_recording(written(folder, described, own, seed, SECONDS), described, "operation")
+                for seed in (*TRAIN, VALIDATE)
+            ]
+            made[key] = identify_valves(described, recordings[:-1], recordings[-1:], loop=loop)
+        return made[key]
+
+    return of
+
+
+def within(found: dict[str, Any], true: float, *, sigmas: float, slack: float) -> bool:
+    """Whether an estimate is as near to the truth as it says; ``slack`` is what the bench's own steps are worth."""
+    return abs(found["value"] - true) <= sigmas * found["std"] + slack
+
+
+# --- what a sound valve is identified as --------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_edges_gains_delay_and_law_of_an_orifice_valve_are_found(identified: Identify) -> None:
+    bench, axis = Bench(), identified().report["axes"]["boom"]
+    # 20 steps a cycle: a delay is a multiple of 1 ms, and edges are crossed at 2e-4 of full a step.
+    assert within(axis["delay"], bench.delay, sigmas=4, slack=1e-3)
+    for way, own in enumerate(axis["directions"].values()):
+        assert within(own["edge"], bench.edges[way], sigmas=4, slack=2e-4)
+        assert own["law"]["id"] == "meter_in"
+        at_reference = bench.gains[way] * np.sqrt(own["reference_drop"]["inlet"] / 1e7)
+        assert own["gain"]["value"] == pytest.approx(at_reference, rel=0.01)
+    assert axis["effects"] == [] and axis["verdict"] == "nothing_missing" and axis["checks"] == []
+    # 1.2e9 Pa with hoses of 2e-4 m^3: told apart from the stroke's own oil only roughly.
+    assert axis["stiffness"]["bulk_modulus"]["value"] == pytest.approx(1.2e9, rel=0.3)
+
+
+@pytest.mark.slow
+def test_the_delay_is_where_the_whole_models_misfit_is_least(identified: Identify) -> None:
+    profile = np.array(identified().report["axes"]["boom"]["delay"]["profile"])
+    assert abs(profile[np.argmin(profile[:, 1]), 0] - Bench().delay) <= 0.05  # the profile's own step
+    assert np.all(np.diff(profile[profile[:, 0] >= 0.2, 1]) > 0)
+
+
+@pytest.mark.slow
+def test_on_another_motion_no_peer_is_as_good(identified: Identify) -> None:
+    errors = identified().report["axes"]["boom"]["errors"]
+    assert errors["role"] == "validate"
+    assert errors["handed_out"] < 0.01 < 0.05 < errors["static"] < errors["linear"]
+    assert errors["arx"] > 0.05
+
+
+@pytest.mark.slow
+def test_a_compensated_valve_needs_no_law_of_the_pressure(identified: Identify) -> None:
+    axis = identified(laws=("none", "none")).report["axes"]["boom"]
+    for own in axis["directions"].values():
+        value = own.get("exponent", {"value": 0.0})["value"]
+        assert own["law"]["id"] in ("none", "compensated") or abs(value) < 0.02
+    assert axis["effects"] == [] and axis["errors"]["after"] < 0.01
+
+
+@pytest.mark.slow
+def test_an_orifice_where_the_file_says_compensated_is_named(identified: Identify) -> None:
+    found = identified(machine_of(compensated=True))
+    axis = found.report["axes"]["boom"]
+    assert [own["id"] for own in axis["effects"]] == ["undeclared_orifice"]
+    assert axis["errors"]["after"] < 0.3 * axis["errors"]["before"]
+    assert found.models["boom"].directions[0].law == "meter_in"  # the inverse knows of it
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", CASES)
+def test_an_effect_is_named_and_the_error_on_another_motion_falls(identified: Identify, effect: str) -> None:
+    axis = identified(**CASES[effect]).report["axes"]["boom"]
+    first = axis["effects"][0]
+    assert effect in (first["id"], *first["indistinguishable_from"])
+    assert first["probability"] > 0.5 and axis["verdict"] in ("effect_added", "ambiguous")
+    assert axis["errors"]["after"] < 0.75 * axis["errors"]["before"] and axis["errors"]["after"] < 0.01
+
+
+@pytest.mark.slow
+def test_sizes_of_effects_are_those_of_the_bench(identified: Identify) -> None:
+    def sizes(effect: str) -> dict[str, Any]:
+        report = identified(**CASES[effect]).report["axes"]["boom"]
+        own: dict[str, Any] = report["effects"][0]["parameters"]
+        return own | {"limit": report["pump_limit"]}
+
+    assert sizes("spool_hysteresis")["width"]["value"] == pytest.approx(0.02, abs=5e-4)
+    assert sizes("delay_per_direction")["half"]["value"] == pytest.approx(-0.05, abs=2e-3)
+    assert sizes("warm_up")["share"]["value"] == pytest.approx(-0.25, abs=0.02)
+    assert sizes("pump_flow_limit")["limit"]["value"] == pytest.approx(6e-4, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_curve_is_earned_where_the_land_is_no_line(identified: Identify) -> None:
+    own = identified(power=1.4).report["axes"]["boom"]["directions"]["extend"]
+    assert own["curve"] == "power" and own["power"]["value"] == pytest.approx(1.4, abs=0.03)
+    assert identified().report["axes"]["boom"]["directions"]["extend"]["curve"] == "line"
+
+
+# --- what less is measured costs ----------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_without_chamber_pressures_curve_and_delay_are_told_and_the_rest_is_said(identified: Identify) -> None:
+    axis = identified(machine_of("x u")).report["axes"]["boom"]
+    assert {check["code"] for check in axis["checks"]} == {"no_pressures"}
+    assert {own["law"]["id"] for own in axis["directions"].values()} == {"none"} and axis["stiffness"] is None
+    assert axis["delay"]["value"] == pytest.approx(Bench().delay, abs=0.02)
+    assert axis["errors"]["handed_out"] <= axis["errors"]["static"]
+
+
+@pytest.mark.slow
+def test_without_a_supply_pressure_no_law_of_the_inlet_is_tried(identified: Identify) -> None:
+    axis = identified(machine_of("x u head rod")).report["axes"]["boom"]
+    assert "no_supply" in {check["code"] for check in axis["checks"]}
+    assert set(axis["laws"]["extend"]) == {"none", "meter_out"}
+    assert axis["errors"]["handed_out"] <= axis["errors"]["static"]
+
+
+def recording(
+    bench: Bench, seed: int = 1, seconds: float = 30.0, machine: Machine | None = None, **change: Any
+) -> Recording:
+    """A recording in memory, with some channels changed."""
+    own = machine or machine_of()
+    table = {**bench.run(seed, seconds)}
+    table.update({name: how(table[name]) for name, how in change.items()})
+    values = {channel.name: table[channel.name] for channel in own.channels}
+    return Recording("bench", "operation", "run.parquet", "0", RATE, table["time"], values)
+
+
+@pytest.mark.slow
+def test_mistakes_in_the_command_are_said_with_their_cure() -> None:
+    def codes(**change: Any) -> set[str]:
+        report = identify_valves(machine_of(), [recording(Bench(), **change)], [], loop=False).report
+        return {check["code"] for check in report["axes"]["boom"]["checks"]}
+
+    assert codes() == set()
+    assert "command_sign" in codes(u=lambda u: -u)
+    assert "command_axis" in codes(u=lambda u: np.random.default_rng(1).permutation(u))
+    taken_off = codes(u=lambda u: np.sign(u) * np.maximum(np.abs(u) - np.where(u > 0, 0.06, 0.12), 0.0))
+    assert "before_compensation" in taken_off
+    assert "unvisited" in codes(u=lambda u: 0.5 * u)
+    assert "one_way" in codes(u=lambda u: np.maximum(u, 0.0))
+
+
+def test_what_cannot_be_identified_is_one_line() -> None:
+    machine = machine_of()
+    still = recording(Bench(), u=lambda u: 0.0 * u)
+    with pytest.raises(InputError, match=r"^run\.parquet: boom: no axis is moved by its command; record a motion"):
+        identify_valves(machine, [still], [])
+    with pytest.raises(InputError, match="no recording; give at least one"):
+        identify_valves(machine, [], [])
+    with pytest.raises(InputError, match="no channel of quantity command; add one"):
+        identify_valves(machine_of("x head rod"), [still], [])
+    with pytest.raises(InputError, match="--bandwidth 30: must be above 0 and at most a fifth of the rate, 10 Hz"):
+        identify_valves(machine, [still], [], bandwidth_hz=30.0)
+    short = still.cut(slice(0, 100))
+    with pytest.raises(InputError, match=r"no stretch of .* without a gap; record again"):
+        identify_valves(machine, [short], [])
+
+
+# --- parts --------------------------------------------------------------------------------------------------------
+
+
+def test_a_dead_band_is_moved_by_filtering_the_command_first_and_not_by_filtering_afterwards() -> None:
+    """Why command and speed pass one filter behind the non-linearity: the analytic case of a slow sine."""
+    t = np.arange(3000) / RATE
+    u, edge = 0.3 * np.sin(2 * np.pi * 1.5 * t), 0.1
+    bank = filter_bank(RATE, 3.0)
+    speed = bank.reduce(np.sign(u) * np.maximum(np.abs(u) - edge, 0.0))
+    early = bank.reduce(u)
+    assert np.allclose(speed, bank.reduce(np.sign(u) * np.maximum(np.abs(u) - edge, 0.0)))
+    assert np.max(np.abs(speed - np.sign(early) * np.maximum(np.abs(early) - edge, 0.0))) > 0.02
+
+
+@given(st.floats(0.0, 20.0), st.integers(0, 400))
+def test_a_held_command_is_as_late_as_its_integral_says(samples: float, seed: int) -> None:
+    """Oracle: the area below a step is the time that is left after it."""
+    count, at = 100, 10 + seed % 40
+    u = np.where(np.arange(count) >= at, 1.0, 0.0)
+    signals = _signals(u)
+    late = delayed(signals, u, samples)
+    # The step is held from its sample's own moment on; sums over rows stand for integrals from -1/2 to count - 1/2.
+    assert float(np.sum(late)) == pytest.approx(count - 0.5 - (at + samples), abs=1e-9)
+
+
+@settings(max_examples=40)
+@given(st.integers(1, 60), st.integers(1, 5), st.integers(0, 10_000))
+def test_linear_parameters_are_never_negative_and_never_worse_than_nothing(rows: int, count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    matrix, y = rng.normal(size=(rows + 5, count)), rng.normal(size=rows + 5)
+    found = solved(matrix, y)
+    assert np.all(found >= 0)
+    assert np.linalg.norm(y - matrix @ found) <= np.linalg.norm(y) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("law", LAWS.values(), ids=lambda law: law.id)
+def test_every_law_is_one_at_its_references_and_never_falls_with_the_drop(law: Any) -> None:
+    shape = {name: bounds[0] for name, bounds in law.shape.items()}
+    reference, drop = np.array([1e7, 2e6]), np.linspace(0.0, 3.0, 50)
+    one = law.factor(np.ones(1), np.ones(1), reference, shape)
+    assert one[0] == pytest.approx(1.0)
+    both = law.factor(drop, drop, reference, shape)
+    assert np.all(np.diff(both) >= 0) and np.all(both >= 0)
+    assert np.all(law.factor(-drop, -drop, reference, shape) <= both + 1e-12)
+
+
+def test_laws_are_those_that_can_be_known() -> None:
+    assert laws_for(pressures=False, supply=False, compensated="unknown") == ("none",)
+    assert "meter_in" not in laws_for(pressures=True, supply=False, compensated="unknown")
+    assert set(laws_for(pressures=True, supply=True, compensated=True)) == {"none", "compensated"}
+    assert "compensated" not in laws_for(pressures=True, supply=True, compensated=False)
+
+
+@pytest.mark.parametrize("effect", EFFECTS.values(), ids=lambda effect: effect.id)
+def test_every_effect_says_what_it_is_and_changes_what_is_predicted(effect: Any) -> None:
+    assert effect.level == "valve" and effect.title and effect.equation and effect.experiment and effect.look_at
+    assert all(name.startswith(f"{effect.id}.") for name in effect.shape)
+    assert set(effect.units) <= set(effect.shape)
+    assert all(set(start) <= set(effect.shape) for start in effect.starts)
+    assert all(low <= start <= high for start, low, high in effect.shape.values())
+    assert set(effect.confounders) <= set(EFFECTS) - {effect.id}
+
+
+@pytest.mark.slow
+def test_rows_are_left_out_where_something_else_decides_the_speed() -> None:
+    machine = machine_of()
+
+    def kept(**change: Any) -> float:
+        return float(axis_of(machine, machine.joints[0], [recording(Bench(), **change)]).keep.mean())
+
+    def in_the_middle(value: float) -> Callable[[np.ndarray], np.ndarray]:
+        def changed(own: np.ndarray) -> np.ndarray:
+            own = own.copy()
+            own[600:900] = value
+            return own
+
+        return changed
+
+    whole = kept()
+    assert whole > 0.85
+    assert kept(head=in_the_middle(1e5), rod=in_the_middle(1e5)) < whole - 0.1  # cavitation, in both directions
+    assert kept(ps=in_the_middle(5e6)) < whole - 0.05  # nothing between supply and the chamber
+    assert kept(x=in_the_middle(0.599)) < whole - 0.1  # at the rod's end
+
+
+def test_another_unit_neutral_and_sign_of_the_command_change_nothing() -> None:
+    sent = machine_of(unit="mA", range=[4.0, 20.0], neutral=12.0, extends=-1)
+    plain = machine_of()
+    one = axis_of(plain, plain.joints[0], [recording(Bench())])
+    other = axis_of(sent, sent.joints[0], [recording(Bench(), machine=sent, u=lambda u: 12.0 - 8.0 * u)])
+    np.testing.assert_allclose(other.signals.u, one.signals.u, atol=1e-12)
+    assert fitted(one, Structure()).shape["edge.extend"] == pytest.approx(
+        fitted(other, Structure()).shape["edge.extend"], abs=1e-6
+    )
+
+
+def _signals(u: np.ndarray) -> Signals:
+    count = len(u)
+    two, one = np.full((2, count), np.nan), np.full(count, np.nan)
+    return Signals(
+        recording=np.zeros(count, dtype=np.int64), first=np.zeros(count, dtype=np.int64), clock=one, u=u, x=one,
+        inlet=two, outlet=two, rates=two, supply=one, tank=one, others=one, temperature=one,
+        usable=np.ones(count, dtype=bool),
+    )  # fmt: skip
+
+
+# --- the inverse --------------------------------------------------------------------------------------------------
+
+
+def direction(**change: Any) -> Direction:
+    own: dict[str, Any] = {
+        "edge": 0.06, "gain": 0.3, "power": 1.0, "openings": (), "speeds": (), "law": "meter_in", "law_shape": {},
+        "drop_in": 1e7, "drop_out": 1e6, "largest": 0.8,
+    }  # fmt: skip
+    return Direction(**own | change)
+
+
+def model(**change: Any) -> ValveModel:
+    own: dict[str, Any] = {
+        "joint": "boom", "unit": "mA", "neutral": 12.0, "full": 8.0, "extends": -1, "least": 4.0, "most": 20.0,
+        "delay": 0.1, "directions": (direction(), direction(edge=0.12, gain=0.25)), "areas": (5e-3, 3.4e-3),
+        "pump_limit": None, "left_out": (), "error": 0.01,
+    }  # fmt: skip
+    return ValveModel(**own | change)
+
+
+@given(
+    st.floats(0.02, 0.18), st.sampled_from([1.0, -1.0]), st.floats(1e6, 1.5e7), st.sampled_from([1.0, 1.4]),
+    st.sampled_from(["none", "meter_in"]),
+)  # fmt: skip
+def test_the_inverse_gives_the_speed_back(speed: float, sign: float, filled: float, power: float, law: str) -> None:
+    own = model(directions=(direction(power=power, law=law), direction(edge=0.12, gain=0.25, power=power, law=law)))
+    found = own.command(sign * speed, head=filled, rod=filled, supply=1.8e7)
+    assert (found.share > 0) == (sign > 0) and found.command == pytest.approx(12.0 - 8.0 * found.share)
+    if found.flags & CLIPPED:
+        return
+    way = own.directions[0 if sign > 0 else 1]
+    factor = np.sqrt((1.8e7 - filled) / way.drop_in) if law == "meter_in" else 1.0
+    assert way.gain * (abs(found.share) - way.edge) ** power * factor == pytest.approx(speed, rel=1e-9)
+
+
+def test_the_inverse_rests_clips_and_says_so() -> None:
+    own = model()
+    low = REST_SHARE * own.directions[0].fastest
+    assert own.command(0.9 * low).command == 12.0 and own.command(0.9 * low).flags == 0
+    assert own.command(2.0 * low, moving=True).share > 0.06
+    assert own.command(2.0 * low, moving=False).share == 0.0  # starts above three times of it
+    assert own.command(3.1 * low, moving=False).share > 0.06
+    fast = own.command(5.0, head=8e6, rod=3e6, supply=1.8e7)
+    assert fast.flags == CLIPPED and fast.share == 0.8
+    for bad in (np.nan, np.inf):
+        assert own.command(bad).command == 12.0 and own.command(bad).flags == NO_NUMBER
+    assert own.command(0.1).flags == NO_PRESSURE
+    assert own.command(0.1, head=1.8e7, rod=0.0, supply=1.8e7).flags == NO_PRESSURE  # no drop is left
+
+
+def test_a_free_curve_is_inverted_piece_by_piece() -> None:
+    bent = direction(law="none", openings=(0.0, 0.1, 0.3, 0.7), speeds=(0.0, 0.05, 0.09, 0.09))
+    for speed in (0.02, 0.05, 0.08):
+        assert bent.speed(bent.opening(speed)) == pytest.approx(speed)
+    assert bent.opening(1.0) == 0.7 or bent.opening(1.0) == 0.3
+
+
+def test_the_pump_scales_all_wanted_speeds() -> None:
+    limited = model(pump_limit=1e-3)
+    both = {"boom": limited, "stick": limited}
+    assert limited.scale({"boom": 0.05, "stick": -0.05}, both) == 1.0
+    asked = 5e-3 * 0.2 + 3.4e-3 * 0.2
+    assert limited.scale({"boom": 0.2, "stick": -0.2}, both) == pytest.approx(1e-3 / asked)
+    assert model().scale({"boom": 9.0}, both) == 1.0
+
+
+def test_a_model_goes_through_json_unchanged() -> None:
+    own = model(directions=(direction(), direction(openings=(0.0, 0.5), speeds=(0.0, 0.1))))
+    assert ValveModel.from_json(own.to_json()) == own
+    with pytest.raises(InputError, match="not a valve's model"):
+        ValveModel.from_json({"schema": "something"})
+
+
+def test_the_report_is_plain_json(tmp_path: Path, identified: Identify) -> None:
+    import json
+
+    report = identify_valves(machine_of(), [recording(Bench())], [], loop=False).report
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert report["schema"] == "hilfit/valve/1" and report["axes"]["boom"]["errors"]["role"] == "train"
