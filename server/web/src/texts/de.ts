@@ -1192,7 +1192,7 @@ export const de: Record<Key, string> = {
   "webhooks.alarm": "Alarme",
   "webhooks.result": "Ergebnisse",
   "webhooks.test": "Probe",
-  "webhooks.title": "Webhooks",
+  "webhooks.title": "Meldungen an andere Dienste (Webhooks)",
   "webhooks.none": "Anderen Systemen wird nichts über Webhooks mitgeteilt.",
   "webhooks.addedBy": "angelegt von {by}, {created}",
   "webhooks.sendTest": "Probemeldung senden",
