@@ -171,7 +171,8 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
             odds, error, before, _ = compared(simple, trial)
             tried[WAYS[way]][own] = error
             odds -= LAW_ODDS * (1 + len(LAWS[own].shape))
-            if odds > gained and error < (1.0 - WORTH) * before:
+            worth = not LAWS[own].shape or error < (1.0 - WORTH) * before  # an exponent has to be earned
+            if odds > gained and worth:
                 best, gained = trial, odds
         fit = best
     return fit, tried

@@ -15,6 +15,7 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import recursive
 from fitting.valve.fit import DELAYS, Fit, fitted, predicted, relative
 from fitting.valve.model import Structure, delayed
+from fitting.valve.response import lagged
 from fitting.valve.rows import Axis
 
 #: Rows at the start of a stretch in which an autoregression has not forgotten that it began from nothing.
@@ -62,7 +63,7 @@ def _arx(axis: Axis, judged: Axis, lag: int) -> tuple[float, float]:
     rows, right = [], []
     for u, y, keep in _series(axis):
         late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
-        block = np.column_stack([y[1:-1], y[:-2], late[2:], late[1:-1]])
+        block = lagged(late, y, poles=2, zeros=2)
         kept = keep[2:] & keep[1:-1] & keep[:-2]
         rows.append(block[kept])
         right.append(y[2:][kept])
