@@ -31,7 +31,13 @@ SI_UNITS: dict[str, str] = {
     "tank_pressure": "Pa",
     "base_roll": "rad",
     "base_pitch": "rad",
+    "command": "1",  # as it is sent, see AS_SENT
+    "spool_position": "1",  # as it is sent
+    "head_port_pressure": "Pa",
+    "rod_port_pressure": "Pa",
 }
+#: Units of what is kept as an amplifier takes or gives it: nothing is converted.
+AS_SENT = ("1", "%", "V", "mV", "A", "mA", "mm", "count")
 
 
 _SHORT_PREFIXES = ("", *"nuµμmcdhkMG")
@@ -94,6 +100,13 @@ class Conversion:
     def from_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """SI values, in the declared unit."""
         return (np.asarray(values, dtype=float) - self.offset) / self.factor
+
+
+def kept_as_sent(unit: str) -> Conversion:
+    """No conversion, of a command or a spool position; ValueError unless the unit is one of :data:`AS_SENT`."""
+    if unit not in AS_SENT:
+        raise ValueError(f"'{unit[:_LONGEST]}' is no unit of a command; use one of {', '.join(AS_SENT)}")
+    return Conversion(factor=1.0, offset=0.0)
 
 
 @lru_cache(maxsize=256)

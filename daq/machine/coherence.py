@@ -10,7 +10,7 @@ import numpy as np
 from daq.machine.buses import CanopenBus, Word
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
-from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES
+from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES, SENT_QUANTITIES
 
 if TYPE_CHECKING:
     from daq.machine.machine_file import Channel, Machine
@@ -40,7 +40,7 @@ def incoherences(machine: Machine) -> list[str]:
     )
     if problems:
         return problems
-    problems = _of((_one_sync, machine), (_delayed_buses, machine))
+    problems = _of((_one_sync, machine), (_delayed_buses, machine), (_one_supply, machine))
     problems += _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
     problems += _of(*((_couplings, machine, joint) for joint in joints))
     if problems:  # a channel that is nobody's makes its joint look unmeasured
@@ -64,6 +64,18 @@ def _delayed_buses(machine: Machine) -> None:
         if frozenset((delay.bus, delay.behind)) in told:
             raise ValueError(f"delays[{number}]: '{delay.bus}' and '{delay.behind}' are told twice; keep one")
         told.add(frozenset((delay.bus, delay.behind)))
+
+
+def _one_supply(machine: Machine) -> None:
+    supply, hydraulics = machine.supply, machine.hydraulics
+    if supply is None or hydraulics is None:
+        return
+    for key, one, other, name in (
+        ("pressure", supply.pressure, hydraulics.supply_pressure, "supply_pressure"),
+        ("flow_limit", supply.flow_limit, hydraulics.pump_flow, "pump_flow"),
+    ):
+        if one is not None and other is not None and one != other:
+            raise ValueError(f"supply: {key} is {one:g} here and {other:g} as hydraulics.{name}; correct one")
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
@@ -97,6 +109,8 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
         machine.conversion(channel)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
+    if channel.quantity == "command" and channel.joint is not None:
+        _in_the_valves_unit(place, channel.unit, machine.joint(channel.joint))
     if channel.source is not None and machine.buses:
         buses = {bus.name: bus for bus in machine.buses}
         _known(channel.source.bus, buses, "bus", place)
@@ -134,6 +148,17 @@ def _has(place: str, quantity: str, joint: Joint) -> None:
             raise ValueError(f"{place}: {joint.name} has no cylinder, so no {quantity}")
         if joint.cylinder.vented is not None and quantity == f"{joint.cylinder.vented}_pressure":
             raise ValueError(f"{place}: this chamber of {joint.name} is vented; remove the channel, or vented:")
+        if quantity in SENT_QUANTITIES and joint.cylinder.valve is None:
+            raise ValueError(f"{place}: {joint.name} has no valve, so no {quantity}; add cylinder.valve:")
+
+
+def _in_the_valves_unit(place: str, unit: str, joint: Joint) -> None:
+    """A command is in the unit that its valve's range and neutral are in."""
+    valve = None if joint.cylinder is None else joint.cylinder.valve
+    if valve is not None and hasattr(valve, "unit") and valve.unit != unit:
+        raise ValueError(
+            f"{place}: is in {unit}, and the valve of {joint.name} in {valve.unit}; write both as it is sent"
+        )
 
 
 def _couplings(machine: Machine, joint: Joint) -> None:
@@ -166,6 +191,8 @@ def _measured(machine: Machine, name: str) -> None:
     if len(pressures) == 1 and not {"cylinder_force", "joint_effort"} & set(present):
         missing = ({"head_pressure", "rod_pressure"} - pressures).pop()
         raise ValueError(f"joints.{name}: has no effort: one pressure is not enough; add a {missing} channel")
+    if "command" in present:  # of its valve the curve and the delay can be told without any effort
+        return
     if not pressures and not {"cylinder_force", "joint_effort"} & set(present):
         raise ValueError(
             f"joints.{name}: has no effort; add head_pressure and rod_pressure, cylinder_force, or joint_effort"

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from daq.machine.buses import FileModel, Name
 from daq.machine.linkages import FourBar, Linkage, Pins, ThreePin, reduced
+from daq.machine.valves import Valve
 
 Positive = Annotated[float, Field(gt=0)]
 Interval = tuple[float, float]
@@ -70,6 +71,7 @@ class Cylinder(FileModel):
     damping: Annotated[float, Field(ge=0)] = 0.0  # N s/m, known; 0: then it is part of f_v
     moving_mass: Annotated[float, Field(gt=0)] | None = None  # kg if known, else identified
     vented: Literal["head", "rod"] | None = None  # this chamber is open to the air: gauge pressure 0, no channel
+    valve: Valve | None = None  # what moves it, where commands are recorded
     linkage: Linkage
 
     @model_validator(mode="after")

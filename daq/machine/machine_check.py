@@ -18,6 +18,8 @@ from daq.machine.machine_file import Channel, Machine, machine_problems, read_ma
 from daq.machine.machine_file_errors import Problem, line_of, of_the_whole
 from daq.machine.plausible import doubts
 from daq.machine.travel import travel_of
+from daq.machine.valve_doubts import valve_doubts
+from daq.machine.valves import Valve
 from daq.units import SI_UNITS
 
 
@@ -52,7 +54,7 @@ def check_machine(path: str | Path) -> Checked:
         problems += [of_the_whole(tree, text) for text in _of_the_parts(content)]
     findings = list(problems)
     said = {finding.key for finding in findings}
-    for doubt in doubts(content):
+    for doubt in (*doubts(content), *(() if machine is None else valve_doubts(machine))):
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in doubt.place).lstrip(".")
         if key not in said:  # of several doubts about one key the first says most
             said.add(key)
@@ -121,6 +123,7 @@ def _joint(raw: object) -> Joint | None:
     except ValidationError:
         cylinder, drive = raw.get("cylinder"), raw.get("drive")
         vented = cylinder.get("vented") if isinstance(cylinder, dict) else None
+        valve = Valve.model_construct() if isinstance(cylinder, dict) and cylinder.get("valve") else None
         try:
             own = None if drive is None else Drive.model_validate(drive)
         except ValidationError:
@@ -128,7 +131,7 @@ def _joint(raw: object) -> Joint | None:
         return Joint.model_construct(
             name=raw["name"],
             type=raw.get("type", "revolute"),
-            cylinder=Cylinder.model_construct(vented=vented) if isinstance(cylinder, dict) else None,
+            cylinder=Cylinder.model_construct(vented=vented, valve=valve) if isinstance(cylinder, dict) else None,
             drive=own,
         )
 

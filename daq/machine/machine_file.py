@@ -50,14 +50,15 @@ from daq.machine.joints import (
 )
 from daq.machine.linkages import LINKAGES
 from daq.machine.machine_file_errors import Problem, all_problems, short
-from daq.machine.quantities import JOINT_QUANTITIES, Quantity
-from daq.units import SI_UNITS, Conversion, conversion
+from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
+from daq.machine.valves import Supply, Valve
+from daq.units import AS_SENT, SI_UNITS, Conversion, conversion, kept_as_sent
 
 __all__ = [
     "JOINT_QUANTITIES", "SCHEMA", "Bus", "CanBus", "CanNode", "CanSignalsBus", "CanSource", "CanopenBus", "Channel",
     "Coupling", "Cylinder", "DenavitHartenberg", "Drive", "Hydraulics", "Joint", "KnownDelay", "Limits", "Machine",
     "ModbusRtuBus", "ModbusSource", "ModbusTcpBus", "OtherBus", "OtherSource", "Quantity", "SignalSource",
-    "Simulation", "Source", "load_machine", "machine_to_yaml", "parse_machine",
+    "Simulation", "Source", "Supply", "Valve", "load_machine", "machine_to_yaml", "parse_machine",
 ]  # fmt: skip
 
 SCHEMA = "hilfit/machine/1"
@@ -123,6 +124,7 @@ class Machine(FileModel):
     buses: tuple[Bus, ...] = ()
     delays: tuple[KnownDelay, ...] = ()  # between buses: a prior of the fit
     hydraulics: Hydraulics | None = None
+    supply: Supply | None = None  # in front of the valves
     simulation: Simulation | None = None
 
     @model_validator(mode="after")
@@ -176,12 +178,29 @@ class Machine(FileModel):
                 return channel
         return None
 
+    @property
+    def supplied_at(self) -> float | None:
+        """Pa: the supply pressure that the file declares, or None."""
+        declared = None if self.supply is None else self.supply.pressure
+        return declared or (None if self.hydraulics is None else self.hydraulics.supply_pressure)
+
+    @property
+    def pump_limit(self) -> float | None:
+        """m^3/s: the flow that the file says is there for all cylinders together, or None."""
+        declared = None if self.supply is None else self.supply.flow_limit
+        return declared or (None if self.hydraulics is None else self.hydraulics.pump_flow)
+
     def unseen_pistons(self) -> list[str]:
         """Joints with a cylinder whose piston no channel shows once its rod is off the pin."""
         return [j.name for j in self.joints if j.cylinder is not None and not self.channel("piston_position", j.name)]
 
     def si_unit(self, channel: Channel) -> str:
-        """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides."""
+        """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides.
+
+        Commands and spool positions keep the unit that they are sent in.
+        """
+        if channel.quantity in SENT_QUANTITIES and channel.unit in AS_SENT:
+            return channel.unit
         si = SI_UNITS[channel.quantity]
         if channel.joint is not None and self.joint(channel.joint).type == "prismatic":
             si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"}.get(channel.quantity, si)
@@ -189,6 +208,8 @@ class Machine(FileModel):
 
     def conversion(self, channel: Channel) -> Conversion:
         """Conversion from the channel's declared unit to SI."""
+        if channel.quantity in SENT_QUANTITIES:
+            return kept_as_sent(channel.unit)
         return conversion(channel.unit, self.si_unit(channel))
 
 

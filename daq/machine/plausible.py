@@ -124,9 +124,9 @@ def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
                 "write the acceleration of gravity in the base frame in m/s^2, as in [0.0, -9.81, 0.0]; zeros if every "
                 "axis is vertical",
             )
-    supply, flow = (_number(content, "hydraulics", key) for key in ("supply_pressure", "pump_flow"))
-    yield from _PRESSURE.doubts(("hydraulics", "supply_pressure"), supply, "a supply pressure of")
-    yield from _FLOW.doubts(("hydraulics", "pump_flow"), flow, "a flow of")
+    for key, pressure, limit in (("hydraulics", "supply_pressure", "pump_flow"), ("supply", "pressure", "flow_limit")):
+        yield from _PRESSURE.doubts((key, pressure), _number(content, key, pressure), "a supply pressure of")
+        yield from _FLOW.doubts((key, limit), _number(content, key, limit), "a flow of")
 
 
 def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
@@ -325,7 +325,8 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     if bounds is None:
         return
     low, high = (float(there.to_si(value)) for value in bounds)
-    if quantity in ("head_pressure", "rod_pressure", "supply_pressure") and not 5e5 <= high <= 1.5e8:
+    high_pressure = quantity.endswith("_pressure") and quantity != "tank_pressure"
+    if high_pressure and not 5e5 <= high <= 1.5e8:
         yield Doubt(
             (*place, "range"),
             f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",

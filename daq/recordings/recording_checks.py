@@ -14,13 +14,16 @@ import numpy.typing as npt
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import JOINT_QUANTITIES, Channel, Machine
+from daq.machine.quantities import SENT_QUANTITIES
 from daq.quality import Quality
 from daq.recordings.map_draft import UnknownColumnsError
 from daq.recordings.recording_files import Table
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
-PRESSURES = frozenset({"head_pressure", "rod_pressure", "supply_pressure", "tank_pressure"})
+PRESSURES = frozenset(
+    {"head_pressure", "rod_pressure", "supply_pressure", "tank_pressure", "head_port_pressure", "rod_port_pressure"}
+)
 
 RATE_TOLERANCE = 0.01  # of the nominal period, on the median step: below any clock, above rounding of printed times
 STEP_TOLERANCE = 0.25  # of the nominal period, on a single step: sampling jitter, not a lost row
@@ -239,14 +242,14 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
 
 
 def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatArray, time: FloatArray) -> None:
-    """No sensor sat at its limit.
+    """No sensor sat at its limit; a command may (full speed is one), and a spool.
 
     With a declared range: three consecutive samples at or beyond it. Without: a pressure that stays exactly at its
     extreme value although it is noisy elsewhere, or whose extreme value is repeated exactly for a second or more in all
     and in 2 % of the samples and far more often than any value near it, which neither noise nor coarse steps do.
     """
     known = np.isfinite(values)
-    if not np.any(known):
+    if not np.any(known) or channel.quantity in SENT_QUANTITIES:
         return
     if channel.range is not None:
         limits = machine.conversion(channel).to_si(channel.range)
@@ -322,14 +325,16 @@ def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: s
 def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[str, FloatArray]) -> None:
     """Every channel of a joint changes, at least by its noise.
 
-    Temperatures, supply, tank and base may stand still. In ``unloaded`` the joint encoder may (the arm is
-    parked) and so may the piston of a cylinder that is not moved, told from a dead encoder by its pressures,
-    which then only carry noise. In ``operation`` any joint may be parked.
+    Temperatures, supply, tank and base may stand still, and a valve that nobody moves. In ``unloaded`` the joint
+    encoder may (the arm is parked) and so may the piston of a cylinder that is not moved, told from a dead encoder by
+    its pressures, which then only carry noise. In ``operation`` any joint may be parked.
     """
     for channel in machine.channels:
         if channel.quantity not in JOINT_QUANTITIES or not _constant(values[channel.name]):
             continue
         quantity = channel.quantity
+        if quantity in SENT_QUANTITIES:
+            continue
         if role == "operation" and quantity.endswith(("_position", "_velocity")):
             continue
         if role == "unloaded" and quantity in ("joint_position", "joint_velocity", "joint_effort", "cylinder_force"):

@@ -432,7 +432,10 @@ def _effort(
 
     effort = drive_effort(joint, channel)
     if effort is None:
-        raise RecordingError(f"{recording.file}: {joint.name} has no effort channel")
+        raise RecordingError(
+            f"{recording.file}: {joint.name} has no effort channel; add its pressures, or ask for its valve alone "
+            "(hilfit valve)"
+        )
     nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
     head, rod = channel("head_pressure"), channel("rod_pressure")
     if joint.cylinder is not None and head is not None and rod is not None:

@@ -87,7 +87,8 @@ const IDENTIFICATION: Record<string, string> = {
     "Der Bericht enthält ein $1, das JSON nicht kennt: Zahlen, Texte oder Listen angeben",
   "{}: no stretch of {} s without a gap; record again or raise the bandwidth":
     "$1: kein Stück von $2 s ohne Lücke; noch einmal aufzeichnen oder die Bandbreite erhöhen",
-  "{}: {} has no effort channel": "$1: $2 hat keinen Kanal für die Kraftgröße",
+  "{}: {} has no effort channel; add its pressures, or ask for its valve alone (hilfit valve)":
+    "$1: $2 hat keinen Kanal für die Kraftgröße; seine Drücke ergänzen, oder nur nach seinem Ventil fragen (hilfit valve)",
 };
 
 /** Of an excitation and its motion file. */

@@ -28,6 +28,28 @@ export const MACHINE_FILE: Record<string, string> = {
   "{}: {} has no cylinder, so no {}": "$1: $2 hat keinen Zylinder, also kein $3",
   "{}: this chamber of {} is vented; remove the channel, or vented:":
     "$1: Diese Kammer von $2 ist entlüftet; den Kanal oder vented: entfernen",
+  "{}: {} has no valve, so no {}; add cylinder.valve:":
+    "$1: $2 hat kein Ventil, also kein $3; cylinder.valve: ergänzen",
+  "{}: is in {}, and the valve of {} in {}; write both as it is sent":
+    "$1: ist in $2, und das Ventil von $3 in $4; beides so schreiben, wie es gesendet wird",
+  "supply: {} is {} here and {} as hydraulics.{}; correct one":
+    "supply: $1 ist hier $2 und als hydraulics.$4 $3; eines berichtigen",
+  "'{}' is no unit of a command; use one of {}": "„$1“ ist keine Einheit eines Stellwerts; eine nehmen von $2",
+  "must be 1 or -1: the sign of command - neutral that extends the rod":
+    "muss 1 oder -1 sein: das Vorzeichen von command - neutral, das die Stange ausfährt",
+  "range must go from low to high, not {} to {}": "range muss von klein nach groß gehen, nicht von $1 bis $2",
+  "neutral {} is not inside range {} to {}; write the command at which the spool is centred":
+    "neutral $1 liegt nicht in range $2 bis $3; den Stellwert schreiben, bei dem der Schieber in der Mitte steht",
+  "no channel shows what this valve is told, so nothing of it can be identified":
+    "kein Kanal zeigt, was diesem Ventil befohlen wird; so ist nichts von ihm zu identifizieren",
+  "add a channel of quantity command, joint {}, in {}": "einen Kanal der Größe command ergänzen, joint $1, in $2",
+  "without both chamber pressures only the curve and the delay can be told: speeds at another load are predicted worse":
+    "ohne beide Kammerdrücke sind nur Kennlinie und Totzeit zu sagen: Geschwindigkeiten bei anderer Last werden schlechter vorhergesagt",
+  "add head_pressure and rod_pressure": "head_pressure und rod_pressure ergänzen",
+  "nothing tells the supply pressure: an orifice that feeds the cylinder cannot be told from a compensated valve, and speeds at another load are predicted worse":
+    "nichts sagt den Versorgungsdruck: Eine Blende im Zulauf ist von einem druckkompensierten Ventil nicht zu unterscheiden, und Geschwindigkeiten bei anderer Last werden schlechter vorhergesagt",
+  "add a supply_pressure channel, or supply: {pressure: ...} in Pa":
+    "einen Kanal supply_pressure ergänzen, oder supply: {pressure: ...} in Pa",
   "joints.{}: drive.coupled names the joint itself; that is ratio":
     "joints.$1: drive.coupled nennt das Gelenk selbst; das ist ratio",
   "joints.{}: has more than one {} channel; keep one": "joints.$1: hat mehr als einen Kanal $2; einen behalten",
