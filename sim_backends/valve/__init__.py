@@ -8,5 +8,9 @@
 ``chambers``     capacities, leaks, relief, friction, end stops; pumps
 ``plant``        all of it advanced together (:class:`~sim_backends.valve.plant.ValvePlant`)
 ``machines``     a compensated bench, a crane with orifice valves, an excavator on one pump, drawn at random
+``effects``      undeclared effects, each in every physical form that it may have, as changes of the truth
+``motion``       what the simulated controller does: staircases, ladders, sines, rest, work
+``recording``    programmes run on plants, and what transducers record of them; cases on disk
+``tracking``     a path followed through an inverse of the valves
 ===============  =====================================================================================================
 """

@@ -62,8 +62,8 @@ class Lands:
         """Flow in m^3/s of every land at its nominal drop, for strokes (J, P) and warmth (P,) 0 to 1."""
         over = (SIGNS * stroke - self._edge) / (1.0 - self._edge)
         if self._worn:
-            width = np.maximum(self._rounding, 1e-9)
-            soft = width * np.logaddexp(0.0, np.clip(over / width, -60.0, 60.0))
+            width = np.where(self._rounding > 0.0, self._rounding, 1.0)
+            soft = width * np.logaddexp(0.0, over / width)
             over = np.where(self._rounding > 0.0, soft, over)
         over = np.maximum(over, 0.0)
         if self._curved:
@@ -77,7 +77,7 @@ class Lands:
 
         ``Q = g d / (d^2 + w^2)^(1/4)`` of ``d = drop / nominal``: ``g sqrt(d)`` but for the laminar beginning. A
         compensator holds the drop over the land at ``m``: ``d / (1 + (d / m)^4)^((1 - softness) / 4)``. Throttles in
-        series add as ``1 / g^2``.
+        series add as ``1 / g^2``; behind one of them a compensator needs so much more in all.
         """
         squared = conductance**2
         resistance = self._line
@@ -86,7 +86,7 @@ class Lands:
             opened[1] = np.maximum(held, 1e-4)
             resistance = resistance + self._held / opened**2
         g = conductance / np.sqrt(1.0 + squared * resistance)
-        z = np.square(np.square(np.maximum(drop, 0.0) / self._limit))
+        z = np.square(np.square(np.maximum(drop, 0.0) / (self._limit * (1.0 + squared * resistance))))
         if self._soft:
             kept, share = (1.0 + z) ** (0.25 * (self._softness - 1.0)), (1.0 - self._softness) * z / (1.0 + z)
         else:

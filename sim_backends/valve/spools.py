@@ -52,9 +52,9 @@ class Spools:
         self._sticky = bool(np.any(self._stick > 0.0))
         self._held, self._stuck = np.zeros(shape), np.ones(shape, dtype=bool)
         self._rested = np.zeros(shape)
-        w, damping, closing = stacked("frequency") * 2 * np.pi, stacked("damping"), stacked("closing")
-        self._opening = _transition(w, damping, dt)
-        self._closing = _transition(w * closing, damping, dt) if np.any(closing != 1.0) else None
+        w, damping, slower = stacked("frequency") * 2 * np.pi, stacked("damping"), stacked("retracting")
+        self._extending = _transition(w, damping, dt)
+        self._retracting = _transition(w * slower, damping, dt) if np.any(slower != 1.0) else None
         self.stroke, self.rate = self._null.copy(), np.zeros(shape)
 
     def step(self, command: FloatArray, warmth: FloatArray) -> None:
@@ -71,11 +71,11 @@ class Spools:
         if self._sticky:
             target = self._let_go(target)
         away, rate = self.stroke - target, self.rate
-        (a, b), (c, d) = self._opening
-        if self._closing is not None:
-            back = (np.abs(target) < np.abs(self.stroke)) | (target * self.stroke < 0.0)
-            (e, f), (g, h) = self._closing
-            a, b, c, d = np.where(back, e, a), np.where(back, f, b), np.where(back, g, c), np.where(back, h, d)
+        (a, b), (c, d) = self._extending
+        if self._retracting is not None:
+            other = (target < 0.0) | ((target == 0.0) & (self.stroke < 0.0))
+            (e, f), (g, h) = self._retracting
+            a, b, c, d = np.where(other, e, a), np.where(other, f, b), np.where(other, g, c), np.where(other, h, d)
         self.stroke, self.rate = target + a * away + b * rate, c * away + d * rate
         if self._sticky:
             self.stroke = np.where(self._stuck, self._held, self.stroke)

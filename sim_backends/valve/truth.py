@@ -46,7 +46,7 @@ class Spool:
     delay_retract: float  # s
     frequency: float = 12.0  # Hz
     damping: float = 0.8
-    closing: float = 1.0  # frequency while it goes back to centre, over ``frequency``
+    retracting: float = 1.0  # frequency on the side that lets the rod in, over ``frequency``
     null: float = 0.0  # stroke at command 0
     play: float = 0.0  # half-width of a mechanical play between solenoid and spool, fraction of full
     magnetic: float = 0.0  # half-width of the solenoid's loop at full current; smaller loops are narrower
