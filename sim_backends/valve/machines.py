@@ -67,7 +67,7 @@ def compensated_bench(seed: int) -> tuple[Machine, ValvePlantTruth]:
                     "cylinder": _cylinder(bore, 0.56, stroke, {"type": "direct"}),
                 },
                 speed,
-                "head" if name == "lift" else None,
+                None,
             )
         )  # fmt: skip
     masses = rng.uniform([60.0, 120.0], [150.0, 350.0])
@@ -238,7 +238,7 @@ def _oil(axis: _Axis, spring: float, load: float, pressure: float, rng: np.rando
     if axis.supported is not None:
         flow = axis.speed * (head if axis.supported == "head" else rod)
         setting = max(1.3 * load, 4.0e6)
-        held = Counterbalance(axis.supported, setting, float(rng.uniform(3.0, 5.0)), 0.6 * setting, 2.0 * flow, 0.03)
+        held = Counterbalance(axis.supported, setting, float(rng.uniform(2.0, 3.5)), 2.5 * setting, 1.3 * flow, 0.02)
     return CylinderOil(
         head_dead=0.04 * head * stroke + line,
         rod_dead=0.04 * rod * stroke + line,
@@ -262,7 +262,7 @@ def _valve(axis: _Axis, load: float, compensation: float, rng: np.random.Generat
     head, rod = axis.areas
     nominal = compensation if np.isfinite(compensation) else 2.0e6
     extend, retract = rng.uniform(0.04, 0.14, 2)
-    later = rng.uniform(-0.004, 0.012, 2)
+    later = rng.uniform(0.0, 0.012, 2)
     widths = rng.uniform(1.1, 1.6, 2)
     if axis.supported is None:
         widths = np.minimum(widths, np.sqrt(nominal / (1.3 * load + 5.0e5)))
@@ -271,7 +271,14 @@ def _valve(axis: _Axis, load: float, compensation: float, rng: np.random.Generat
     flows = dict(zip(LANDS, (head, rod, widths[1] * head, widths[0] * rod), strict=True))
     delay = float(np.round(rng.uniform(0.04, 0.25), 3))
     return ValveTruth(
-        Spool(delay, delay, frequency=float(rng.uniform(6.0, 15.0)), damping=float(rng.uniform(0.7, 0.95))),
+        Spool(
+            delay,
+            delay,
+            frequency=float(rng.uniform(6.0, 15.0)),
+            damping=float(rng.uniform(0.7, 0.95)),
+            restless=float(np.exp(rng.uniform(np.log(5e-4), np.log(3e-3)))),
+            restless_time=float(np.exp(rng.uniform(np.log(0.1), np.log(0.6)))),
+        ),
         {n: Land(float(edges[n]), float(axis.speed * flows[n]), exponent) for n in LANDS},
         nominal_drop=nominal,
         compensation=compensation,

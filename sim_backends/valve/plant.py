@@ -120,6 +120,8 @@ class ValvePlant:
         Step in s; delays are whole steps.
     power_on : (P,) array, optional
         Seconds since power-on at which each machine starts (how warm its oil is).
+    rngs : P generators, optional
+        What restless pilot stages draw from; without them all are calm.
     """
 
     def __init__(
@@ -127,6 +129,7 @@ class ValvePlant:
         machines: Sequence[tuple[Machine, ValvePlantTruth]],
         dt: float = STEP,
         power_on: npt.ArrayLike = 0.0,
+        rngs: Sequence[np.random.Generator] | None = None,
     ) -> None:
         names = [[joint.name for joint in machine.joints] for machine, _ in machines]
         truths = [truth for _, truth in machines]
@@ -136,7 +139,7 @@ class ValvePlant:
         self.dt = dt
         self.shape = (len(names[0]), len(machines))
         self._load = load_of([(machine, truth.links) for machine, truth in machines])
-        self._spools = Spools([[valve.spool for valve in row] for row in valves], dt)
+        self._spools = Spools([[valve.spool for valve in row] for row in valves], dt, rngs)
         self._lands = Lands(valves, oils)
         self._chambers = Chambers([machine for machine, _ in machines], oils, valves, fluids, supplies)
         self._pumps = Pumps(supplies, fluids)

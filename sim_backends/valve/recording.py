@@ -29,7 +29,8 @@ COMMAND_STEPS = 1000  # of the amplifier's resolution, over full
 class Run:
     """What is to be recorded: a machine with its truth, what its controller does, and when.
 
-    ``power_on`` is the time in s for which the machine has run before; ``start`` are fractions of the travel.
+    ``power_on`` is the time in s for which the machine has run before; ``start`` are fractions of the travel; ``noise``
+    seeds what is restless.
     """
 
     machine: Machine
@@ -38,6 +39,7 @@ class Run:
     guesses: Sequence[Guess]
     power_on: float = 0.0
     start: tuple[float, ...] = ()
+    noise: tuple[int, ...] = (0,)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,12 @@ def run_all(runs: Sequence[Run], dt: float = STEP) -> list[Course]:
     """Run programmes side by side, each to its end (machines of one kind and one rate only)."""
     rate = runs[0].machine.rate_hz
     per_cycle = round(1.0 / rate / dt)
-    plant = ValvePlant([(run.machine, run.truth) for run in runs], dt, [run.power_on for run in runs])
+    plant = ValvePlant(
+        [(run.machine, run.truth) for run in runs],
+        dt,
+        [run.power_on for run in runs],
+        [np.random.default_rng(run.noise) for run in runs],
+    )
     count = plant.shape[0]
     low = np.array([[guess.low for guess in run.guesses] for run in runs]).T
     high = np.array([[guess.high for guess in run.guesses] for run in runs]).T
@@ -187,8 +194,8 @@ def simulate_valve_case(
 ) -> ValveCase:
     """Record every programme (by file stem) on one machine that has undeclared effects.
 
-    Recordings follow each other by two and a half minutes, so the oil gets warmer from one to the next. Noise depends
-    on ``seed`` and the stem's place alone.
+    Recordings follow each other by two and a half minutes, so the oil gets warmer from one to the next. Noise and
+    restlessness depend on ``seed`` and the stem's place alone.
     """
     return simulate_valve_cases([(machine, healthy, programmes, guesses, effects, quality, seed)])[0]
 
@@ -202,13 +209,13 @@ Order = tuple[
 def simulate_valve_cases(orders: Sequence[Order]) -> list[ValveCase]:
     """Several cases of one kind of machine side by side, arguments as of :func:`simulate_valve_case`."""
     runs, truths = [], []
-    for machine, healthy, programmes, guesses, effects, _, _ in orders:
+    for machine, healthy, programmes, guesses, effects, _, seed in orders:
         truth = healthy
         for spec in effects:
             truth = with_effect(machine, truth, spec)
         truths.append(truth)
         runs += [
-            Run(machine, truth, phases, guesses, power_on=150.0 * number)
+            Run(machine, truth, phases, guesses, power_on=150.0 * number, noise=(seed, 52, number))
             for number, phases in enumerate(programmes.values())
         ]
     courses = iter(run_all(runs))

@@ -19,18 +19,23 @@ FloatArray = npt.NDArray[np.float64]
 #: Widths of the elements that a solenoid's loop is put together from, over its half-width at full current, and weights.
 #: The weighted sum of the widths is 1: that is the loop's half-width once all elements have turned.
 _ELEMENTS = (np.array([0.25, 0.75, 1.5, 2.5]) / 0.875, np.array([0.4, 0.3, 0.2, 0.1]))
+_BLOCK = 1000  # steps for which random numbers are drawn at once
 _AT_REST = 0.02  # 1/s: a spool slower than this fraction of full stroke per second stands still
 
 
 class Spools:
     """The spools of P machines with J axes each; parameters from ``spools[p][j]``, stepped by ``dt`` s.
 
+    ``rngs``, one per machine, are what restless pilot stages draw from; without them all are calm.
+
     Attributes
     ----------
     stroke, rate : (J, P) fraction of full, and per second
     """
 
-    def __init__(self, spools: Sequence[Sequence[Spool]], dt: float) -> None:
+    def __init__(
+        self, spools: Sequence[Sequence[Spool]], dt: float, rngs: Sequence[np.random.Generator] | None = None
+    ) -> None:
         def stacked(key: str) -> FloatArray:
             return np.array([[getattr(spool, key) for spool in row] for row in spools], dtype=np.float64).T
 
@@ -52,6 +57,10 @@ class Spools:
         self._sticky = bool(np.any(self._stick > 0.0))
         self._held, self._stuck = np.zeros(shape), np.ones(shape, dtype=bool)
         self._rested = np.zeros(shape)
+        self._restless = stacked("restless")
+        self._rngs = rngs if np.any(self._restless > 0.0) else None
+        self._memory = np.exp(-dt / stacked("restless_time"))
+        self._wander, self._drawn, self._used = np.zeros(shape), np.zeros((0, *shape)), 0
         w, damping, slower = stacked("frequency") * 2 * np.pi, stacked("damping"), stacked("retracting")
         self._extending = _transition(w, damping, dt)
         self._retracting = _transition(w * slower, damping, dt) if np.any(slower != 1.0) else None
@@ -70,6 +79,8 @@ class Spools:
         target = np.clip(target + self._null, -1.0, 1.0)
         if self._sticky:
             target = self._let_go(target)
+        if self._rngs is not None:
+            target = np.clip(target + self._restless * self._wandered(self._rngs), -1.0, 1.0)
         away, rate = self.stroke - target, self.rate
         (a, b), (c, d) = self._extending
         if self._retracting is not None:
@@ -80,6 +91,15 @@ class Spools:
         if self._sticky:
             self.stroke = np.where(self._stuck, self._held, self.stroke)
             self.rate = np.where(self._stuck, 0.0, self.rate)
+
+    def _wandered(self, rngs: Sequence[np.random.Generator]) -> FloatArray:
+        """The next value of AR(1) noise of unit variance."""
+        if self._used == len(self._drawn):
+            drawn = [rng.standard_normal((_BLOCK, len(self._wander))) for rng in rngs]
+            self._drawn, self._used = np.ascontiguousarray(np.stack(drawn, axis=2)), 0
+        self._wander = self._memory * self._wander + np.sqrt(1.0 - self._memory**2) * self._drawn[self._used]
+        self._used += 1
+        return self._wander
 
     def _behind(self, target: FloatArray) -> FloatArray:
         """Play first, then the solenoid: what the spool is told after both."""

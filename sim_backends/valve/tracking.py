@@ -68,16 +68,16 @@ class TrueInverse:
     """The inverse of the plant's own healthy valves: what the best identification could hand out.
 
     ``|y| = edge + (1 - edge) o^(1/c)`` with the opening ``o`` that lets ``|v| A`` in at the drop of the moment. A wish
-    below ``quiet`` of the full speed gives 0 until it is above three times as much. A load-sensing pump is trusted to
-    bring its margin once the valve opens.
+    below ``quiet`` of the full speed gives 0 until it is above three times as much. With ``trusting`` a load-sensing
+    pump is believed to bring its margin once the valve opens.
     """
 
-    def __init__(self, machine: Machine, truth: ValvePlantTruth, quiet: float = 0.005) -> None:
+    def __init__(self, machine: Machine, truth: ValvePlantTruth, quiet: float = 0.005, trusting: bool = True) -> None:
         cylinders = [joint.cylinder for joint in machine.joints]
         self._areas = np.array([[c.head_area, c.rod_area] for c in cylinders if c is not None]).T
         self._valves = [truth.valves[joint.name] for joint in machine.joints]
         supply = truth.supply
-        self._least = supply.margin if supply.kind == "load_sensing" else 1.0e5
+        self._least = supply.margin if trusting and supply.kind == "load_sensing" else 1.0e5
         self._quiet, self._moving = quiet, np.zeros(len(cylinders), dtype=bool)
 
     def __call__(self, speed: FloatArray, pressures: Pressures) -> FloatArray:

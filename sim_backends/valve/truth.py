@@ -52,6 +52,8 @@ class Spool:
     magnetic: float = 0.0  # half-width of the solenoid's loop at full current; smaller loops are narrower
     stick: float = 0.0  # change of the command that a spool at rest ignores, fraction of full
     silt_time: float = 0.0  # s at rest after which most of ``stick`` is there; 0: at once
+    restless: float = 0.0  # standard deviation of what the pilot stage adds to the stroke at random, fraction of full
+    restless_time: float = 0.2  # s, its correlation time
     current_loss: float = 0.0  # fraction of the stroke that a coil at working temperature has lost against a cold one
 
 

@@ -189,3 +189,23 @@ def test_a_healthy_spool_has_no_memory() -> None:
     assert (spool.play, spool.magnetic, spool.stick, spool.null) == (0.0, 0.0, 0.0, 0.0)
     told = strokes(sled_truth(), [0.2, 0.6, 0.2])
     assert told[0] == pytest.approx(told[2], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_restless_pilot_stage_wanders_as_much_as_it_says() -> None:
+    spool = Spool(0.0, 0.0, frequency=50.0, damping=1.0, restless=0.01, restless_time=0.1)
+
+    def wandering(rngs: list[np.random.Generator] | None) -> np.ndarray:
+        spools = Spools([[spool] * 2] * 3, 1e-3, rngs)
+        rows = []
+        for _ in range(20_000):
+            spools.step(np.full((2, 3), 0.5), np.ones(3))
+            rows.append(spools.stroke)
+        return np.array(rows)[200:]
+
+    stroke = wandering([np.random.default_rng(p) for p in (1, 2, 1)])
+    # 200 correlation times: the variance is right to some 10 %; the spool follows all but the fastest of it.
+    assert stroke.std(axis=0).mean() == pytest.approx(0.01, rel=0.15)
+    np.testing.assert_array_equal(stroke[:, :, 0], stroke[:, :, 2])
+    assert abs(np.corrcoef(stroke[:, 0, 0], stroke[:, 1, 0])[0, 1]) < 0.3
+    assert wandering(None).std() < 1e-9

@@ -63,11 +63,11 @@ def test_a_case_is_read_back_as_any_recording(tmp_path: Path, cases: list[ValveC
 def test_the_rod_follows_what_was_sent_by_its_delay(cases: list[ValveCase]) -> None:
     course, truth = cases[0].courses["train-1"], cases[0].truth
     sent = course.time[np.flatnonzero(course.command[:, 0])[0]]
-    moved = course.time[np.flatnonzero(course.stroke[:, 0])[0]]
+    moved = course.time[np.flatnonzero(course.stroke[:, 0] > 0.01)[0]]  # the pilot stage is restless by less
     assert sent == pytest.approx(0.5)
-    # Seen in the first row after it: at most a cycle later.
-    assert 0.0 <= moved - sent - truth.valves["boom"].spool.delay_extend < 0.0201
-    assert np.all(np.sign(course.v[course.time < sent + 0.5, 0]) >= -1e-6)
+    # Seen in the first row after it, once the spool has left centre: at most a cycle or two later.
+    assert 0.0 <= moved - sent - truth.valves["boom"].spool.delay_extend < 0.0401
+    assert np.all(course.v[course.time < sent + 0.5, 0] > -1e-3)
 
 
 @pytest.mark.slow
