@@ -7,7 +7,8 @@ the machines last: (J, P), mass matrices (J, J, P).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -22,19 +23,29 @@ FloatArray = npt.NDArray[np.float64]
 Plants = Sequence[tuple[Machine, Sequence[LinkTruth]]]
 
 
+@dataclass(frozen=True)
+class Pose:
+    """A pose of all machines, ``M(q) q'' + h(q, q') = tau`` there.
+
+    Attributes
+    ----------
+    mass : (J, J, P) mass matrices, without pistons
+    bias : joint rates (J, P) to ``h`` (J, P): centrifugal, Coriolis and gravity efforts in N m or N
+    x, lever, bend : (J, P) piston positions in m, ``r = dx/dq`` and ``dr/dq``
+    """
+
+    mass: FloatArray
+    bias: Callable[[FloatArray], FloatArray]
+    x: FloatArray
+    lever: FloatArray
+    bend: FloatArray
+
+
 class Load(Protocol):
-    """``M(q) q'' + h(q, q') = tau``, and where the pistons are."""
+    """What the cylinders move."""
 
-    def mass(self, q: FloatArray) -> FloatArray:
-        """Mass matrices (J, J, P) at joint positions (J, P), without pistons."""
-        ...
-
-    def bias(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """``h``: centrifugal, Coriolis and gravity efforts (J, P) in N m or N."""
-        ...
-
-    def piston(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Piston positions in m, lever arms ``r = dx/dq`` and ``dr/dq``, each (J, P)."""
+    def pose(self, q: FloatArray) -> Pose:
+        """The machines at joint positions (J, P)."""
         ...
 
     def joint(self, x: FloatArray) -> FloatArray:
@@ -105,44 +116,36 @@ class PlanarArm:
         three_pin = [[joint.cylinder.linkage for joint in machine.joints] for machine, _ in plants]  # type: ignore[union-attr]
         get = lambda key: np.array([[getattr(own, key) for own in row] for row in three_pin]).T  # noqa: E731
         self._a, self._b, self._offset, self._retracted = map(get, ("a", "b", "offset", "retracted"))
+        self._ab, self._squares = self._a * self._b, self._a**2 + self._b**2
 
-    def _inertia(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mass matrix in ``phi``, its derivative with respect to ``phi_i - phi_j``, and ``phi``."""
+    def pose(self, q: FloatArray) -> Pose:
+        """``M = L' M_phi L``, ``L`` the lower triangle of ones: sums over the links outside of both joints."""
         phi = np.cumsum(q + self._theta, axis=0)
         cos, sin = np.cos(phi), np.sin(phi)
-        c = cos[:, None] * cos + sin[:, None] * sin
+        c = cos[:, None] * cos + sin[:, None] * sin  # of phi_i - phi_j
         s = sin[:, None] * cos - cos[:, None] * sin
-        return self._p * c + self._q * s, self._q * c - self._p * s, phi
-
-    def mass(self, q: FloatArray) -> FloatArray:
-        """``M = L' M_phi L``, ``L`` the lower triangle of ones: sums over the links outside of both joints."""
-        inertia, _, _ = self._inertia(q)
-        return _outward(_outward(inertia, 0), 1)
-
-    def bias(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """``h_phi_i = sum_j -dM_ij/d(phi_i - phi_j) phi_j'^2 ...`` of Lagrange's equations, and gravity's moment."""
-        _, slope, phi = self._inertia(q)
-        rate = np.cumsum(qd, axis=0)
-        # d/dt (M_ij phi_j') - dT/dphi_i leaves -S_ij phi_j'^2 with S = dM_ij/d(phi_i - phi_j).
-        moment = -(slope * rate**2).sum(axis=1)
-        cos, sin = np.cos(phi), np.sin(phi)
+        mass = _outward(_outward(self._p * c + self._q * s, 0), 1)
+        slope = self._q * c - self._p * s  # S_ij = dM_ij / d(phi_i - phi_j)
         gx, gy = self._gravity
-        # Torque of weight about z is (r x g)_z = x g_y - y g_x; it helps the motion, so it stands with a minus.
-        moment -= (self._mx * cos - self._my * sin) * gy - (self._mx * sin + self._my * cos) * gx
-        return _outward(moment, 0)
+        # Torque of weight about z is (r x g)_z = x g_y - y g_x.
+        weight = (self._mx * cos - self._my * sin) * gy - (self._mx * sin + self._my * cos) * gx
 
-    def piston(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """``l^2 = a^2 + b^2 - 2 a b cos(q + offset)``, ``x = l - retracted``."""
+        def bias(qd: FloatArray) -> FloatArray:
+            """Lagrange's d/dt (M_ij phi_j') - dT/dphi_i leaves -S_ij phi_j'^2; weight helps the motion."""
+            rate = np.cumsum(qd, axis=0)
+            return _outward(-(slope * rate**2).sum(axis=1) - weight, 0)
+
+        # l^2 = a^2 + b^2 - 2 a b cos(q + offset), x = l - retracted
         angle = q + self._offset
-        ab = self._a * self._b
-        length = np.sqrt(self._a**2 + self._b**2 - 2 * ab * np.cos(angle))
-        lever = ab * np.sin(angle) / length
-        return length - self._retracted, lever, (ab * np.cos(angle) - lever**2) / length
+        across = self._ab * np.cos(angle)
+        length = np.sqrt(self._squares - 2 * across)
+        lever = self._ab * np.sin(angle) / length
+        return Pose(mass, bias, length - self._retracted, lever, (across - lever**2) / length)
 
     def joint(self, x: FloatArray) -> FloatArray:
         """The cosine law backwards, on the branch of the offset."""
         length = x + self._retracted
-        angle = np.arccos((self._a**2 + self._b**2 - length**2) / (2 * self._a * self._b))
+        angle = np.arccos((self._squares - length**2) / (2 * self._ab))
         return np.asarray(np.sign(self._offset) * angle - self._offset)
 
 
@@ -160,17 +163,9 @@ class Gantry:
             self._mass[:, :, p] = axes @ axes.T * beyond[np.maximum(number[:, None], number)]
             self._weight[:, p] = axes @ np.asarray(machine.gravity) * beyond
 
-    def mass(self, q: FloatArray) -> FloatArray:
-        """The same wherever the axes stand."""
-        return self._mass
-
-    def bias(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Weight along each axis."""
-        return -self._weight
-
-    def piston(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """``x = q``."""
-        return q, np.ones_like(q), np.zeros_like(q)
+    def pose(self, q: FloatArray) -> Pose:
+        """The same mass wherever the axes stand; weight along each."""
+        return Pose(self._mass, lambda qd: -self._weight, q, np.ones_like(q), np.zeros_like(q))
 
     def joint(self, x: FloatArray) -> FloatArray:
         """``q = x``."""
@@ -197,4 +192,5 @@ def _axes(machine: Machine) -> FloatArray:
 
 def _outward(values: FloatArray, axis: int) -> FloatArray:
     """Sums from each joint to the tip."""
-    return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
+    reverse = (slice(None),) * axis + (slice(None, None, -1),)
+    return np.asarray(np.cumsum(values[reverse], axis=axis)[reverse])

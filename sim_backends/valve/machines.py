@@ -222,8 +222,8 @@ def _load_pressures(
     grids = np.meshgrid(*[np.linspace(*joint.limits.position, 7) for joint in machine.joints], indexing="ij")
     largest = np.zeros(len(axes))
     for q in np.stack([grid.ravel() for grid in grids], axis=1):
-        x, lever, _ = load.piston(q[:, None])
-        force = (load.bias(q[:, None], np.zeros((len(q), 1))) / lever)[:, 0] + np.array(springs) * x[:, 0]
+        pose = load.pose(q[:, None])
+        force = (pose.bias(np.zeros((len(q), 1))) / pose.lever)[:, 0] + np.array(springs) * pose.x[:, 0]
         largest = np.maximum(
             largest, np.abs(force) / [axis.areas[0 if f > 0 else 1] for axis, f in zip(axes, force, strict=True)]
         )

@@ -24,7 +24,7 @@ import numpy.typing as npt
 from daq.machine.machine_file import Machine
 from sim_backends.valve.chambers import Chambers, Pumps
 from sim_backends.valve.lands import Lands
-from sim_backends.valve.load import load_of
+from sim_backends.valve.load import Pose, load_of
 from sim_backends.valve.spools import Spools
 from sim_backends.valve.truth import CylinderOil, ValvePlantTruth
 
@@ -100,6 +100,7 @@ class _Slopes:
 
     effort: FloatArray
     rates: _Point
+    pose: Pose
     own: FloatArray
     across: FloatArray
     inward: FloatArray
@@ -152,7 +153,7 @@ class ValvePlant:
         zeros = np.zeros(self.shape)
         self._at = _Point(zeros, zeros, np.zeros((2, *self.shape)), zeros[0], np.zeros((2, *self.shape)), zeros[0])
         self._conductance = self._lands.conductance(self._spools.stroke, self._warmth())
-        self.place(self._load.piston(limits.mean(axis=2).T)[0])
+        self.place(self._load.pose(limits.mean(axis=2).T).x)
 
     def place(self, x: npt.ArrayLike, speed: npt.ArrayLike = 0.0) -> None:
         """Put pistons (J, P) somewhere (m), with pressures that hold the load there at rest; spools stay as they are.
@@ -162,8 +163,8 @@ class ValvePlant:
         x = np.broadcast_to(np.asarray(x, dtype=np.float64), self.shape)
         q = self._load.joint(x)
         zeros = np.zeros(self.shape)
-        chambers, lever = self._chambers, self._load.piston(q)[1]
-        force = self._load.bias(q, zeros) / lever + chambers.spring * x
+        chambers, pose = self._chambers, self._load.pose(q)
+        force = pose.bias(zeros) / pose.lever + chambers.spring * x
         least = chambers.tank + REST_PRESSURE
         head, rod = chambers.area[0], -chambers.area[1]
         first = np.maximum((force + least * rod) / head, least)
@@ -179,11 +180,11 @@ class ValvePlant:
         self.time = self.time + self.dt
         before, self._conductance = self._conductance, self._lands.conductance(self._spools.stroke, self._warmth())
         here = self._slopes(self._at, before, stroke)
-        solve = _Solver(here, self._load.mass(self._at.q), self, GAMMA * self.dt)
+        solve = _Solver(here, self, GAMMA * self.dt)
         first = solve(here.rates, here.effort)
         there = self._at.plus(self.dt, first)
         rates = self._slopes(there, self._conductance, self._spools.stroke)
-        acceleration = _solved(self._mass(there.q), rates.effort)
+        acceleration = _solved(self._mass(rates.pose), rates.effort)
         second = rates.rates.plus(-2.0, first)
         second = solve(second, _times(solve.mass, acceleration - 2.0 * first.qd))
         self._at = self._at.plus(1.5 * self.dt, first).plus(0.5 * self.dt, second)
@@ -193,9 +194,9 @@ class ValvePlant:
     def state(self) -> PlantState:
         """What there is now."""
         at = self._at
-        x, lever, _ = self._load.piston(at.q)
+        pose = self._load.pose(at.q)
         temperature = self._ambient + self._heating * self._warmth()
-        return PlantState(self.time, at.q, at.qd, x, lever * at.qd, self._spools.stroke, at.p, at.supply,
+        return PlantState(self.time, at.q, at.qd, pose.x, pose.lever * at.qd, self._spools.stroke, at.p, at.supply,
                           self._chambers.tank, temperature)  # fmt: skip
 
     def flows(self) -> Flows:
@@ -207,19 +208,16 @@ class ValvePlant:
     def kinetic_energy(self) -> FloatArray:
         """Of arm and pistons, (P,) in J."""
         qd = self._at.qd
-        return np.asarray(0.5 * (qd * _times(self._mass(self._at.q), qd)).sum(axis=0))
+        return np.asarray(0.5 * (qd * _times(self._mass(self._load.pose(self._at.q)), qd)).sum(axis=0))
 
     def _warmth(self) -> FloatArray:
         return np.asarray(1.0 - np.exp(-np.maximum(self.time, 0.0) / self._warm_up))
 
-    def _mass(self, q: FloatArray) -> FloatArray:
+    def _mass(self, pose: Pose) -> FloatArray:
         """Mass matrices (J, J, P) with the pistons'."""
-        return self._with_pistons(self._load.mass(q), self._load.piston(q)[1])
-
-    def _with_pistons(self, mass: FloatArray, lever: FloatArray) -> FloatArray:
-        full = mass.copy()
+        full = pose.mass.copy()
         for j in range(self.shape[0]):
-            full[j, j] += self._chambers.mass[j] * lever[j] ** 2
+            full[j, j] += self._chambers.mass[j] * pose.lever[j] ** 2
         return full
 
     def _through(self, at: _Point, conductance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -229,11 +227,12 @@ class ValvePlant:
 
     def _slopes(self, at: _Point, conductance: FloatArray, stroke: FloatArray) -> _Slopes:
         chambers, pumps = self._chambers, self._pumps
-        x, lever, bend = self._load.piston(at.q)
+        pose = self._load.pose(at.q)
+        x, lever = pose.x, pose.lever
         v = lever * at.qd
         force, over_v, over_x = chambers.resistance(x, v)
-        effort = lever * ((chambers.area * at.p).sum(axis=0) - force - chambers.mass * bend * at.qd**2)
-        effort -= self._load.bias(at.q, at.qd)
+        effort = lever * ((chambers.area * at.p).sum(axis=0) - force - chambers.mass * pose.bend * at.qd**2)
+        effort -= pose.bias(at.qd)
         flow, slope, _ = self._through(at, conductance)
         out, own, across = chambers.losses(at.p, stroke)
         capacity = chambers.capacity(x)
@@ -247,7 +246,9 @@ class ValvePlant:
         )
         pump, falls = pumps.flow(at.supply, at.aim)
         rates.supply = (pump - flow[0].sum(axis=(0, 1))) / pumps.capacity
-        return _Slopes(effort, rates, own + slope.sum(axis=0), across, slope[0], lever, over_v, over_x, capacity, falls)
+        return _Slopes(
+            effort, rates, pose, own + slope.sum(axis=0), across, slope[0], lever, over_v, over_x, capacity, falls
+        )
 
 
 @dataclass(frozen=True)
@@ -285,9 +286,9 @@ class _Solver:
     ``(M + a (over_v r^2 + a over_x r^2 + sum_k a_k r V_k)) k_v + a sum_k a_k r S_k (sum_j w_j k_v,j) = ...``.
     """
 
-    def __init__(self, here: _Slopes, mass: FloatArray, plant: ValvePlant, a: float) -> None:
+    def __init__(self, here: _Slopes, plant: ValvePlant, a: float) -> None:
         self._a, self._here, self._plant = a, here, plant
-        self.mass = plant._with_pistons(mass, here.lever)
+        self.mass = plant._mass(here.pose)
         share = a / here.capacity
         self._diagonal = 1.0 + share * here.own
         self._cross = share * here.across

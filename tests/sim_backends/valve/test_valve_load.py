@@ -25,16 +25,16 @@ def test_the_load_moves_as_mujoco_says(kind: Kind) -> None:
     expected = arm.effort(q, qd, qdd)
 
     load = load_of([(machine, truth.links)] * len(q))
-    effort = np.einsum("ijp,jp->ip", load.mass(q.T), qdd.T) + load.bias(q.T, qd.T)
+    pose = load.pose(q.T)
+    effort = np.einsum("ijp,jp->ip", pose.mass, qdd.T) + pose.bias(qd.T)
 
     np.testing.assert_allclose(effort.T, expected, rtol=1e-9, atol=1e-7 * np.abs(expected).max())
-    x, lever, bend = load.piston(q.T)
     expected_x, expected_v, expected_a, expected_lever = arm.piston(q, qd, qdd)
-    np.testing.assert_allclose(x.T, expected_x, atol=1e-9)  # MuJoCo's side is a spline through exact lengths
-    np.testing.assert_allclose(lever.T, expected_lever, atol=1e-7)
-    np.testing.assert_allclose((lever * qd.T).T, expected_v, atol=1e-7)
-    np.testing.assert_allclose((lever * qdd.T + bend * qd.T**2).T, expected_a, atol=1e-4)
-    np.testing.assert_allclose(load.joint(x), q.T, atol=1e-12)
+    np.testing.assert_allclose(pose.x.T, expected_x, atol=1e-9)  # MuJoCo's side is a spline through exact lengths
+    np.testing.assert_allclose(pose.lever.T, expected_lever, atol=1e-7)
+    np.testing.assert_allclose((pose.lever * qd.T).T, expected_v, atol=1e-7)
+    np.testing.assert_allclose((pose.lever * qdd.T + pose.bend * qd.T**2).T, expected_a, atol=1e-4)
+    np.testing.assert_allclose(load.joint(pose.x), q.T, atol=1e-12)
 
 
 def test_an_arm_that_does_not_fold_in_a_plane_is_refused() -> None:
