@@ -35,6 +35,8 @@ Kind = Literal["bench", "crane", "excavator"]
 
 HOSE = 3.0e8  # Pa: what a hose's wall adds, as a modulus of its own volume
 MARGIN = 0.03  # m of stroke left at each end of the travel
+#: Of full stroke: data sheets give repeatabilities of 0.2 % (servo valves) to 1 % (mobile valves), twice this.
+RESTLESS = (1.0e-3, 5.0e-3)
 
 
 @dataclass(frozen=True)
@@ -276,7 +278,7 @@ def _valve(axis: _Axis, load: float, compensation: float, rng: np.random.Generat
             delay,
             frequency=float(rng.uniform(6.0, 15.0)),
             damping=float(rng.uniform(0.7, 0.95)),
-            restless=float(np.exp(rng.uniform(np.log(5e-4), np.log(3e-3)))),
+            restless=float(np.exp(rng.uniform(*np.log(RESTLESS)))),
             restless_time=float(np.exp(rng.uniform(np.log(0.1), np.log(0.6)))),
         ),
         {n: Land(float(edges[n]), float(axis.speed * flows[n]), exponent) for n in LANDS},
