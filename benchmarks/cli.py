@@ -12,7 +12,7 @@ from benchmarks.commands.saying import BENCHMARKS
 from daq.console import print_json
 
 #: Modules whose commands there are, in the order of the list.
-for _module in ("loop", "identification", "export", "acquisition", "service"):
+for _module in ("loop", "identification", "valve", "export", "acquisition", "service"):
     import_module(f"benchmarks.commands.{_module}_commands")
 
 

@@ -26,6 +26,7 @@ class SensorChain:
                 "supply_pressure": (quality.pressure_std, quality.pressure_resolution),
                 "tank_pressure": (quality.pressure_std, quality.pressure_resolution),
                 "oil_temperature": (quality.temperature_std, 0.0),
+                "command": (0.0, 0.0),  # a number that was sent
                 "joint_effort": (quality.effort_std, 0.0),
                 "cylinder_force": (quality.effort_std, 0.0),
                 "base_roll": (quality.encoder_std, 0.0),

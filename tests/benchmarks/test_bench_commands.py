@@ -48,6 +48,7 @@ def test_without_a_name_they_are_listed(run: Run) -> None:
         (("attribution", "--recipe", "2"), "--recipe 2"),
         (("attribution", "--only-make"), "name it with --cache"),
         (("attribution", "--compare", "no-such.jsonl"), "no-such.jsonl: no such file"),
+        (("valve", "--only-make"), "name it with --cache"),
         (("samples", "--only", "rust"), "--only rust: is no sample"),
         (("samples", "no-such-directory"), "no-such-directory: no such directory"),
         (("speed", "--minutes", "60,10"), "--minutes 60,10: write rising numbers"),

@@ -1,0 +1,96 @@
+"""The fit's side of the benchmark: machine file and recordings in, answers out. It sees nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+from daq.errors import InputError
+from daq.machine.machine_file import load_machine
+
+WAYS = ("extend", "retract")
+#: A value and its 95 % interval (None: it has none).
+Bar = tuple[float, tuple[float, float] | None]
+#: Speed in m/s, head, rod, supply and tank pressure in Pa, whether it moves, to a fraction of full command.
+CommandOf = Callable[[float, float, float, float, float, bool], float]
+
+
+@dataclass(frozen=True)
+class AxisAnswer:
+    """What is said of one axis.
+
+    Attributes
+    ----------
+    error : on the validation motion, over the speed's root mean square
+    delay : s
+    edges : per direction the command, fraction of full, that gives 2 % of the speed at the largest recorded one
+    largest : per direction the largest recorded command, fraction of full
+    effects : per finding the ids that it may be, the best first
+    flow_limit : m^3/s, or None
+    command : the inverse, or None
+    """
+
+    error: float
+    delay: Bar
+    edges: Mapping[str, Bar]
+    largest: Mapping[str, float]
+    effects: tuple[tuple[str, ...], ...] = ()
+    flow_limit: float | None = None
+    command: CommandOf | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is said of a machine, by name of joint, and the processor time in s that it took."""
+
+    axes: Mapping[str, AxisAnswer]
+    seconds: float = 0.0
+
+
+def identified(folder: Path) -> Answer:
+    """``hilfit.identify_valve`` on the recordings of a case, ``validate`` apart.
+
+    Raises
+    ------
+    InputError
+        If this version of hilfit has no such function.
+    """
+    import hilfit
+
+    identify: Any = getattr(hilfit, "identify_valve", None)
+    if identify is None:
+        raise InputError(
+            "hilfit.identify_valve is not there: this version identifies no valves; --only-make makes cases"
+        )
+    train = sorted(folder.glob("train-*.parquet"))
+    started = process_time()
+    found = identify(folder / "machine.yaml", train, [folder / "validate.parquet"])
+    took = process_time() - started
+    joints = [joint.name for joint in load_machine(folder / "machine.yaml").joints]
+    return Answer({name: _axis(found.report["axes"][name], found.models[name]) for name in joints}, took)
+
+
+def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
+    def bar(value: Mapping[str, Any]) -> Bar:
+        interval = value["ci95"]
+        return float(value["value"]), None if interval is None else (float(interval[0]), float(interval[1]))
+
+    def command(speed: float, head: float, rod: float, supply: float, tank: float, moving: bool) -> float:
+        told = model.command(speed, moving=moving, head=head, rod=rod, supply=supply, tank=tank)
+        return float(told.share)
+
+    limit = own["pump_limit"]
+    return AxisAnswer(
+        error=float(own["errors"]["handed_out"]),
+        delay=bar(own["delay"]),
+        edges={
+            way: bar(own["directions"][way]["edge_at_2_percent"]) for way in WAYS if own["directions"][way]["moves"]
+        },
+        largest=own["largest_recorded"],
+        effects=tuple((effect["id"], *effect["indistinguishable_from"]) for effect in own["effects"]),
+        flow_limit=None if limit is None else float(limit["value"]),
+        command=command,
+    )
