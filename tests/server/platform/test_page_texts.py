@@ -140,7 +140,7 @@ MACHINE_FILE = tuple(
             f"machine/{name}"
             for name in ("coherence", "joints", "buses", "bus_places", "linkages", "machine_file_errors", "valves")
         ),
-        *("safe_yaml", "machine/plausible", "machine/valve_doubts", "machine/can_database"),
+        *("safe_yaml", "machine/plausible", "machine/can_database"),
     )
 )
 #: Findings: all texts of the checks and of the bus check, and of the drivers about their devices.
