@@ -33,6 +33,8 @@ COARSE = (DELAYS[::2], EDGES[::2])
 PROFILE = tuple(np.round(np.arange(0.0, 0.61, 0.05), 3))
 #: s over which a residual hangs together.
 MEMORY = 1.5
+#: Share of a cycle to which moments of a command and of a position are known beside one another, at the best.
+CLOCK = 0.01
 #: Of a number's scale: steps of derivatives. The command has steps itself, and a smaller one sees single samples.
 _STEP = 1e-2
 _ITERATIONS = 15
@@ -101,6 +103,9 @@ class Fit:
             between = bread @ (scores.T @ scores) @ bread * (len(groups) / (len(groups) - 1))
             more = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(S), 1e-300), 1.0))
             S = S * np.outer(more, more)
+        if "delay" in names:
+            place = names.index("delay")
+            S[place, place] += (CLOCK / self.axis.bank.rate_hz) ** 2
         return names, S
 
     def std(self, name: str) -> float | None:
