@@ -125,7 +125,7 @@ def _write(place: Path, key: ValveKey, case: ValveCase) -> None:
         "kind": key.kind,
         "made": key.made,
         "seen": dict(zip(names, map(float, seen), strict=True)),
-        "at_limit": at_limit(case.machine, case.truth, courses),
+        "at_limit": at_limit(case.machine, case.truth, [case.courses["train-all"]]),
         "floor": dict(zip(names, map(float, floor(case)), strict=True)),
         "healthy": case.healthy.to_dict(),
     }

@@ -17,7 +17,7 @@ from sim_backends.valve.tracking import Pressures, TrueInverse
 from sim_backends.valve.truth import ValvePlantTruth, load_valve_truth
 
 #: Error of the healthy law over the speed's root mean square from which an effect is large, and share of the time for
-#: which a pump's limit is reached.
+#: which a pump's limit is reached while all axes move.
 LARGE, OFTEN = 0.03, 0.02
 #: Of the speed at the largest command: where an edge is compared.
 EDGE_SPEED = 0.02
