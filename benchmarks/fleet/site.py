@@ -99,7 +99,9 @@ class Site:
         line = process.stdout.readline()
         if not line:
             end(process)
-            raise RuntimeError(f"{' '.join(command[-5:])} did not come up")
+            self.log.flush()
+            said = (self.directory / "log").read_text()[-400:].strip()
+            raise RuntimeError(f"{' '.join(command[-5:])} did not come up: {said}")
         return process, line
 
     def processor(self) -> tuple[float, float]:
