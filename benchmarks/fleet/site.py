@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any
 
@@ -170,6 +171,8 @@ def s3_server(directory: Path) -> Iterator[tuple[dict[str, str], str]]:
     program = shutil.which("moto_server") or os.environ.get("MOTO_SERVER")
     if program is None:
         raise AbsentError("moto_server is not installed, which stands for S3: pip install 'moto[server,s3]'")
+    if find_spec("s3fs") is None:
+        raise AbsentError("s3fs is not installed, by which hilfit reaches S3: pip install 'hilfit[s3]'")
     address = f"http://{HERE}:{S3_PORT}"
     environment = {"AWS_ACCESS_KEY_ID": "tests", "AWS_SECRET_ACCESS_KEY": "tests", "AWS_DEFAULT_REGION": "us-east-1"}
     with (directory / "s3.log").open("w") as log:

@@ -129,8 +129,11 @@ def compared(before: Fit, after: Fit) -> tuple[float, float, float, bool]:
 
 def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
     """The model of an axis: its laws of the pressure and, with the ``loop``, its curve and effects."""
-    base = fitted(axis, Structure(stiffness=axis.has_pressures))
-    base, laws = _with_laws(axis, base)
+    base, laws = _with_laws(axis, fitted(axis, Structure(stiffness=axis.has_pressures)))
+    if loop:  # a land that is no straight line bends the edges, and looks like a law that it has not
+        curved = _curve(base, "power")
+        if curved.confirmed and curved.odds > 2 * LAW_ODDS and curved.error < (1.0 - WORTH) * curved.before:
+            base, laws = _with_laws(axis, curved.fit)
     fit, steps, found, sets, said = base, [], [], [], set[str]()
     for _ in range(priors.MOST if loop else 0):
         tried = _candidates(fit)
@@ -220,11 +223,13 @@ def _effects(fit: Fit) -> Iterable[Candidate]:
 
 
 def _curves(fit: Fit) -> Iterable[Candidate]:
-    if fit.structure.curve != "line" or "pump_flow_limit" in fit.structure.effects:
-        return
-    for curve, title in CURVES.items():
-        starts: tuple[Shape, ...] = ({}, {"power.extend": 1.5, "power.retract": 1.5}) if curve == "power" else ({},)
-        yield _best(f"curve_{curve}", title, fit, [replace(fit.structure, curve=curve)], starts)
+    if fit.structure.curve == "line" and "pump_flow_limit" not in fit.structure.effects:
+        yield from (_curve(fit, curve) for curve in CURVES)
+
+
+def _curve(fit: Fit, curve: str) -> Candidate:
+    starts: tuple[Shape, ...] = ({}, {"power.extend": 1.5, "power.retract": 1.5}) if curve == "power" else ({},)
+    return _best(f"curve_{curve}", CURVES[curve], fit, [replace(fit.structure, curve=curve)], starts)
 
 
 def _best(own: str, title: str, before: Fit, structures: Sequence[Structure], starts: Sequence[Shape]) -> Candidate:
