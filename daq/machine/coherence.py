@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from daq.machine.buses import CanopenBus, Word
+from daq.machine.buses import CanopenBus, CanSource, Word, object_of
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
 from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES, SENT_QUANTITIES
@@ -41,6 +41,7 @@ def incoherences(machine: Machine) -> list[str]:
     if problems:
         return problems
     problems = _of((_one_sync, machine), (_delayed_buses, machine), (_one_supply, machine))
+    problems += _of(*((_sets_nothing, machine, channel) for channel in channels if channel.quantity == "command"))
     problems += _of(*((_channel, machine, index, channel) for index, channel in enumerate(channels)))
     problems += _of(*((_couplings, machine, joint) for joint in joints))
     if problems:  # a channel that is nobody's makes its joint look unmeasured
@@ -150,6 +151,21 @@ def _has(place: str, quantity: str, joint: Joint) -> None:
             raise ValueError(f"{place}: this chamber of {joint.name} is vented; remove the channel, or vented:")
         if quantity in SENT_QUANTITIES and joint.cylinder.valve is None:
             raise ValueError(f"{place}: {joint.name} has no valve, so no {quantity}; add cylinder.valve:")
+
+
+def _sets_nothing(machine: Machine, channel: Channel) -> None:
+    """A command is read and never written: no setting of a node is the object that it is in."""
+    source = channel.source
+    if not isinstance(source, CanSource):
+        return
+    for bus in machine.buses:
+        for node in bus.nodes if isinstance(bus, CanopenBus) and bus.name == source.bus else ():
+            for key in node.settings if node.node == source.node else ():
+                if object_of(key.partition(" ")[0]) == (source.object, source.subindex):
+                    raise ValueError(
+                        f"buses: {bus.name}: node {node.node}: settings would write {channel.name}, a valve's command; "
+                        "no command is ever sent: remove it"
+                    )
 
 
 def _in_the_valves_unit(place: str, unit: str, joint: Joint) -> None:

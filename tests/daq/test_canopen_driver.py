@@ -65,6 +65,31 @@ def test_nothing_but_nmt_sync_and_sdo_to_own_nodes_is_ever_sent(bench: Bench) ->
     assert nmt(others, 5)[-1] == 0x80  # left quiet
 
 
+def with_a_command(channel: str) -> str:
+    """The bench whose node 6 is a valve's amplifier: in its first object stands what the valve is told."""
+    text = can(channel).replace("name: j1.head, quantity: head_pressure", "name: j1.command, quantity: command")
+    text = text.replace(
+        "joint: j1, unit: bar,\n    source: {bus: can0, node: 6, object: 0x6130, subindex: 1",
+        "joint: j1, unit: mA,\n    source: {bus: can0, node: 6, object: 0x6130, subindex: 1",
+    )
+    return text.replace("quantity: rod_pressure, joint: j1", "quantity: supply_pressure").replace(
+        "stroke: 0.3,", "stroke: 0.3, valve: {unit: mA, range: [0, 100], neutral: 50},"
+    )
+
+
+def test_a_valves_command_is_read_and_nothing_ever_writes_it(bench: Bench) -> None:
+    bench.driver = bench.make(with_a_command(bench.channel))
+    bench.driver.start()
+    bench.until(lambda s: fresh(s) and s.raw[HEAD] == 50.0)
+    bench.pressure.boot()  # and is commissioned again
+    bench.until(lambda s: bench.state(6) == "running" and fresh(s))
+    bench.driver.stop()
+    asked = {m.arbitration_id for m in bench.sent()} - {0x705, 0x706, 0x585, 0x586, 0x185, 0x186}
+    assert asked == {0x000, 0x080, 0x605, 0x606}, "no PDO of ours, to nobody"
+    written = {index for index, _, _ in (*bench.pressure.log, *bench.angle.log)}
+    assert written <= {*range(0x1000, 0x2000), 0x61A1}, "communication, and the settings that the file asks for"
+
+
 @pytest.mark.slow
 def test_a_node_that_is_not_there_costs_only_itself(bench: Bench) -> None:
     bench.angle.silent = True

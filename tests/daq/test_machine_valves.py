@@ -57,6 +57,18 @@ def test_a_valve_says_what_its_command_means() -> None:
     assert parse_machine(machine_to_yaml(machine)) == machine
 
 
+def test_no_setting_of_a_node_may_write_a_command() -> None:
+    def bus(setting: str) -> dict[str, Any]:
+        node = {"node": 6, "settings": {setting: 0.0, "0x61A1:1 uint16": 3.0}}
+        return {"name": "can0", "type": "canopen", "interface": "virtual", "channel": "none", "nodes": [node]}
+
+    tree = bench()
+    source = {"bus": "can0", "node": 6, "object": 0x6300, "subindex": 1, "data_type": "int16"}
+    tree["channels"] = [c | {"source": source} if c["quantity"] == "command" else c for c in tree["channels"]]
+    refused(tree | {"buses": [bus("0x6300:1 int16")]}, "node 6", "j1.command", "no command is ever sent")
+    assert parsed(tree | {"buses": [bus("0x6300:2 int16")]}).buses[0].name == "can0"
+
+
 def test_what_a_valve_leaves_out_is_unknown() -> None:
     tree = bench(supply={})
     tree["joints"][0]["cylinder"]["valve"] = {}

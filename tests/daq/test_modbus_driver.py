@@ -69,6 +69,27 @@ def run(server: FakeModbus) -> Iterator[Run]:
     made.driver.stop()
 
 
+def test_a_valves_command_is_read_and_nothing_ever_writes_it(server: FakeModbus) -> None:
+    text = modbus(server.port).replace("name: j1.head, quantity: head_pressure", "name: j1.command, quantity: command")
+    text = text.replace("unit: bar,\n    source: {bus: mb, unit: 1", "unit: mA,\n    source: {bus: mb, unit: 1")
+    valve = "stroke: 0.3, valve: {unit: mA, range: [0, 100], neutral: 50},"
+    run = Run(
+        parse_machine(
+            text.replace("quantity: rod_pressure, joint: j1", "quantity: supply_pressure").replace(
+                "stroke: 0.3,", valve
+            )
+        )
+    )
+    try:
+        run.driver.start()
+        run.until(fresh)
+    finally:
+        run.driver.stop()
+    assert {function for _, function, _, _ in server.requests} <= {1, 2, 3, 4, 0x2B}, (
+        "reading, by every function there is"
+    )
+
+
 def test_one_block_per_unit_and_cycle(server: FakeModbus, run: Run) -> None:
     assert run.driver.start() == ()
     run.until(fresh)

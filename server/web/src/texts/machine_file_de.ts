@@ -28,6 +28,8 @@ export const MACHINE_FILE: Record<string, string> = {
   "{}: {} has no cylinder, so no {}": "$1: $2 hat keinen Zylinder, also kein $3",
   "{}: this chamber of {} is vented; remove the channel, or vented:":
     "$1: Diese Kammer von $2 ist entlüftet; den Kanal oder vented: entfernen",
+  "buses: {}: node {}: settings would write {}, a valve's command; no command is ever sent: remove it":
+    "buses: $1: Knoten $2: settings würde $3 schreiben, den Stellwert eines Ventils; Stellwerte werden nie gesendet: entfernen",
   "{}: {} has no valve, so no {}; add cylinder.valve:":
     "$1: $2 hat kein Ventil, also kein $3; cylinder.valve: ergänzen",
   "{}: is in {}, and the valve of {} in {}; write both as it is sent":
