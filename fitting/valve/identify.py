@@ -70,7 +70,7 @@ def identify_valves(
     Raises
     ------
     InputError
-        If no axis has a command, or none moves.
+        If no axis has a command, or none moves, or a recording is to be fitted and judged on.
     """
     joints = [joint for joint in machine.joints if machine.channel("command", joint.name) is not None]
     if not joints:
@@ -79,6 +79,10 @@ def identify_valves(
         )
     if not recordings:
         raise InputError("valve: no recording; give at least one in which the axes move by their valves")
+    digests = {own.sha256 for own in recordings} - {""}
+    for own in validate:
+        if own.sha256 in digests:
+            raise InputError(f"{own.file}: is fitted and judged on at once; give a recording of another motion")
     axes: dict[str, Any] = {}
     models: dict[str, ValveModel] = {}
     resting = []

@@ -89,3 +89,12 @@ def test_from_python_with_files_and_with_arrays(bench: Path) -> None:
     command = result.models["boom"].command(0.1, head=6e6, rod=1e6, supply=18e6, tank=3e5)
     opening = 0.1 / (0.30 * np.sqrt(12e6 / 1e7))  # of the bench, at 6 MPa in the head
     assert command.command == pytest.approx(0.06 + opening, abs=0.003) and command.flags == 0
+
+
+def test_a_recording_is_not_fitted_and_judged_on_at_once(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one = str(bench / "run-1.parquet")
+    assert run(["valve", str(bench / "machine.yaml"), one, "--validate", one, "-o", str(tmp_path / "out")]) == 2
+    assert "run-1.parquet: is fitted and judged on at once" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
