@@ -35,7 +35,7 @@ class Backlash(Effect):
     variable = "cylinder_force"
     over_time = True
     equation = (
-        "x = x(q) + g/2 clip(F/w, -1, 1); about the joint x(q) + r g/2 clip(r F/(r0 w), -1, 1), r0 the mean lever"
+        "x = x(q) + g/2 clip(F/w, -1, 1); about the joint x(q) + r g/2 clip(r F/(r0 w), -1, 1), r0 the mean of r"
     )
     parity = Parity.OTHER
     dependence = "follows the sign of the load; where it never changes this is an offset"
