@@ -34,9 +34,7 @@ class Backlash(Effect):
     level = "joint"
     variable = "cylinder_force"
     over_time = True
-    equation = (
-        "x = x(q) + g/2 clip(F/w, -1, 1); about the joint x(q) + r g/2 clip(r F/(r0 w), -1, 1), r0 the mean of r"
-    )
+    equation = "x = x(q) + g/2 clip(F/w, -1, 1); about the joint x(q) + r g/2 clip(r F/(r0 w), -1, 1), r0 the mean of r"
     parity = Parity.OTHER
     dependence = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
