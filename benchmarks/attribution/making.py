@@ -192,10 +192,11 @@ class _Workbench:
         size = _FIRST * most
         for _ in range(_SCALINGS):
             spec = replace(unit, size=unit.size * size)
-            both = {stem: self.plan.record(stem, [*before, spec], quality) for stem in FITTED}
-            ideal = {stem: pair[1] for stem, pair in both.items()}
             if unit.id == DELAY and bare is not None and unit.joint is not None:
-                ideal = delayed(self.plan.machine, bare, unit.joint, spec.size)
+                both, ideal = {}, delayed(self.plan.machine, bare, unit.joint, spec.size)
+            else:
+                both = {stem: self.plan.record(stem, [*before, spec], quality) for stem in FITTED}
+                ideal = {stem: pair[1] for stem, pair in both.items()}
             seen = self._seen(unit.id, ideal, bare)
             if abs(seen / target - 1.0) < _CLOSE:
                 if bare is not None:

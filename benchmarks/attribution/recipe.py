@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -117,29 +117,39 @@ def generator(key: CaseKey) -> np.random.Generator:
 FULL_SCALE: dict[ArmKind, float] = {"folding": 25.0e6, "slewing": 25.0e6, "excavator": 40.0e6, "telescope": 40.0e6}
 
 
-def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> SensorQuality:
-    """A measurement chain and a restlessness, each property log-uniform over what machines have.
+def between(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number, log-uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
-    The disturbance is 3 to 30 % of Coulomb friction with 0.05 to 0.6 s of memory; a knock comes every 50 to 2000 s;
-    pressures have 14 to 16 bits of ``full_scale`` Pa and noise of 20 to 200 millionths of it, joint encoders 17 to 20
+
+def draw_transducers(rng: np.random.Generator, full_scale: float) -> SensorQuality:
+    """A measurement chain, each property log-uniform over what machines have.
+
+    Pressures have 14 to 16 bits of ``full_scale`` Pa and noise of 20 to 200 millionths of it, joint encoders 17 to 20
     bits, piston encoders steps of 1 to 10 micrometres.
     """
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
     return SensorQuality(
-        encoder_std=between(5e-6, 3e-5),
+        encoder_std=between(rng, 5e-6, 3e-5),
         encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(17, 21)),
-        piston_std=between(1.5e-6, 8e-6),
+        piston_std=between(rng, 1.5e-6, 8e-6),
         piston_resolution=float(rng.choice([1e-6, 2e-6, 5e-6, 1e-5])),
-        pressure_std=between(500.0, 5000.0) * (full_scale / 25.0e6),
+        pressure_std=between(rng, 500.0, 5000.0) * (full_scale / 25.0e6),
         pressure_resolution=full_scale / 2 ** int(rng.integers(14, 17)),
-        disturbance=between(0.03, 0.3),
-        disturbance_time=between(0.05, 0.6),
-        knock_rate=between(0.0005, 0.02),
-        knock_size=between(0.3, 1.5),
-        tracking=between(1e-5, 2e-4),
+    )
+
+
+def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> SensorQuality:
+    """A measurement chain (:func:`draw_transducers`), and a restlessness.
+
+    The disturbance is 3 to 30 % of Coulomb friction with 0.05 to 0.6 s of memory; a knock comes every 50 to 2000 s.
+    """
+    return replace(
+        draw_transducers(rng, full_scale),
+        disturbance=between(rng, 0.03, 0.3),
+        disturbance_time=between(rng, 0.05, 0.6),
+        knock_rate=between(rng, 0.0005, 0.02),
+        knock_size=between(rng, 0.3, 1.5),
+        tracking=between(rng, 1e-5, 2e-4),
     )
 
 

@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 import yaml
 
+from benchmarks.attribution.recipe import draw_transducers
 from benchmarks.valve.sight import at_limit, floor, misfit
-from sim_backends.plant.truth import SensorQuality
 from sim_backends.valve.effects import VALVE_EFFECTS, ValveEffectSpec, valve_obstacle
 from sim_backends.valve.machines import VALVE_MACHINES, Kind
 from sim_backends.valve.motion import Phase, joint_motion, valve_motion, working_motion
@@ -48,26 +48,6 @@ class ValveKey:
         return f"seed{self.seed}-{self.number:03d}-{self.kind}-{self.made}"
 
 
-def draw_quality(rng: np.random.Generator) -> SensorQuality:
-    """A measurement chain, each property log-uniform over what machines have.
-
-    Pressures have 14 to 16 bits of 400 bar and noise of 20 to 200 millionths of it, joint encoders 17 to 20 bits,
-    piston encoders steps of 1 to 10 micrometres.
-    """
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-    return SensorQuality(
-        encoder_std=between(5e-6, 3e-5),
-        encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(17, 21)),
-        piston_std=between(1.5e-6, 8e-6),
-        piston_resolution=float(rng.choice([1e-6, 2e-6, 5e-6, 1e-5])),
-        pressure_std=between(20e-6, 200e-6) * FULL_SCALE,
-        pressure_resolution=FULL_SCALE / 2 ** int(rng.integers(14, 17)),
-    )
-
-
 def order_of(key: ValveKey) -> Order:
     """Machine, truth, programmes, guesses, effects, sensors and seed of the noise."""
     rng = np.random.default_rng([78, key.seed, key.number])
@@ -82,7 +62,7 @@ def order_of(key: ValveKey) -> Order:
     programmes["train-all"] = joint_motion(guesses, rng, 0.8)
     programmes["repeat"] = programmes["train-all"]
     programmes["validate"] = working_motion(guesses, rng, WORK)
-    quality = draw_quality(rng)
+    quality = draw_transducers(rng, FULL_SCALE)
     effects: tuple[ValveEffectSpec, ...] = ()
     if key.made == "large":
         pool: dict[str, list[tuple[str, str | None]]] = {}

@@ -21,7 +21,7 @@ from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
 from fitting.valve.inverse import ValveModel, model_of
 from fitting.valve.laws import LAWS
-from fitting.valve.model import WAYS, Structure
+from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
 from fitting.valve.rows import Axis, axis_of
 
@@ -316,6 +316,3 @@ def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
         "measured": [None if np.isnan(own) else own for own in measured.tolist()],
         "predicted": predicted(judged, fit).tolist(),
     }
-
-
-__all__ = ["SCHEMA", "Identified", "Structure", "identify_valves"]
