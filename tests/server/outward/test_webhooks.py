@@ -173,7 +173,7 @@ def test_a_name_that_leads_elsewhere_meanwhile_is_not_asked(tmp_path: Path, hear
         resolve=lambda host, port: ["127.0.0.1"],
         webhook_places=[f"http://hook.example:{heard.port}", f"http://hook.example:{heard.port} in 10.0.0.0/8"],
     ) as running:
-        made = add(running, heard.port)
+        made = add(running, heard.port, events=["result"])
         running.client.post(f"{API}/webhooks/{made['id']}/test")
         (delivery,) = ended(running, made["id"])
         assert delivery["state"] == "given_up"
@@ -186,7 +186,7 @@ def test_a_redirect_is_not_followed(tmp_path: Path, heard: Receiver) -> None:
     with receiver() as other:
         heard.answers = [(307, {"Location": f"http://127.0.0.1:{other.port}/"})]
         with hooked(tmp_path, heard.port) as running:
-            made = add(running, heard.port)
+            made = add(running, heard.port, events=["result"])
             running.client.post(f"{API}/webhooks/{made['id']}/test")
             (delivery,) = ended(running, made["id"])
             assert (delivery["state"], delivery["error"]) == ("given_up", "the receiver answered 307")
@@ -336,7 +336,7 @@ class TestSecrets:
 
     def test_a_store_that_came_elsewhere_signs_nothing(self, tmp_path: Path, heard: Receiver) -> None:
         with hooked(tmp_path, heard.port) as running:
-            made = add(running, heard.port)
+            made = add(running, heard.port, events=["result"])
         (tmp_path / "webhooks" / "site.key").unlink()
         with hooked(tmp_path, heard.port) as running:
             running.client.post(f"{API}/webhooks/{made['id']}/test")
