@@ -69,7 +69,7 @@ CONTENDERS = {
 }
 
 EVIDENCE = {
-    "score": "score: chi-square gained, less the price of its parameters",
+    "score": "score: chi-square gained, less the least that is said of so many parameters",
     "gain": "chi-square gained",
     "held_out_gain": "gain on held-out blocks",
     "held_out_z": "that gain over its standard deviation",
