@@ -1,25 +1,25 @@
 """Fitting a valve's model: a grid, then Gauss and Newton with the linear parameters projected out.
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
-at each point; from its best point the shape is refined. Intervals are those of a sandwich: the residual hangs
-together over one or two seconds, so scores are summed over that long (Bartlett's weights), and recordings differ from
-one another by more than that, which counts where three or more were fitted.
+at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
+several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
+lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
+another by more than blocks do, which counts where three or more were fitted.
 
-Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); W. Newey and K. West,
-Econometrica 55, 1987 (scores); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
+Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); H. Kuensch, Ann. Stat. 17, 1989
+(jackknife over blocks); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
-from fitting.arrays import FloatArray
-from fitting.estimators.covariance import series_scores
+from fitting.arrays import FloatArray, IntArray
 from fitting.valve.laws import Bounds
 from fitting.valve.model import Shape, Structure, columns, solved
 from fitting.valve.rows import Axis
@@ -31,13 +31,17 @@ EDGES = (0.0, 0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4)
 COARSE = (DELAYS[::2], EDGES[::2])
 #: Of the delay's profile, s.
 PROFILE = tuple(np.round(np.arange(0.0, 0.61, 0.05), 3))
-#: s over which a residual hangs together.
-MEMORY = 1.5
+#: By how much less than critically a spool may be damped, as a standard deviation: data sheets have 0.7 to 1.
+RINGING = 0.15
+#: s, and how many there are at least, of the blocks of a jackknife.
+BLOCK, LEAST_BLOCKS = 8.0, 20
 #: Share of a cycle to which moments of a command and of a position are known beside one another, at the best.
 CLOCK = 0.01
 #: Of a number's scale: steps of derivatives. The command has steps itself, and a smaller one sees single samples.
 _STEP = 1e-2
-_ITERATIONS = 15
+#: Of columns of length 1: what one block alone tells is not known without it, but not infinitely unknown.
+_RIDGE = 1e-9
+_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -67,12 +71,12 @@ class Fit:
     def jacobian(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of all free parameters, and what each does to the predicted speed, (M, p); 0 in rows left out.
 
-        What stands at the end of its interval is not free.
+        A number of the shape that stands at the end of its interval is not free. A gain of zero is: it could be more.
         """
         axis, structure = self.axis, self.structure
         names, matrix = columns(axis, structure, self.shape)
         gains = np.array([self.gains[name] for name in names])
-        free = [n for n in names if self.gains[n] > 0]
+        free = [n for n, seen in zip(names, np.any(matrix[axis.keep], axis=0), strict=True) if seen]
         found = [matrix[:, [names.index(n) for n in free]]]
         for name, (start, low, high) in structure.shape().items():
             step = _STEP * scale_of((start, low, high))
@@ -91,18 +95,22 @@ class Fit:
         """Names of the free parameters, and their covariance (p, p): see the module's text."""
         names, J = self.jacobian
         size = np.linalg.norm(J, axis=0)
-        bread = np.linalg.pinv((J / size).T @ (J / size)) / np.outer(size, size)
-        lags = max(1, round(MEMORY * self.axis.bank.reduced_rate_hz))
-        rng = np.random.default_rng(0)  # unused by sums over lags
-        groups = [self.axis.recordings == number for number in np.unique(self.axis.recordings)]
-        inside = sum(series_scores(J[g], self.residual[g], lags, rng) for g in groups)
-        count = int(np.count_nonzero(self.axis.keep))
-        S = bread @ inside @ bread * (count / max(count - len(names), 1))
+        J, r = J / size, self.residual
+        gram = J.T @ J + _RIDGE * np.eye(len(names))
+        groups = [np.flatnonzero(self.axis.recordings == number) for number in np.unique(self.axis.recordings)]
+        length = min(BLOCK * self.axis.bank.reduced_rate_hz, len(r) / LEAST_BLOCKS)
+        blocks = [b for g in groups for b in np.array_split(g, max(1, round(len(g) / length)))]
+        moves = moved_without(J, r, blocks)
+        other, gains = columns(self.axis, self.structure, {**self.shape, "damping": 1.0 - RINGING}), self.gains
+        bent = self.axis.speed - self.residual - other[1] @ np.array([gains[name] for name in other[0]])
+        moves = np.vstack([moves, np.linalg.solve(gram, J.T @ bent)])
+        S = moves.T @ moves
         if len(groups) >= 3:
-            scores = np.array([J[g].T @ self.residual[g] for g in groups])
-            between = bread @ (scores.T @ scores) @ bread * (len(groups) / (len(groups) - 1))
-            more = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(S), 1e-300), 1.0))
+            scores = np.linalg.solve(gram, np.array([J[g].T @ r[g] for g in groups]).T)
+            between = np.sum(scores**2, axis=1) * (len(groups) / (len(groups) - 1))
+            more = np.sqrt(np.maximum(between / np.maximum(np.diag(S), 1e-300), 1.0))
             S = S * np.outer(more, more)
+        S = S / np.outer(size, size)
         if "delay" in names:
             place = names.index("delay")
             S[place, place] += (CLOCK / self.axis.bank.rate_hz) ** 2
@@ -112,6 +120,15 @@ class Fit:
         """Standard deviation of a parameter; None where it stands at the end of its interval, or is not there."""
         names, S = self.covariance
         return float(np.sqrt(S[names.index(name), names.index(name)])) if name in names else None
+
+
+def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray]) -> FloatArray:
+    """By how much parameters (blocks, p) move when a block of rows is left out; ``J`` (M, p) has columns of length 1.
+
+    Exact where the model is linear and ``r`` (M,) its residual of least squares.
+    """
+    gram = J.T @ J + _RIDGE * np.eye(J.shape[1])
+    return np.array([np.linalg.solve(gram - J[b].T @ J[b], -J[b].T @ r[b]) for b in blocks])
 
 
 def relative(axis: Axis, residual: FloatArray) -> float:
@@ -158,7 +175,8 @@ def profile(fit: Fit) -> list[tuple[float, float]]:
 def _grid(
     axis: Axis, structure: Structure, shape: Shape, points: tuple[tuple[float, ...], tuple[float, ...]]
 ) -> dict[str, float]:
-    """The best delay and edges of a grid."""
+    """The best delay and edges of a grid, of a straight line."""
+    structure = replace(structure, curve="line")
     keep, y = axis.keep, axis.speed[axis.keep]
     best, where = np.inf, dict[str, float]()
     for delay in points[0]:
