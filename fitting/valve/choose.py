@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.estimators.covariance import autoregression
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
 from fitting.valve.effects import EFFECTS
@@ -104,27 +103,10 @@ def folds_of(axis: Axis) -> list[BoolArray]:
     return [np.isin(place, part) for part in np.array_split(place, FOLDS)]
 
 
-def independent_rows(fit: Fit) -> float:
-    """How many independent values the kept rows of a residual count for."""
-    e = fit.residual[fit.axis.keep]
-    taps = autoregression(e)
-    white = np.convolve(e, taps, mode="valid")
-    long_run = float(np.mean(white**2)) / float(np.sum(taps)) ** 2
-    return len(e) / max(long_run / max(float(np.mean(e**2)), 1e-30), 1.0)
-
-
-def left_out(fit: Fit, rows: float) -> tuple[FloatArray, FloatArray]:
-    """Of each part left out the sum of squares and the log determinant (folds,) of the module's text.
-
-    ``rows`` are those that count as independent. Before any data a number of the shape is known to a quarter of its
-    interval, a gain to its own size.
-    """
-    names, J = fit.jacobian
-    bounds = fit.structure.shape()
-    wide = [0.25 * (bounds[n][2] - bounds[n][1]) if n in bounds else fit.gains[n] for n in names]
-    J = J * np.array(wide)
-    noise = float(fit.residual @ fit.residual) / rows
-    known = J.T @ J + max(noise, 1e-30) * np.eye(len(names))
+def left_out(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Of each part left out the sum of squares and the log determinant (folds,) of the module's text."""
+    names, J, _, noise = fit.scaled
+    known = J.T @ J + noise * np.eye(len(names))
     squares, open_ones = [], []
     for fold in folds_of(fit.axis):
         own, r = J[fold], fit.residual[fold]
@@ -136,8 +118,7 @@ def left_out(fit: Fit, rows: float) -> tuple[FloatArray, FloatArray]:
 
 def compared(before: Fit, after: Fit) -> tuple[float, float, float, bool]:
     """Log predictive density gained, errors with and without, and whether it does not hang on a single part."""
-    rows = independent_rows(before)
-    (was, one), (now, other) = left_out(before, rows), left_out(after, rows)
+    rows, (was, one), (now, other) = before.rows, left_out(before), left_out(after)
     total = max(float(now.sum()), 1e-30)
     odds = 0.5 * rows * float(np.log(was.sum() / total)) + 0.5 * float(np.sum(one - other))
     parts = 0.5 * rows * (was - now) / total + 0.5 * (one - other)
@@ -222,7 +203,7 @@ def _kept(fit: Fit, structure: Structure) -> Shape:
 
 
 def _error(fit: Fit) -> float:
-    squares, _ = left_out(fit, independent_rows(fit))
+    squares, _ = left_out(fit)
     return float(np.sqrt(squares.sum() / np.sum(fit.axis.speed[fit.axis.keep] ** 2)))
 
 
@@ -258,9 +239,9 @@ def _best(own: str, title: str, before: Fit, structures: Sequence[Structure], st
     Begun on a part of what was recorded; what comes out best is refined on all of it.
     """
     axis = _part(before.axis)
-    trials = []
+    spool, trials = {name: before.shape[name] for name in ("lag", "damping")}, []
     for structure in structures:
-        trials += [fitted(axis, structure, start, iterations=8) for start in starts if start]
+        trials += [fitted(axis, structure, {**spool, **start}, iterations=8) for start in starts if start]
         trials += [fitted(axis, structure, {**_kept(before, structure), **start}, iterations=8) for start in starts]
     best = min(trials, key=lambda f: f.misfit)
     whole = fitted(before.axis, best.structure, best.shape)

@@ -2,7 +2,7 @@
 
 For the directions ``i`` = extend, retract, with ``u`` the command over its full range::
 
-    x(t) = 1 / (1 + tau s / 2)^2  u(t - (T - tau))
+    x(t) = 1 / (1 + tau s + (tau s / 2 D)^2)  u(t - (T - tau))
     g(x) = k_i max(|x| - e_i, 0)^c_i                  c_i = 1 unless a curve is earned
     v(t) = sign g(x) f_i(p) - (V_i(s) / (A_i K)) dp_i/dt
 
@@ -10,8 +10,8 @@ A command is held until the next one is sent: on the average that makes it half 
 ``T``. The spool's lag ``tau`` is: at 3 Hz their sum alone is well known. It counts nevertheless, as a spool that is
 told to jump comes to its edge late, and to a farther edge later. ``f_i`` is a law of the pressure
 (:mod:`fitting.valve.laws`), the last term the oil that the chamber's pressure takes (``V_i`` its volume, hoses
-included). ``k_i``, ``1/K`` and the hoses' part are linear and never negative; ``T``, ``tau``, ``e_i`` and all else that
-bends are the *shape*.
+included). ``k_i``, ``1/K`` and the hoses' part are linear and never negative; ``T``, ``tau``, its damping ``D``,
+``e_i`` and all else that bends are the *shape*.
 
 A free curve has a slope that is a polynomial of Bernstein's, ``g' = sum_j k_ij B_j(o)``: no ``k_ij`` is negative, so it
 never falls, and a spool that levels out has no corner.
@@ -40,6 +40,8 @@ Shape = Mapping[str, float]
 #: s, and share of the full command: what is searched.
 DELAY: Bounds = (0.1, 0.0, 0.8)
 LAG: Bounds = (0.04, 0.0, 0.2)
+#: Of the spool, of critical: data sheets have 0.7 to 1.
+DAMPING: Bounds = (1.0, 0.5, 1.2)
 EDGE: Bounds = (0.05, 0.0, 0.6)
 _POWER: Bounds = (1.0, 0.4, 3.0)
 #: Degree of a free curve's slope.
@@ -70,7 +72,7 @@ class Structure:
 
     def shape(self) -> dict[str, Bounds]:
         """Numbers to be searched: start, least, largest."""
-        numbers = {"delay": DELAY, "lag": LAG, "edge.extend": EDGE, "edge.retract": EDGE}
+        numbers = {"delay": DELAY, "lag": LAG, "damping": DAMPING, "edge.extend": EDGE, "edge.retract": EDGE}
         for way, law in zip(WAYS, self.laws, strict=True):
             numbers |= {f"{name}.{way}": bounds for name, bounds in LAWS[law].shape.items()}
             if self.curve != "line":
@@ -108,7 +110,7 @@ def _block(
     signals, shape = axis.signals, dict(numbers)
     result = dict[str, FloatArray]() if way is None else _opened(axis, structure, shape, way)
     if way is None:
-        told = np.sign(delayed(signals, signals.u, shape["delay"] * axis.bank.rate_hz))
+        told = delayed(signals, np.sign(signals.u), shape["delay"] * axis.bank.rate_hz)
         share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
         if structure.stiffness:
             head, rod = signals.rates
@@ -130,7 +132,7 @@ def _opened(axis: Axis, structure: Structure, shape: Shape, way: int) -> dict[st
     late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
     lag = min(shape["lag"], max(late, 0.0))
     edge, sign = shape[f"edge.{WAYS[way]}"], SIGNS[way]
-    stroke = sign * followed(signals, u, lag * axis.bank.rate_hz, shape.get("damping", 1.0))
+    stroke = sign * followed(signals, u, lag * axis.bank.rate_hz, shape["damping"])
     opened = land(structure, shape, way, np.maximum(stroke - edge, 0.0), axis.largest[way] - edge)
     factor = sign * factors(axis, structure, shape, way)
     moved = max(late - lag, 0.0) * axis.bank.rate_hz

@@ -267,7 +267,7 @@ def test_what_a_parameter_moves_by_without_a_block_is_what_a_fit_without_it_give
     y = rng.normal(size=90)
     here = np.linalg.lstsq(J, y, rcond=None)[0]
     blocks = np.array_split(np.arange(90), 6)
-    moves = moved_without(J, y - J @ here, blocks)
+    moves = moved_without(J, y - J @ here, blocks, 1e-9)
     for block, move in zip(blocks, moves, strict=True):
         rest = np.setdiff1d(np.arange(90), block)
         there = np.linalg.lstsq(J[rest], y[rest], rcond=None)[0]
@@ -288,7 +288,7 @@ def test_bars_hold_what_they_say_where_few_events_tell_and_the_noise_hangs_toget
     for _ in range(400):
         noise = signal.lfilter([1.0], [1.0, -0.75], rng.normal(size=rows))
         error = np.linalg.lstsq(J, noise, rcond=None)[0]
-        moves = moved_without(J, noise - J @ error, blocks)
+        moves = moved_without(J, noise - J @ error, blocks, 1e-9)
         inside.append(abs(error[0]) <= 1.96 * np.sqrt(np.sum(moves[:, 0] ** 2)))
     assert 0.9 <= np.mean(inside) <= 0.99
 
@@ -302,10 +302,10 @@ def test_the_density_of_what_is_left_out_is_that_of_a_gaussian() -> None:
     r = y - J @ here
     recordings = np.repeat([0, 1, 2], 20)
     axis = SimpleNamespace(recordings=recordings, keep=np.ones(rows, dtype=bool))
-    fit: Any = SimpleNamespace(jacobian=(tuple(gains), J), residual=r, gains=gains, structure=Structure(), axis=axis)
-    squares, opened = left_out(fit, float(rows))
-    variance = float(r @ r) / rows
-    prior = np.diag(np.array(list(gains.values())) ** 2)
+    variance, wide = float(r @ r) / rows, np.array(list(gains.values()))
+    fit: Any = SimpleNamespace(scaled=(tuple(gains), J * wide, wide, variance), residual=r, axis=axis)
+    squares, opened = left_out(fit)
+    prior = np.diag(wide**2)
     for fold, square, open_one in zip((recordings == k for k in range(3)), squares, opened, strict=True):
         known = np.linalg.inv(prior) + J[~fold].T @ J[~fold] / variance
         spread = variance * np.eye(20) + J[fold] @ np.linalg.solve(known, J[fold].T)
