@@ -1,10 +1,20 @@
 """Which law of the pressure, which curve, which effect: what another motion says.
 
 In sample a law without pressure may win and lose elsewhere, so candidates are compared by the log predictive density
-of rows that were not fitted: recordings are left out one after another (stretches of a single one), the parameters
-moved by one step of Gauss and Newton without them. A residual hangs together, so its rows count for as many as its
-autoregression leaves independent. With the prior of :mod:`fitting.selection.priors` that makes a probability for each
-candidate and for nothing; something is said from 0.95 on, and names within reach of the best are said as a set.
+of rows that were not fitted: recordings (stretches of a single one) are left out one after another. Of a model that is
+linear about its optimum, with residual ``r``, columns ``J`` and information ``G`` of what is left, a part has
+
+    log p = -1/2 (r'r + r'J G^-1 J'r) / s^2 - 1/2 log det(I + J G^-1 J')
+
+so what only the part itself could have told is not held against a model, and pays for being open instead. A residual
+hangs together, so its rows count for as many as its autoregression leaves independent. With the prior of
+:mod:`fitting.selection.priors` that makes a probability for each candidate and for nothing; something is said from 0.95
+on, and names within reach of the best are said as a set.
+
+Laws are chosen beside the widest curve there is: a land that is no straight line bends the edges, and looks like a law
+that it has not.
+
+Source: S. Geisser and W. Eddy, J. Am. Stat. Assoc. 74, 1979 (predictive density of what is left out).
 """
 
 from __future__ import annotations
@@ -15,7 +25,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.estimators.covariance import autoregression
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
 from fitting.valve.effects import EFFECTS
@@ -36,7 +45,8 @@ ALIKE = 1.25
 ENOUGH = 12_000
 #: Log odds by which a law, or a curve, has to be better than a simpler one.
 LAW_ODDS = 1.0
-CURVES = {"power": "a curve with an exponent", "monotone": "a curve in pieces (a spool that saturates)"}
+#: A candidate that is no effect: id and title.
+FREE = ("curve_monotone", "a free curve (a spool that levels out)")
 
 
 @dataclass(frozen=True)
@@ -93,47 +103,40 @@ def folds_of(axis: Axis) -> list[BoolArray]:
     return [np.isin(place, part) for part in np.array_split(place, FOLDS)]
 
 
-def left_out(fit: Fit) -> FloatArray:
-    """Error (M,) of each row as it would be without its fold in the fit."""
-    names, J = fit.jacobian
-    size = np.maximum(np.linalg.norm(J, axis=0), 1e-30)
-    scaled, out = J / size, fit.residual.copy()
+def left_out(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Of each part left out the sum of squares and the log determinant (folds,) of the module's text."""
+    names, J, _, noise = fit.scaled
+    known = J.T @ J + noise * np.eye(len(names))
+    squares, open_ones = [], []
     for fold in folds_of(fit.axis):
-        rest = scaled[~fold]
-        gram = rest.T @ rest + 1e-6 * np.eye(len(names))
-        step = np.linalg.solve(gram, rest.T @ fit.residual[~fold])
-        out[fold] = fit.residual[fold] - scaled[fold] @ step
-    return out
-
-
-def independent_rows(fit: Fit, residual: FloatArray) -> float:
-    """How many independent values the kept rows of a residual (M,) count for."""
-    e = residual[fit.axis.keep]
-    taps = autoregression(e)
-    white = np.convolve(e, taps, mode="valid")
-    long_run = float(np.mean(white**2)) / float(np.sum(taps)) ** 2
-    return len(e) / max(long_run / max(float(np.mean(e**2)), 1e-30), 1.0)
+        own, r = J[fold], fit.residual[fold]
+        rest, told = known - own.T @ own, own.T @ r
+        squares.append(float(r @ r + told @ np.linalg.solve(rest, told)))
+        open_ones.append(np.linalg.slogdet(known)[1] - np.linalg.slogdet(rest)[1])
+    return np.array(squares), np.array(open_ones)
 
 
 def compared(before: Fit, after: Fit) -> tuple[float, float, float, bool]:
-    """Log predictive density gained, errors with and without, and whether most folds agree."""
-    one, other = left_out(before), left_out(after)
-    keep = before.axis.keep
-    squares = [float(np.sum(own[keep] ** 2)) for own in (one, other)]
-    odds = 0.5 * independent_rows(before, one) * float(np.log(squares[0] / max(squares[1], 1e-30)))
-    folds = [fold & keep for fold in folds_of(before.axis)]
-    better = [np.sum(one[fold] ** 2) > np.sum(other[fold] ** 2) for fold in folds if fold.any()]
-    power = float(np.sum(before.axis.speed[keep] ** 2))
-    return odds, float(np.sqrt(squares[1] / power)), float(np.sqrt(squares[0] / power)), bool(np.mean(better) > 0.6)
+    """Log predictive density gained, errors with and without, and whether it does not hang on a single part."""
+    rows, (was, one), (now, other) = before.rows, left_out(before), left_out(after)
+    total = max(float(now.sum()), 1e-30)
+    odds = 0.5 * rows * float(np.log(was.sum() / total)) + 0.5 * float(np.sum(one - other))
+    parts = 0.5 * rows * (was - now) / total + 0.5 * (one - other)
+    power = float(np.sum(before.axis.speed[before.axis.keep] ** 2))
+    errors = float(np.sqrt(total / power)), float(np.sqrt(was.sum() / power))
+    return odds, *errors, bool(parts.sum() > parts.max())
+
+
+def worth(before: float, after: float) -> bool:
+    """Whether what takes an error (of the speed's RMS) down is worth being said."""
+    return after <= (1.0 - WORTH) * before and before**2 - after**2 >= VISIBLE**2
 
 
 def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
-    """The model of an axis: its laws of the pressure and, with the ``loop``, its curve and effects."""
-    base, laws = _with_laws(axis, fitted(axis, Structure(stiffness=axis.has_pressures)))
-    if loop:  # a land that is no straight line bends the edges, and looks like a law that it has not
-        curved = _curve(base, "power")
-        if curved.confirmed and curved.odds > 2 * LAW_ODDS and curved.error < (1.0 - WORTH) * curved.before:
-            base, laws = _with_laws(axis, curved.fit)
+    """The model of an axis: its laws of the pressure and its curve; with the ``loop`` its effects."""
+    wide = fitted(axis, Structure(curve="monotone", stiffness=axis.has_pressures))
+    wide, laws = _with_laws(axis, wide)
+    base = _curved(wide)
     fit, steps, found, sets, said = base, [], [], [], set[str]()
     for _ in range(priors.MOST if loop else 0):
         tried = _candidates(fit)
@@ -143,14 +146,21 @@ def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
         best = tried[0]
         near = [c for c in tried[1:] if c.confirmed and _alike(best, c) and c.id not in said]
         together = best.probability + sum(c.probability for c in near)
-        seen = np.sqrt(max(best.before**2 - best.error**2, 0.0))
-        if together < priors.SAID or best.error > (1.0 - WORTH) * best.before or seen < VISIBLE or best.id in said:
+        if together < priors.SAID or not worth(best.before, best.error) or best.id in said:
             break
         fit, laws = _with_laws(axis, best.fit)
         found.append(best)
         sets.append(tuple(c.id for c in near[:2]))
         said |= {best.id, *sets[-1]}
     return Chosen(base, fit, laws, tuple(steps), tuple(found), tuple(sets))
+
+
+def _curved(wide: Fit) -> Fit:
+    """A line, or an exponent where it is earned, with the laws that were chosen beside the widest curve."""
+    line, power = (replace(wide.structure, curve=curve) for curve in ("line", "power"))
+    simple, bent = (fitted(wide.axis, own, _kept(wide, own)) for own in (line, power))
+    odds, error, before, confirmed = compared(simple, bent)
+    return bent if confirmed and odds > 2 * LAW_ODDS and worth(before, error) else simple
 
 
 def _alike(best: Candidate, other: Candidate) -> bool:
@@ -168,15 +178,15 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
     for way in (0, 1, 0):
         simple = replace_law(fit, way, "none")
         best, gained = simple, 0.0
-        tried[WAYS[way]]["none"] = _error(simple)
+        least = tried[WAYS[way]]["none"] = _error(simple)
         for own in ids[1:]:
             trial = replace_law(fit, way, own)
-            odds, error, before, _ = compared(simple, trial)
+            odds, error, _, _ = compared(simple, trial)
             tried[WAYS[way]][own] = error
             odds -= LAW_ODDS * (1 + len(LAWS[own].shape))
-            worth = not LAWS[own].shape or error < (1.0 - WORTH) * before  # an exponent has to be earned
-            if odds > gained and worth:
-                best, gained = trial, odds
+            earned = not LAWS[own].shape or worth(least, error)  # a number, beside the best that has none
+            if odds > gained and earned:
+                best, gained, least = trial, odds, error
         fit = best
     return fit, tried
 
@@ -193,17 +203,18 @@ def _kept(fit: Fit, structure: Structure) -> Shape:
 
 
 def _error(fit: Fit) -> float:
-    keep = fit.axis.keep
-    return float(np.sqrt(np.sum(left_out(fit)[keep] ** 2) / np.sum(fit.axis.speed[keep] ** 2)))
+    squares, _ = left_out(fit)
+    return float(np.sqrt(squares.sum() / np.sum(fit.axis.speed[fit.axis.keep] ** 2)))
 
 
 def _candidates(fit: Fit) -> list[Candidate]:
     """Everything that could be added, with its probability, the best first."""
-    tried = [*_effects(fit), *_curves(fit)]
+    tried = list(_effects(fit))
+    if fit.structure.curve != "monotone" and "pump_flow_limit" not in fit.structure.effects:
+        tried.append(_best(*FREE, fit, [replace(fit.structure, curve="monotone")], ({},)))
     if not tried:
         return []
-    catalogue = np.log(priors.CATALOGUE / max(len(EFFECTS), 1))
-    other = np.log(priors.UNKNOWN / len(CURVES))
+    catalogue, other = np.log(priors.CATALOGUE / len(EFFECTS)), np.log(priors.UNKNOWN)
     logs = [c.odds + (catalogue if c.id in EFFECTS else other) if c.confirmed else -np.inf for c in tried]
     total = float(log_sum(np.array([*logs, np.log(priors.NOTHING)])))
     rated = [replace(c, probability=float(np.exp(own - total))) for c, own in zip(tried, logs, strict=True)]
@@ -222,25 +233,15 @@ def _effects(fit: Fit) -> Iterable[Candidate]:
         yield _best(effect.id, effect.title, fit, trials, effect.starts_of(fit.axis))
 
 
-def _curves(fit: Fit) -> Iterable[Candidate]:
-    if fit.structure.curve == "line" and "pump_flow_limit" not in fit.structure.effects:
-        yield from (_curve(fit, curve) for curve in CURVES)
-
-
-def _curve(fit: Fit, curve: str) -> Candidate:
-    starts: tuple[Shape, ...] = ({}, {"power.extend": 1.5, "power.retract": 1.5}) if curve == "power" else ({},)
-    return _best(f"curve_{curve}", CURVES[curve], fit, [replace(fit.structure, curve=curve)], starts)
-
-
 def _best(own: str, title: str, before: Fit, structures: Sequence[Structure], starts: Sequence[Shape]) -> Candidate:
     """The best of a candidate's shapes, begun with the delay and the edges anew, and from where they stand.
 
     Begun on a part of what was recorded; what comes out best is refined on all of it.
     """
     axis = _part(before.axis)
-    trials = []
+    spool, trials = {name: before.shape[name] for name in ("lag", "damping")}, []
     for structure in structures:
-        trials += [fitted(axis, structure, start, iterations=8) for start in starts if start]
+        trials += [fitted(axis, structure, {**spool, **start}, iterations=8) for start in starts if start]
         trials += [fitted(axis, structure, {**_kept(before, structure), **start}, iterations=8) for start in starts]
     best = min(trials, key=lambda f: f.misfit)
     whole = fitted(before.axis, best.structure, best.shape)

@@ -1,25 +1,27 @@
 """Fitting a valve's model: a grid, then Gauss and Newton with the linear parameters projected out.
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
-at each point; from its best point the shape is refined. Intervals are those of a sandwich: the residual hangs
-together over one or two seconds, so scores are summed over that long (Bartlett's weights), and recordings differ from
-one another by more than that, which counts where three or more were fitted.
+at each point; from its best point the shape is refined, and once more from the best of a grid of the spool's lag and
+damping. Intervals are those of a jackknife over blocks that are
+several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
+lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
+another by more than blocks do, which counts where three or more were fitted.
 
-Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); W. Newey and K. West,
-Econometrica 55, 1987 (scores); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
+Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); H. Kuensch, Ann. Stat. 17, 1989
+(jackknife over blocks); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
-from fitting.arrays import FloatArray
-from fitting.estimators.covariance import series_scores
+from fitting.arrays import FloatArray, IntArray
+from fitting.estimators.covariance import autoregression
 from fitting.valve.laws import Bounds
 from fitting.valve.model import Shape, Structure, columns, solved
 from fitting.valve.rows import Axis
@@ -27,17 +29,19 @@ from fitting.valve.rows import Axis
 #: s, and share of full command, of the grid.
 DELAYS = tuple(np.round(np.arange(0.0, 0.65, 0.08), 3))
 EDGES = (0.0, 0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4)
+#: Cycles, and share of critical: of the spool.
+LAGS, DAMPINGS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0), (0.7, 0.85, 1.0)
 #: Of a search that begins anew with another shape.
 COARSE = (DELAYS[::2], EDGES[::2])
 #: Of the delay's profile, s.
 PROFILE = tuple(np.round(np.arange(0.0, 0.61, 0.05), 3))
-#: s over which a residual hangs together.
-MEMORY = 1.5
+#: s, and how many there are at least, of the blocks of a jackknife.
+BLOCK, LEAST_BLOCKS = 8.0, 20
 #: Share of a cycle to which moments of a command and of a position are known beside one another, at the best.
 CLOCK = 0.01
 #: Of a number's scale: steps of derivatives. The command has steps itself, and a smaller one sees single samples.
 _STEP = 1e-2
-_ITERATIONS = 15
+_ITERATIONS = 30
 
 
 @dataclass(frozen=True)
@@ -87,22 +91,41 @@ class Fit:
         return tuple(free), np.where(axis.keep[:, None], np.column_stack(found), 0.0)
 
     @cached_property
+    def rows(self) -> float:
+        """How many independent values the kept rows of the residual count for."""
+        e = self.residual[self.axis.keep]
+        taps = autoregression(e)
+        white = np.convolve(e, taps, mode="valid")
+        long_run = float(np.mean(white**2)) / float(np.sum(taps)) ** 2
+        return len(e) / max(long_run / max(float(np.mean(e**2)), 1e-30), 1.0)
+
+    @cached_property
+    def scaled(self) -> tuple[tuple[str, ...], FloatArray, FloatArray, float]:
+        """Names, columns (M, p) of what is known before any data, those units (p,), and the noise, (m/s)^2 a row.
+
+        Before any data a number of the shape is known to a quarter of its interval, a gain to its own size.
+        """
+        names, J = self.jacobian
+        bounds = self.structure.shape()
+        wide = [0.25 * (bounds[n][2] - bounds[n][1]) if n in bounds else self.gains[n] for n in names]
+        return names, J * wide, np.array(wide), max(float(self.residual @ self.residual) / self.rows, 1e-30)
+
+    @cached_property
     def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of the free parameters, and their covariance (p, p): see the module's text."""
-        names, J = self.jacobian
-        size = np.linalg.norm(J, axis=0)
-        bread = np.linalg.pinv((J / size).T @ (J / size)) / np.outer(size, size)
-        lags = max(1, round(MEMORY * self.axis.bank.reduced_rate_hz))
-        rng = np.random.default_rng(0)  # unused by sums over lags
-        groups = [self.axis.recordings == number for number in np.unique(self.axis.recordings)]
-        inside = sum(series_scores(J[g], self.residual[g], lags, rng) for g in groups)
-        count = int(np.count_nonzero(self.axis.keep))
-        S = bread @ inside @ bread * (count / max(count - len(names), 1))
+        names, J, wide, noise = self.scaled
+        r, inverse = self.residual, np.linalg.inv(J.T @ J + noise * np.eye(len(names)))
+        groups = [np.flatnonzero(self.axis.recordings == number) for number in np.unique(self.axis.recordings)]
+        length = min(BLOCK * self.axis.bank.reduced_rate_hz, len(r) / LEAST_BLOCKS)
+        blocks = [b for g in groups for b in np.array_split(g, max(1, round(len(g) / length)))]
+        moves = moved_without(J, r, blocks, noise)
+        S = moves.T @ moves + noise**2 * inverse @ inverse
         if len(groups) >= 3:
-            scores = np.array([J[g].T @ self.residual[g] for g in groups])
-            between = bread @ (scores.T @ scores) @ bread * (len(groups) / (len(groups) - 1))
-            more = np.sqrt(np.maximum(np.diag(between) / np.maximum(np.diag(S), 1e-300), 1.0))
+            scores = inverse @ np.array([J[g].T @ r[g] for g in groups]).T
+            between = np.sum(scores**2, axis=1) * (len(groups) / (len(groups) - 1))
+            more = np.sqrt(np.maximum(between / np.maximum(np.diag(S), 1e-300), 1.0))
             S = S * np.outer(more, more)
+        S = S * np.outer(wide, wide)
         if "delay" in names:
             place = names.index("delay")
             S[place, place] += (CLOCK / self.axis.bank.rate_hz) ** 2
@@ -112,6 +135,16 @@ class Fit:
         """Standard deviation of a parameter; None where it stands at the end of its interval, or is not there."""
         names, S = self.covariance
         return float(np.sqrt(S[names.index(name), names.index(name)])) if name in names else None
+
+
+def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:
+    """By how much parameters (blocks, p) move when a block of rows is left out.
+
+    ``J`` (M, p) is in units that each is known to before any data, ``noise`` the variance of a row. Exact where the
+    model is linear and ``r`` (M,) the residual of its least squares.
+    """
+    gram = J.T @ J + noise * np.eye(J.shape[1])
+    return np.array([np.linalg.solve(gram - J[b].T @ J[b], -J[b].T @ r[b]) for b in blocks])
 
 
 def relative(axis: Axis, residual: FloatArray) -> float:
@@ -137,12 +170,16 @@ def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iter
 
     Parameters
     ----------
-    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held
+    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held,
+        without a lag that of the spool
     """
     bounds = structure.shape()
     begun = {name: own[0] for name, own in bounds.items()} | dict(start or {})
     if start is None or "delay" not in start:
         begun |= _grid(axis, structure, begun, (DELAYS, EDGES) if start is None else COARSE)
+    if start is None or "lag" not in start:
+        calm = {name: begun[name] for name in bounds}
+        begun = _spool(axis, structure, _refined(axis, structure, calm, ("damping",), iterations).shape)
     return _refined(axis, structure, {name: begun[name] for name in bounds}, (), iterations)
 
 
@@ -158,7 +195,8 @@ def profile(fit: Fit) -> list[tuple[float, float]]:
 def _grid(
     axis: Axis, structure: Structure, shape: Shape, points: tuple[tuple[float, ...], tuple[float, ...]]
 ) -> dict[str, float]:
-    """The best delay and edges of a grid."""
+    """The best delay and edges of a grid, of a straight line."""
+    structure = replace(structure, curve="line")
     keep, y = axis.keep, axis.speed[axis.keep]
     best, where = np.inf, dict[str, float]()
     for delay in points[0]:
@@ -183,6 +221,20 @@ def _grid(
                 if cost < best and np.all(answer[: -len(rest) or None] >= -1e-9):
                     best = cost
                     where = {"delay": delay, "edge.extend": points[1][first], "edge.retract": points[1][second]}
+    return where
+
+
+def _spool(axis: Axis, structure: Structure, shape: Shape) -> dict[str, float]:
+    """The shape with the best of a grid of lags and dampings: between samples of a command many are an optimum."""
+    keep, y = axis.keep, axis.speed[axis.keep]
+    best, where = np.inf, dict(shape)
+    for lag in LAGS:
+        for damping in DAMPINGS:
+            here = {**shape, "lag": lag / axis.bank.rate_hz, "damping": damping}
+            matrix = columns(axis, structure, here)[1][keep]
+            cost = float(np.sum((y - matrix @ solved(matrix, y)) ** 2))
+            if cost < best:
+                best, where = cost, here
     return where
 
 

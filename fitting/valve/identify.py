@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -19,7 +19,7 @@ from fitting.valve.checks import axis_checks, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
-from fitting.valve.inverse import ValveModel, model_of
+from fitting.valve.inverse import Direction, ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
@@ -94,7 +94,7 @@ def identify_valves(
             continue
         judged = None
         if validate:
-            judged = axis_of(machine, joint, validate, bandwidth_hz=bandwidth_hz, drops=axis.drops)
+            judged = axis_of(machine, joint, validate, bandwidth_hz=bandwidth_hz, like=axis)
             judged = judged if moves(judged) else None
         axes[joint.name], models[joint.name] = _of_axis(machine, joint, axis, judged, loop=loop)
     if not axes:
@@ -212,21 +212,19 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
 
 def _edge(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
     """The command that gives 2 % of the speed at the largest one, at the reference drops, with its interval."""
-    own, name, valve = model.directions[way], WAYS[way], fit.axis.valve
+    valve, (names, S) = fit.axis.valve, fit.covariance
 
-    def at(shape: dict[str, float]) -> float:
-        edge = shape[f"edge.{name}"]
-        power = shape.get(f"power.{name}", 1.0)
-        if own.openings:
-            return edge + own.opening(EDGE_SPEED * own.fastest)
-        return edge + float(EDGE_SPEED ** (1.0 / power)) * (own.largest - edge)
+    def at(own: Direction) -> float:
+        return own.edge + own.opening(EDGE_SPEED * own.fastest)
 
-    names, S = fit.covariance
-    here, slopes = at(dict(fit.shape)), np.zeros(len(names))
-    for key in (f"edge.{name}", f"power.{name}"):
-        if key in names:
-            moved = {**fit.shape, key: fit.shape[key] + 1e-4}
-            slopes[names.index(key)] = (at(moved) - here) / 1e-4
+    here, slopes = at(model.directions[way]), np.zeros(len(names))
+    for place, key in enumerate(names):
+        step = 0.1 * float(np.sqrt(S[place, place]))
+        if key in fit.shape:
+            moved = replace(fit, shape={**fit.shape, key: fit.shape[key] + step})
+        else:
+            moved = replace(fit, gains={**fit.gains, key: fit.gains[key] + step})
+        slopes[place] = (at(direction_of(moved, way)) - here) / max(step, 1e-300)
     std = float(np.sqrt(max(float(slopes @ S @ slopes), 0.0))) or None
     sign = (1.0, -1.0)[way] * valve.extends
     return {

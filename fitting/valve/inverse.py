@@ -25,13 +25,15 @@ from daq.errors import InputError
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit
 from fitting.valve.laws import LAWS
-from fitting.valve.model import PIECES, WAYS
+from fitting.valve.model import WAYS, free_curve
 
 CLIPPED, NO_NUMBER, NO_PRESSURE = 1, 2, 4
 #: Share of the speed at full command below which a standing axis stays at rest; three times that sets it moving.
 REST_SHARE = 0.005
 #: Of the reference drop: less is not believed.
 LEAST_SHARE = 0.02
+#: Of a free curve's table.
+POINTS = 33
 
 
 @dataclass(frozen=True)
@@ -214,32 +216,35 @@ class ValveModel:
 _HARMLESS = ("delay_per_direction", "pump_flow_limit", "undeclared_orifice")
 
 
+def direction_of(fit: Fit, way: int) -> Direction:
+    """One direction of what a fit hands out."""
+    axis, shape, name = fit.axis, fit.shape, WAYS[way]
+    law = "meter_in" if "undeclared_orifice" in fit.structure.effects else fit.structure.laws[way]
+    edge, largest = shape[f"edge.{name}"], axis.largest[way]
+    openings, speeds = tuple[float, ...](), tuple[float, ...]()
+    if fit.structure.curve == "monotone":
+        reach = max(largest - edge, 1e-6)
+        ends = reach * np.linspace(0.0, 1.0, POINTS) ** 2  # dense where small speeds are
+        parts = free_curve(ends, shape[f"power.{name}"], reach)
+        curve = sum(fit.gains[f"gain.{name}.{j}"] * part for j, part in enumerate(parts))
+        openings, speeds = tuple(ends.tolist()), tuple(np.maximum.accumulate(curve).tolist())
+    return Direction(
+        edge=edge,
+        gain=fit.gains.get(f"gain.{name}", 0.0),
+        power=1.0 if openings else shape.get(f"power.{name}", 1.0),
+        openings=openings,
+        speeds=speeds,
+        law=law,
+        law_shape={key: shape[f"{key}.{name}"] for key in LAWS[law].shape},
+        drop_in=float(axis.drops[way, 0]),
+        drop_out=float(axis.drops[way, 1]),
+        largest=largest,
+    )
+
+
 def model_of(fit: Fit, *, error: float | None, pump_limit: float | None) -> ValveModel:
     """What a fit hands out."""
     axis, shape = fit.axis, fit.shape
-    directions = []
-    for way, name in enumerate(WAYS):
-        law = "meter_in" if "undeclared_orifice" in fit.structure.effects else fit.structure.laws[way]
-        edge, largest = shape[f"edge.{name}"], axis.largest[way]
-        openings, speeds = tuple[float, ...](), tuple[float, ...]()
-        if fit.structure.curve == "monotone":
-            ends = np.array(PIECES) * max(largest - edge, 1e-6)
-            gains = np.array([fit.gains[f"gain.{name}.{piece}"] for piece in range(len(PIECES) - 1)])
-            openings, speeds = tuple(ends.tolist()), tuple(np.append(0.0, np.cumsum(gains * np.diff(ends))).tolist())
-        directions.append(
-            Direction(
-                edge=edge,
-                gain=fit.gains.get(f"gain.{name}", 0.0),
-                power=shape.get(f"power.{name}", 1.0),
-                openings=openings,
-                speeds=speeds,
-                law=law,
-                law_shape={key: shape[f"{key}.{name}"] for key in LAWS[law].shape},
-                drop_in=float(axis.drops[way, 0]),
-                drop_out=float(axis.drops[way, 1]),
-                largest=largest,
-            )
-        )
     valve = axis.valve
     return ValveModel(
         joint=axis.joint.name,
@@ -250,7 +255,7 @@ def model_of(fit: Fit, *, error: float | None, pump_limit: float | None) -> Valv
         least=valve.range[0],
         most=valve.range[1],
         delay=shape["delay"],
-        directions=(directions[0], directions[1]),
+        directions=(direction_of(fit, 0), direction_of(fit, 1)),
         areas=axis.areas,
         pump_limit=pump_limit,
         left_out=tuple(EFFECTS[own].title for own in fit.structure.effects if own not in _HARMLESS),

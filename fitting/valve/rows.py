@@ -87,7 +87,7 @@ class Signals:
         return bool(np.isfinite(self.temperature).all())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Axis:
     """An axis and what was recorded of it; ``M`` filtered and decimated rows.
 
@@ -101,6 +101,7 @@ class Axis:
     recordings : (M,) number of each row's recording
     drops : (2, 2) Pa, median of p_s - p_in and p_out - p_tank while extending, retracting: what gains are given at;
         1 where not measured
+    largest : (2,) largest command of each direction that was recorded, as ``u`` is: what curves are counted to
     """
 
     joint: Joint
@@ -112,6 +113,7 @@ class Axis:
     keep: BoolArray
     recordings: IntArray
     drops: FloatArray
+    largest: tuple[float, float]
 
     @cached_property
     def has_pressures(self) -> bool:
@@ -127,11 +129,6 @@ class Axis:
     def areas(self) -> tuple[float, float]:
         """Areas of head and rod, m^2."""
         return self.cylinder.head_area, self.cylinder.rod_area
-
-    @cached_property
-    def largest(self) -> tuple[float, float]:
-        """Largest command of each direction that was recorded, as ``u`` is."""
-        return max(0.0, float(self.signals.u.max())), max(0.0, float(-self.signals.u.min()))
 
     def reduced(self, columns: FloatArray) -> FloatArray:
         """Columns (N,) or (N, k) through both filters, stretch by stretch: (M,) or (M, k)."""
@@ -159,14 +156,14 @@ def axis_of(
     recordings: Sequence[Recording],
     *,
     bandwidth_hz: float | None = None,
-    drops: FloatArray | None = None,
+    like: Axis | None = None,
 ) -> Axis:
     """Rows of one joint's valve.
 
     Parameters
     ----------
     bandwidth_hz : cut-off of the filter; :data:`BANDWIDTH_HZ`, or a fifth of a slower rate
-    drops : reference pressure drops of another axis object, which gains are to be compared with
+    like : the same axis in recordings that were fitted: whose reference drops and largest commands a model is of
 
     Raises
     ------
@@ -209,8 +206,11 @@ def axis_of(
         keep=np.concatenate([piece.keep for piece in pieces]),
         recordings=np.concatenate([np.full(len(p.speed), p.signals.recording[0]) for p in pieces]),
         drops=np.ones((2, 2)),
+        largest=(max(0.0, float(joined["u"].max())), max(0.0, float(-joined["u"].min()))),
     )
-    return replace(axis, drops=_drops(axis) if drops is None else drops)
+    if like is not None:
+        return replace(axis, drops=like.drops, largest=like.largest)
+    return replace(axis, drops=_drops(axis))
 
 
 @dataclass(frozen=True)

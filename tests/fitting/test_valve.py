@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 from valve_bench import RATE, Bench, machine_of, written
 
 from daq import InputError, Machine, Recording, read_recording
 from fitting.signals.filters import filter_bank
+from fitting.valve.choose import left_out
 from fitting.valve.effects import EFFECTS
-from fitting.valve.fit import fitted
+from fitting.valve.fit import fitted, moved_without, predicted, relative
 from fitting.valve.identify import Identified, identify_valves
 from fitting.valve.inverse import CLIPPED, NO_NUMBER, NO_PRESSURE, REST_SHARE, Direction, ValveModel
 from fitting.valve.laws import LAWS, laws_for
-from fitting.valve.model import Structure, delayed, solved
+from fitting.valve.model import DEGREE, Structure, delayed, followed, free_curve, solved
 from fitting.valve.rows import Signals, axis_of
 
 Identify = Callable[..., Identified]
@@ -225,6 +228,102 @@ def test_a_held_command_is_as_late_as_its_integral_says(samples: float, seed: in
     late = delayed(signals, u, samples)
     # The step is held from its sample's own moment on; sums over rows stand for integrals from -1/2 to count - 1/2.
     assert float(np.sum(late)) == pytest.approx(count - 0.5 - (at + samples), abs=1e-9)
+
+
+@settings(max_examples=8)
+@given(st.floats(0.5, 6.0), st.floats(0.4, 1.5))
+def test_a_spool_follows_as_a_mass_on_a_spring_does(samples: float, damping: float) -> None:
+    """Oracle: the step's answer of the differential equation, a cycle's mean of it at a time."""
+    u = np.where(np.arange(120) >= 10, 1.0, 0.0)
+    own = followed(_signals(u), u, samples, damping)
+    w, fine = 2.0 * damping / samples, np.arange(0.0, 100.0, 0.005) + 0.0025
+    answer = signal.lti([w * w], [1.0, 2 * damping * w, w * w]).step(T=fine)[1]
+    assert np.allclose(own[10:110], answer.reshape(100, 200).mean(axis=1), atol=5e-3)
+    assert np.all(own[:10] == 0.0)
+    assert float(np.sum(u - own)) == pytest.approx(samples, abs=0.01)  # late on the average
+
+
+def test_a_spool_without_a_lag_is_where_it_is_told_to_be() -> None:
+    u = np.random.default_rng(3).normal(size=80)
+    assert np.allclose(followed(_signals(u), u, 0.0, 1.0), u, atol=5e-3)
+
+
+@given(st.floats(0.5, 2.5), st.lists(st.floats(0.0, 2.0), min_size=DEGREE + 1, max_size=DEGREE + 1))
+def test_a_free_curve_never_falls_holds_every_power_and_goes_on_as_it_ends(power: float, gains: list[float]) -> None:
+    opening = np.linspace(0.0, 0.9, 181)
+    parts = free_curve(opening, power, 0.6)
+    curve = np.array(gains) @ np.array(parts)
+    assert curve[0] == 0.0 and np.all(np.diff(curve) >= -1e-12)
+    whole = (opening / 0.6) ** power
+    assert np.allclose(np.sum(parts, axis=0), whole)  # equal gains: the power itself
+    slopes = np.diff(curve) / np.diff(whole)
+    assert np.allclose(slopes[whole[:-1] >= 1.0], gains[-1])
+
+
+def test_what_a_parameter_moves_by_without_a_block_is_what_a_fit_without_it_gives() -> None:
+    rng = np.random.default_rng(5)
+    J = rng.normal(size=(90, 4))
+    J /= np.linalg.norm(J, axis=0)
+    y = rng.normal(size=90)
+    here = np.linalg.lstsq(J, y, rcond=None)[0]
+    blocks = np.array_split(np.arange(90), 6)
+    moves = moved_without(J, y - J @ here, blocks, 1e-9)
+    for block, move in zip(blocks, moves, strict=True):
+        rest = np.setdiff1d(np.arange(90), block)
+        there = np.linalg.lstsq(J[rest], y[rest], rcond=None)[0]
+        assert np.allclose(move, there - here, atol=1e-6)
+
+
+def test_bars_hold_what_they_say_where_few_events_tell_and_the_noise_hangs_together() -> None:
+    """Oracle: 400 draws of a parameter that six short events tell of, in noise that lasts half a second."""
+    rng, rows = np.random.default_rng(7), 600
+    J = np.zeros((rows, 3))
+    for start in range(40, rows, 100):
+        J[start : start + 6, 0] = 1.0
+        J[start : start + 12, 1] = np.linspace(1.0, 0.0, 12)
+    J[:, 2] = 1.0
+    J /= np.linalg.norm(J, axis=0)
+    blocks = np.array_split(np.arange(rows), 12)
+    inside = []
+    for _ in range(400):
+        noise = signal.lfilter([1.0], [1.0, -0.75], rng.normal(size=rows))
+        error = np.linalg.lstsq(J, noise, rcond=None)[0]
+        moves = moved_without(J, noise - J @ error, blocks, 1e-9)
+        inside.append(abs(error[0]) <= 1.96 * np.sqrt(np.sum(moves[:, 0] ** 2)))
+    assert 0.9 <= np.mean(inside) <= 0.99
+
+
+def test_the_density_of_what_is_left_out_is_that_of_a_gaussian() -> None:
+    """Oracle: the conditional density by whole covariance matrices, of each part given the others."""
+    rng, rows = np.random.default_rng(9), 60
+    J, gains = rng.normal(size=(rows, 3)), {"a": 0.7, "b": 1.4, "c": 0.2}
+    y = J @ np.array(list(gains.values())) + 0.1 * rng.normal(size=rows)
+    here = np.linalg.lstsq(J, y, rcond=None)[0]
+    r = y - J @ here
+    recordings = np.repeat([0, 1, 2], 20)
+    axis = SimpleNamespace(recordings=recordings, keep=np.ones(rows, dtype=bool))
+    variance, wide = float(r @ r) / rows, np.array(list(gains.values()))
+    fit: Any = SimpleNamespace(scaled=(tuple(gains), J * wide, wide, variance), residual=r, axis=axis)
+    squares, opened = left_out(fit)
+    prior = np.diag(wide**2)
+    for fold, square, open_one in zip((recordings == k for k in range(3)), squares, opened, strict=True):
+        known = np.linalg.inv(prior) + J[~fold].T @ J[~fold] / variance
+        spread = variance * np.eye(20) + J[fold] @ np.linalg.solve(known, J[fold].T)
+        without = here + np.linalg.solve(known, J[~fold].T @ r[~fold] / variance)
+        e = y[fold] - J[fold] @ without
+        assert square / variance == pytest.approx(float(e @ np.linalg.solve(spread, e)), rel=1e-6)
+        assert open_one == pytest.approx(float(np.linalg.slogdet(spread / variance)[1]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_curve_means_the_same_on_a_motion_of_smaller_and_of_larger_commands() -> None:
+    machine = machine_of()
+    axis = axis_of(machine, machine.joints[0], [recording(Bench(), seed) for seed in (1, 2)])
+    fit = fitted(axis, Structure(("meter_in", "meter_in"), "monotone", True))
+    for scale in (0.6, 1.25):
+        own = axis_of(machine, machine.joints[0], [recording(Bench(largest=0.7 * scale), 5)], like=axis)
+        assert own.largest == axis.largest != axis_of(machine, machine.joints[0], [recording(Bench(), 5)]).largest
+        assert relative(own, own.speed - predicted(own, fit)) < 0.02
 
 
 @settings(max_examples=40)
