@@ -11,11 +11,11 @@ A valve motion is a CSV table of steps, one after the other::
     swing,9.1,0.11,-30
 
 ``go`` moves each axis by feedback to a joint position in rad (m), for ``seconds`` at most. ``hold`` sends a command as
-it is, in the amplifier's unit. ``swing`` sends ``neutral + (value - neutral) cos(2 pi hz t)``. A line ``axis`` says what
-the controller has to know of each: the command of the closed valve; ``full``, what is added to it so that the joint goes
-**up** at full speed (negative where that takes less); the joint's range; the speed (rad/s or m/s) that full command is
-expected to give, the dead band (share of full) and the delay (s); and the limits of the command, ``most`` as a share of
-full and ``rate`` per second. hilfit writes such files and no commands.
+it is, in the amplifier's unit. ``swing`` sends ``neutral + (value - neutral) cos(2 pi hz t)``. A line ``axis`` says
+what the controller has to know of each: the command of the closed valve; ``full``, what is added to it so that the
+joint goes **up** at full speed (negative where that takes less); the joint's range; the speed (rad/s or m/s) that full
+command is expected to give, the dead band (share of full) and the delay (s); and the limits of the command, ``most`` as
+a share of full and ``rate`` per second. hilfit writes such files and no commands.
 """
 
 from __future__ import annotations
@@ -112,7 +112,9 @@ def read_valve_motion(path: str | Path, machine: Machine) -> ValveMotion:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
-        raise InputError(f"{path}: cannot be read; give a valve motion (CSV), 'hilfit valve-motion' makes one") from None
+        raise InputError(
+            f"{path}: cannot be read; give a valve motion (CSV), 'hilfit valve-motion' makes one"
+        ) from None
     head = [line for line in lines if line.startswith("#")]
     table = lines[len(head) :]
     if not head or not head[0].startswith(f"# {VALVE_SCHEMA} machine=") or not table:

@@ -34,10 +34,10 @@ from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
 from sim_backends.devices.wiring import wire
 from sim_backends.faults.fault_file import FaultScript
 from sim_backends.faults.fault_runner import FaultRunner
-from sim_backends.plant.truth import SensorQuality, Truth
+from sim_backends.plant.truth import SensorQuality, Truth, load_truth
 from sim_backends.undeclared import EffectSpec, check_spec
 from sim_backends.valve.effects import ValveEffectSpec, with_effect
-from sim_backends.valve.truth import ValvePlantTruth
+from sim_backends.valve.truth import ValvePlantTruth, load_valve_truth
 
 START_PATIENCE = 120.0  # s for all processes to be ready: a first start compiles and loads everything from disk
 ORDER_PATIENCE = 10.0  # s for an answer to an order, not counting time that the processes wait for a processor
@@ -226,7 +226,7 @@ class SimulatedMachine:
             )
         self._wiring = wire(machine)
         self._machine = machine
-        self._truth = truth if truth is not None else _default_truth(machine)
+        self._truth = truth if truth is not None else truth_of(machine)
         self._undeclared = undeclared if undeclared == "demo" else self._checked(undeclared)
         self._seed, self._speed = seed, speed
         self._quality = quality or SensorQuality()
@@ -437,10 +437,22 @@ class SimulatedMachine:
             time.sleep(0.02)
 
 
-def _default_truth(machine: Machine) -> Truth | ValvePlantTruth:
+def truth_of(machine: Machine, path: Path | None = None) -> Truth | ValvePlantTruth:
+    """The plant's own parameters: of a YAML file (with ``valves`` of a plant with valves), or of a known machine.
+
+    Raises
+    ------
+    InputError
+        If the file is not there or holds none, or nothing is known of the machine.
+    """
     from sim_backends.machines import default_machine
     from sim_backends.valve.machines import default_crane
 
+    if path is not None:
+        with contextlib.suppress(OSError):
+            if any(line.startswith(b"valves:") for line in path.read_bytes().splitlines()):
+                return load_valve_truth(path)
+        return load_truth(path)
     for known, truth in (default_machine(), default_crane()):
         if machine.joints == known.joints:
             return truth

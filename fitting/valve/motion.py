@@ -1,7 +1,7 @@
 """Planned valve motions: what shows edges, curve, delay and leaks of each axis, within the limits of the machine.
 
-Each axis has its own motion: at two poses, between which the load on it differs most, a rest with the valve closed and a
-staircase of both signs, each level held for three delays and 0.4 s and undone by its opposite; at the first a ladder
+Each axis has its own motion: at two poses, between which the load on it differs most, a rest with the valve closed and
+a staircase of both signs, each level held for three delays and 0.4 s and undone by its opposite; at the first a ladder
 of 1 % steps around each expected edge, up and down, and three slow sines. A last motion has levels of all axes
 together, which shows the pump. What is expected comes from an earlier valve report, or from the machine file: full
 command then gives the joint's largest speed, or what the pump's flow gives.
@@ -54,14 +54,14 @@ class Expected:
     ----------
     travel : of the joint
     speeds : m/s of the rod at :attr:`grid`, one row for each of extend and retract
-    edge, delay : share of full, s
-    rungs : of the ladder, to either side of the edge
+    edges, delay : share of full of extend and retract, s
+    rungs : of the ladder, to either side of an edge
     told : whether a report says it
     """
 
     travel: Travel
     speeds: FloatArray
-    edge: float
+    edges: tuple[float, float]
     delay: float
     rungs: int
     told: bool
@@ -80,9 +80,15 @@ class Expected:
         assert self.travel.r is not None
         return float(np.sign(self.travel.r.mean()))
 
+    @property
+    def slowest(self) -> float:
+        """m/s in the slower direction at the largest command of a move to a pose."""
+        return float(np.abs(self.speed(np.array([CAUTION, -CAUTION]))).min())
+
     def speed(self, share: FloatArray | float, faster: Sequence[float] = (1.0, 1.0)) -> FloatArray:
         """Speeds of the rod in m/s for shares of full, positive extends."""
-        out, back = (factor * np.interp(np.abs(share), self.grid, row) for factor, row in zip(faster, self.speeds))
+        ways = zip(faster, self.speeds, strict=True)
+        out, back = (factor * np.interp(np.abs(share), self.grid, row) for factor, row in ways)
         return np.asarray(np.where(np.asarray(share) > 0, out, -back))
 
     def q(self, x: FloatArray | float) -> FloatArray:
@@ -107,8 +113,8 @@ class Expected:
         """Seconds for which a level is held."""
         return 3.0 * self.delay + 0.4
 
-    def axis(self) -> ValveAxis:
-        """For the controller; its largest command keeps speed and travel, its rate the acceleration."""
+    def axis(self, level: float) -> ValveAxis:
+        """For the controller; its largest command keeps ``level``, speed and travel, its rate the acceleration."""
         assert self.joint.cylinder is not None and self.joint.cylinder.valve is not None
         assert self.travel.x is not None and self.travel.r is not None
         valve, limits, r = self.joint.cylinder.valve, self.joint.limits, float(np.abs(self.travel.r).min())
@@ -116,12 +122,12 @@ class Expected:
         room = (1.0 - 2.0 * CLEAR) * float(np.ptp(self.travel.x))
         # A level goes 1.3 times its way to one side, and if only its opposite is fast, 0.3 times to the other.
         fits = (FASTER * fastest <= limits.velocity * r) & ((2.0 * FASTER - 1.0) * fastest * self.held <= room)
-        most = min(LEVEL, float(self.grid[fits].max()), (valve.range[1] - valve.neutral) / valve.full,
+        most = min(level, float(self.grid[fits].max()), (valve.range[1] - valve.neutral) / valve.full,
                    (valve.neutral - valve.range[0]) / valve.full)  # fmt: skip
         slope = float(np.diff(fastest).max() / (self.grid[1] - self.grid[0]))
         return ValveAxis(
             self.joint.name, valve.neutral, valve.extends * valve.full * self.sense, *limits.position,
-            speed=float(fastest[-1]) / r, edge=self.edge, delay=self.delay, most=most,
+            speed=float(fastest[-1]) / r, edge=sum(self.edges) / 2, delay=self.delay, most=most,
             rate=limits.acceleration * r / (FASTER * slope),
         )  # fmt: skip
 
@@ -155,24 +161,25 @@ def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> li
         if joint.name in axes:
             model = ValveModel.from_json(axes[joint.name]["model"])
             speeds = np.array([[way.speed(max(u - way.edge, 0.0)) for u in grid] for way in model.directions])
-            edge, rungs = float(np.mean([way.edge for way in model.directions])), _RUNGS
-            spread = float(np.ptp([way.edge for way in model.directions])) / 2.0
-            rungs += int(np.ceil(spread / _STEP))
-            found.append(Expected(travel, speeds, edge, model.delay, rungs, True))
+            edges = model.directions[0].edge, model.directions[1].edge
+            found.append(Expected(travel, speeds, edges, model.delay, _RUNGS, True))
             continue
         assert travel.r is not None
         areas = joint.cylinder.head_area, joint.cylinder.rod_area
         flow = np.inf if machine.pump_limit is None else machine.pump_limit
         full = [min(joint.limits.velocity * float(np.abs(travel.r).min()), flow / area) for area in areas]
         line = np.maximum(grid - _EDGE, 0.0) / (1.0 - _EDGE)
-        found.append(Expected(travel, np.outer(full, line), _EDGE, _DELAY, round(_EDGE / _STEP), False))
+        found.append(Expected(travel, np.outer(full, line), (_EDGE, _EDGE), _DELAY, round(_EDGE / _STEP), False))
     if not found:
         raise InputError(f"{machine.name}: no joint has a cylinder.valve; describe one in the machine file")
     return found
 
 
 def plan_valve_motions(
-    machine: Machine, joints: Sequence[str] | None = None, report: Mapping[str, Any] | None = None
+    machine: Machine,
+    joints: Sequence[str] | None = None,
+    report: Mapping[str, Any] | None = None,
+    level: float = LEVEL,
 ) -> list[Planned]:
     """A motion for each axis with a valve, and where there are several one of all together.
 
@@ -181,6 +188,7 @@ def plan_valve_motions(
     machine : with the limits to keep; those of pressure and flow are the valves' and the pump's own
     joints : names of the axes that are to have a motion; None: all
     report : content of an earlier ``valve.json``
+    level : largest command, share of full
 
     Raises
     ------
@@ -193,12 +201,12 @@ def plan_valve_motions(
     for name in asked:
         if name not in names:
             raise InputError(f"joint '{name}': has no cylinder.valve; one of {', '.join(names)}")
-    told = [own.axis() for own in axes]
-    for own in told:
-        if own.most < own.edge + _RUNGS * _STEP:
+    told = [own.axis(level) for own in axes]
+    for known, own in zip(axes, told, strict=True):
+        if own.most < max(known.edges) + _RUNGS * _STEP:
             raise InputError(
-                f"{own.axis}: a command of {own.most:.2g} of full is all that its speed and travel allow at 30 % more "
-                "than expected, which hardly moves it; give --after with a valve report, or wider limits"
+                f"{own.axis}: a command of {own.most:.2g} of full is all that --level, its speed and its travel allow, "
+                "if it is 30 % faster than expected, and hardly moves it; give --after with a valve report"
             )
     plans = [(f"valve-{name}", _of_axis(machine, axes, told, names.index(name))) for name in asked]
     if joints is None and len(axes) > 1:
@@ -234,47 +242,45 @@ def _poses(machine: Machine, axes: Sequence[Expected], number: int) -> list[dict
     return [rows[k] for k in sorted({int(np.argmax(load)), int(np.argmin(load))}, key=lambda k: -abs(load[k]))]
 
 
-def _go(axes: Sequence[Expected], q: Mapping[str, float]) -> list[Step]:
-    still = tuple(_closed(axes))
-    return [Step("go", _PATIENCE, tuple(q[own.joint.name] for own in axes)), Step("hold", _PAUSE, still)]
+def _go(told: Sequence[ValveAxis], q: Mapping[str, float]) -> list[Step]:
+    return [Step("go", _PATIENCE, tuple(q[own.axis] for own in told)), _closed(told, _PAUSE)]
 
 
-def _closed(axes: Sequence[Expected]) -> list[float]:
-    return [own.axis().neutral for own in axes]
+def _closed(told: Sequence[ValveAxis], seconds: float) -> Step:
+    return Step("hold", seconds, tuple(own.neutral for own in told))
 
 
 def _of_axis(machine: Machine, axes: Sequence[Expected], told: Sequence[ValveAxis], number: int) -> list[Step]:
     own, axis = axes[number], told[number]
-    still = _closed(axes)
 
     def alone(share: float) -> tuple[float, ...]:
-        return tuple(axis.sent(share) if k == number else value for k, value in enumerate(still))
+        return tuple(axis.sent(share) if other is axis else other.neutral for other in told)
 
     def at(pose: Mapping[str, float], away: float = 0.0) -> list[Step]:
         """Rest with the axis ``away`` m (positive: extended) from the pose."""
-        return _go(axes, {**pose, own.joint.name: float(own.q(own.x(pose[own.joint.name]) + away))})
+        return _go(told, {**pose, own.joint.name: float(own.q(own.x(pose[own.joint.name]) + away))})
 
     steps: list[Step] = []
     for place, pose in enumerate(_poses(machine, axes, number)):
-        steps += [*at(pose), Step("hold", _REST if place == 0 else 4.0 * _PAUSE, alone(0.0))]
-        for level in np.linspace(own.edge + _RUNGS * _STEP, axis.most, _LEVELS).tolist():
+        steps += [*at(pose), _closed(told, _REST if place == 0 else 4.0 * _PAUSE)]
+        for level in np.linspace(max(own.edges) + _RUNGS * _STEP, axis.most, _LEVELS).tolist():
             way = float(np.abs(own.speed(np.array([level, -level]))).max()) * own.held
             steps += at(pose, -0.5 * way * own.sense)
             steps += [Step("hold", own.held, alone(share)) for share in (level, -level)]
-            steps.append(Step("hold", _STOP, alone(0.0)))
+            steps.append(_closed(told, _STOP))
         if place > 0:
             continue
-        rungs = own.edge + _STEP * np.arange(-own.rungs, own.rungs + 1)
-        rungs = np.clip(rungs, 0.0, axis.most)
         for sign in (1.0, -1.0):
+            edge = own.edges[0 if sign == own.sense else 1]
+            rungs = np.clip(edge + _STEP * np.arange(-own.rungs, own.rungs + 1), 0.0, axis.most)
             steps += at(pose)
             steps += [Step("hold", 0.4, alone(sign * share)) for share in (*rungs, *rungs[-2::-1])]
         for share, part in ((0.45, 0.5), (0.7, 0.6), (1.0, 0.7)):
-            amplitude = own.edge + share * (axis.most - own.edge)
+            amplitude = axis.edge + share * (axis.most - axis.edge)
             fast = float(np.abs(own.speed(np.array([amplitude, -amplitude]))).max())
             hz = min(fast * FASTER / (np.pi * part * float(np.ptp(own.travel.x))), 0.4)  # crosses a part of the travel
             steps += [*at(pose), Step("swing", 1.0 / hz, alone(amplitude), hz)]
-            steps.append(Step("hold", _STOP, alone(0.0)))
+            steps.append(_closed(told, _STOP))
     return steps
 
 
@@ -291,11 +297,11 @@ def _together(axes: Sequence[Expected], told: Sequence[ValveAxis]) -> list[Step]
         for own, share in zip(axes, shares, strict=True):
             way = float(own.speed(share * own.sense)) * seconds
             pose[own.joint.name] = float(own.q(own.x(middle[own.joint.name]) - 0.5 * way))
-        steps += _go(axes, pose)
+        steps += _go(told, pose)
         for sign in (1.0, -1.0):
             sent = tuple(own.sent(sign * share) for own, share in zip(told, shares, strict=True))
             steps.append(Step("hold", seconds, sent))
-        steps.append(Step("hold", _STOP, tuple(_closed(axes))))
+        steps.append(_closed(told, _STOP))
     return steps
 
 
@@ -304,44 +310,35 @@ def _expected_motion(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Positions, speeds and accelerations (N, n) of all joints, if valves give ``faster`` times what is expected."""
     period = 1.0 / machine.rate_hz
-    columns: dict[str, FloatArray] = {}
-    lengths = [_length(axes, motion.steps, k, period) for k in range(len(motion.steps))]
-    for number, (own, axis) in enumerate(zip(axes, motion.axes, strict=True)):
-        x, u, parts = own.x(own.middle), 0.0, []
-        for step, count in zip(motion.steps, lengths, strict=True):
-            if step.does == "go":
-                u, goal = 0.0, own.x(step.values[number])
-                s = np.minimum(np.arange(1, count + 1) / max(count / max(faster), 1.0), 1.0)
-                parts.append(x + (goal - x) * s**3 * (10 - 15 * s + 6 * s**2))
-                x = goal
-                continue
-            time = np.arange(1, count + 1) * period
-            wish = axis.share(step.values[number]) * np.cos(2 * np.pi * step.hz * time)
-            share = np.empty(count)
-            for k, goal in enumerate(wish.tolist()):
-                u += min(max(goal - u, -axis.rate * period), axis.rate * period)
-                share[k] = u
-            parts.append(x + period * np.cumsum(own.speed(share * own.sense, faster)))
-            x = float(parts[-1][-1])
-        columns[own.joint.name] = own.q(np.concatenate(parts))
-    still = np.ones(sum(lengths))
-    q = np.stack([columns.get(own.name, sum(own.limits.position) / 2 * still) for own in machine.joints], axis=1)
+    now, shares, parts = [own.x(own.middle) for own in axes], [0.0] * len(axes), []
+    for step in motion.steps:
+        goals = [own.x(q) for own, q in zip(axes, step.values, strict=True)] if step.does == "go" else None
+        seconds = step.seconds
+        if goals is not None:  # as long as the slowest axis takes at half of what it is allowed
+            ways = zip(axes, goals, now, strict=True)
+            taken = (own.delay + 2.0 * abs(goal - x) / own.slowest for own, goal, x in ways)
+            seconds = min(max(1.0, *taken), seconds)
+        time = np.arange(1, round(seconds / period) + 1) * period
+        columns = []
+        for k, (own, axis) in enumerate(zip(axes, motion.axes, strict=True)):
+            if goals is not None:
+                s = np.minimum(time / seconds * max(faster), 1.0)
+                x = now[k] + (goals[k] - now[k]) * s**3 * (10 - 15 * s + 6 * s**2)
+                shares[k] = 0.0
+            else:
+                share = []
+                for goal in (axis.share(step.values[k]) * np.cos(2 * np.pi * step.hz * time)).tolist():
+                    shares[k] += min(max(goal - shares[k], -axis.rate * period), axis.rate * period)
+                    share.append(shares[k])
+                x = now[k] + period * np.cumsum(own.speed(np.array(share) * own.sense, faster))
+            now[k] = float(x[-1])
+            columns.append(own.q(x))
+        parts.append(np.stack(columns, axis=1))
+    moved = np.concatenate(parts)
+    q = np.tile([sum(joint.limits.position) / 2 for joint in machine.joints], (len(moved), 1))
+    q[:, joint_numbers(machine, [own.joint.name for own in axes])] = moved
     qd = np.gradient(q, period, axis=0)
     return q, qd, np.gradient(qd, period, axis=0)
-
-
-def _length(axes: Sequence[Expected], steps: Sequence[Step], number: int, period: float) -> int:
-    """Cycles that a step takes: of a move as many as the slowest axis needs at half of :data:`CAUTION`."""
-    step = steps[number]
-    if step.does != "go":
-        return max(round(step.seconds / period), 1)
-    before = next((own.values for own in reversed(steps[:number]) if own.does == "go"), None)
-    seconds = 1.0
-    for k, own in enumerate(axes):
-        start = own.middle if before is None else before[k]
-        fast = float(np.abs(own.speed(np.array([CAUTION, -CAUTION]))).min())
-        seconds = max(seconds, own.delay + 2.0 * abs(own.x(step.values[k]) - own.x(start)) / fast)
-    return round(min(seconds, step.seconds) / period)
 
 
 def written_plan(planned: Planned, folder: Path) -> tuple[Path, Path]:

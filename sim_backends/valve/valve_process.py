@@ -4,8 +4,8 @@ It is what :mod:`sim_backends.plant.plant_process` is, with the other plant: com
 them. Each period the controller looks where the pistons are and sends commands, which are held until the next one; what
 it sends stands beside pressures and positions of the same moment, for whoever listens.
 
-It takes two kinds of files from its inbox: valve motions (:mod:`daq.valve_motions`), whose commands it plays, and motion
-files (:mod:`daq.motion_files`), which it follows by feedback and what its people guess of the valves.
+It takes two kinds of files from its inbox: valve motions (:mod:`daq.valve_motions`), whose commands it plays, and
+motion files (:mod:`daq.motion_files`), which it follows by feedback and what its people guess of the valves.
 """
 
 from __future__ import annotations
