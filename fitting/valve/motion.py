@@ -42,7 +42,7 @@ CLEAR = 0.05  # of the travel, left at each end
 CAUTION = 0.5  # of full: the largest command of a move to a pose
 _LEVELS, _RUNGS, _STEP = 6, 5, 0.01
 _EDGE, _DELAY = 0.08, 0.25  # of full, s: of a valve that nothing is known of; its edge within 8 % is on the ladder
-_REST, _PAUSE, _STOP, _PATIENCE = 10.0, 0.6, 0.3, 8.0  # s
+_REST, _PAUSE, _STOP, _RUNG, _PATIENCE = 10.0, 0.6, 0.3, 0.4, 8.0  # s
 _POSES = (0.25, 0.75)  # of the travel: where other axes change the load on one
 
 
@@ -80,10 +80,9 @@ class Expected:
         assert self.travel.r is not None
         return float(np.sign(self.travel.r.mean()))
 
-    @property
-    def slowest(self) -> float:
-        """m/s in the slower direction at the largest command of a move to a pose."""
-        return float(np.abs(self.speed(np.array([CAUTION, -CAUTION]))).min())
+    def moving(self, most: float) -> float:
+        """m/s in the slower direction at the largest command of a move to a pose, ``most`` being that of all."""
+        return float(np.abs(self.speed(np.array([1.0, -1.0]) * min(CAUTION, most))).min())
 
     def speed(self, share: FloatArray | float, faster: Sequence[float] = (1.0, 1.0)) -> FloatArray:
         """Speeds of the rod in m/s for shares of full, positive extends."""
@@ -92,10 +91,13 @@ class Expected:
         return np.asarray(np.where(np.asarray(share) > 0, out, -back))
 
     def q(self, x: FloatArray | float) -> FloatArray:
-        """Joint positions of piston positions, held at the limits."""
-        assert self.travel.x is not None
+        """Joint positions of piston positions, in a straight line beyond the joint's limits."""
+        assert self.travel.x is not None and self.travel.r is not None
         order = slice(None, None, int(self.sense))
-        return np.asarray(np.interp(x, self.travel.x[order], self.travel.q[order]))
+        inside = np.clip(x, self.travel.x.min(), self.travel.x.max())
+        return np.asarray(
+            np.interp(inside, self.travel.x[order], self.travel.q[order]) + (x - inside) / self.travel.r[0]
+        )
 
     def x(self, q: float) -> float:
         """The inverse of :meth:`q`."""
@@ -109,6 +111,12 @@ class Expected:
         return float(self.q(0.5 * (self.travel.x.min() + self.travel.x.max())))
 
     @property
+    def room(self) -> float:
+        """m between the ends that are kept clear."""
+        assert self.travel.x is not None
+        return (1.0 - 2.0 * CLEAR) * float(np.ptp(self.travel.x))
+
+    @property
     def held(self) -> float:
         """Seconds for which a level is held."""
         return 3.0 * self.delay + 0.4
@@ -119,9 +127,8 @@ class Expected:
         assert self.travel.x is not None and self.travel.r is not None
         valve, limits, r = self.joint.cylinder.valve, self.joint.limits, float(np.abs(self.travel.r).min())
         fastest = self.speeds.max(axis=0)
-        room = (1.0 - 2.0 * CLEAR) * float(np.ptp(self.travel.x))
         # A level goes 1.3 times its way to one side, and if only its opposite is fast, 0.3 times to the other.
-        fits = (FASTER * fastest <= limits.velocity * r) & ((2.0 * FASTER - 1.0) * fastest * self.held <= room)
+        fits = (FASTER * fastest <= limits.velocity * r) & ((2.0 * FASTER - 1.0) * fastest * self.held <= self.room)
         most = min(level, float(self.grid[fits].max()), (valve.range[1] - valve.neutral) / valve.full,
                    (valve.neutral - valve.range[0]) / valve.full)  # fmt: skip
         slope = float(np.diff(fastest).max() / (self.grid[1] - self.grid[0]))
@@ -273,12 +280,15 @@ def _of_axis(machine: Machine, axes: Sequence[Expected], told: Sequence[ValveAxi
         for sign in (1.0, -1.0):
             edge = own.edges[0 if sign == own.sense else 1]
             rungs = np.clip(edge + _STEP * np.arange(-own.rungs, own.rungs + 1), 0.0, axis.most)
-            steps += at(pose)
-            steps += [Step("hold", 0.4, alone(sign * share)) for share in (*rungs, *rungs[-2::-1])]
+            ladder = sign * np.concatenate([rungs, rungs[-2::-1]])
+            ways = own.speed(ladder * own.sense)
+            seconds = min(_RUNG, 0.8 * own.room / (FASTER * float(np.abs(ways).sum())))
+            steps += at(pose, -0.5 * float(ways.sum()) * seconds)
+            steps += [Step("hold", seconds, alone(share)) for share in ladder.tolist()]
         for share, part in ((0.45, 0.5), (0.7, 0.6), (1.0, 0.7)):
             amplitude = axis.edge + share * (axis.most - axis.edge)
             fast = float(np.abs(own.speed(np.array([amplitude, -amplitude]))).max())
-            hz = min(fast * FASTER / (np.pi * part * float(np.ptp(own.travel.x))), 0.4)  # crosses a part of the travel
+            hz = min(fast * FASTER / (np.pi * part * own.room), 0.4)  # crosses a part of the travel
             steps += [*at(pose), Step("swing", 1.0 / hz, alone(amplitude), hz)]
             steps.append(_closed(told, _STOP))
     return steps
@@ -315,8 +325,8 @@ def _expected_motion(
         goals = [own.x(q) for own, q in zip(axes, step.values, strict=True)] if step.does == "go" else None
         seconds = step.seconds
         if goals is not None:  # as long as the slowest axis takes at half of what it is allowed
-            ways = zip(axes, goals, now, strict=True)
-            taken = (own.delay + 2.0 * abs(goal - x) / own.slowest for own, goal, x in ways)
+            ways = zip(axes, motion.axes, goals, now, strict=True)
+            taken = (own.delay + 2.0 * abs(goal - x) / own.moving(axis.most) for own, axis, goal, x in ways)
             seconds = min(max(1.0, *taken), seconds)
         time = np.arange(1, round(seconds / period) + 1) * period
         columns = []

@@ -208,9 +208,10 @@ def parse_valve_spec(text: str) -> ValveEffectSpec:
     """Read ``EFFECT:FORM:JOINT:SIZE``, without the joint for an effect of the whole machine (InputError)."""
     effect, *more = text.split(":")
     try:
-        form, *joint, size = more
-        return ValveEffectSpec(effect, form, *(joint or (None,)), float(size))
-    except (ValueError, TypeError):
+        form, *place, size = more
+        (joint,) = place or (None,)
+        return ValveEffectSpec(effect, form, joint or None, float(size))
+    except ValueError:
         raise InputError(
             f"--undeclared {text}: write EFFECT:FORM:JOINT:SIZE, as in spool_hysteresis:play:boom:0.02"
         ) from None

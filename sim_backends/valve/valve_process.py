@@ -71,7 +71,7 @@ class ValveController:
                 most[number], rate[number] = own.most, own.rate
             self._queue.append((name, "following", Operator(phases, guesses, self._period), (most, rate)))
             return
-        time = np.arange(round(motion.duration / self._period) + 1) * self._period
+        time = np.arange(round(motion.duration / self._period) + 1, dtype=np.float64) * self._period
         path = np.tile([0.5 * (guess.low + guess.high) for guess in self._guesses], (len(time), 1))
         for joint, column in zip(motion.joints, SplinePath(motion.time, motion.positions)(time)[0].T, strict=True):
             path[:, self._number(joint)] = self._linkage(joint).piston_position(column)
