@@ -105,7 +105,7 @@ def test_a_machine_without_valves_is_refused() -> None:
 
 
 class Controller:
-    """The program in an interpreter, before axes that follow a straight line beyond a dead band, late by ``delay`` s."""
+    """The program in an interpreter, before axes that are straight beyond a dead band, and late by ``delay`` s."""
 
     def __init__(self, planned: Planned, folder: Path, faster: float, edge: float, delay: float) -> None:
         _, program = written_plan(planned, folder)
