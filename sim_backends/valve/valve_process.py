@@ -20,12 +20,13 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
-from daq.valve_motions import ValveMotion, is_valve_motion, read_valve_motion
+from daq.valve_motions import ValveMotion
 from sim_backends.plant.controller import Phase as State
 from sim_backends.plant.motion import Motion, SplinePath, read_motion
 from sim_backends.plant.plant_process import ended_quietly, serve
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality
+from sim_backends.valve.controller_files import is_valve_motion, read_valve_motion
 from sim_backends.valve.effects import ValveEffectSpec, with_effect
 from sim_backends.valve.motion import Follow, GoTo, Guess, Hold, Operator, Phase, Swing
 from sim_backends.valve.plant import ValvePlant

@@ -16,8 +16,8 @@ from valve_bench import machine_of
 from benchmarks.exports.structured_text import Library
 from daq import InputError
 from daq.machine.machine_file import Machine
-from daq.valve_motions import read_valve_motion
 from fitting.valve.motion import CLEAR, LEVEL, Planned, plan_valve_motions, written_plan
+from sim_backends.valve.controller_files import read_valve_motion
 from sim_backends.valve.machines import default_crane
 
 CRANE, _ = default_crane()

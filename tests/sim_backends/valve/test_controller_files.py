@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from daq.errors import InputError
-from daq.valve_motions import Step, ValveAxis, ValveMotion, is_valve_motion, read_valve_motion, write_valve_motion
+from daq.valve_motions import Step, ValveAxis, ValveMotion, write_valve_motion
+from sim_backends.valve.controller_files import is_valve_motion, read_valve_motion
 from sim_backends.valve.machines import default_crane
 
 MACHINE, _ = default_crane()
