@@ -107,7 +107,7 @@ def demo(
 
         if faults is not None or resolve or language != "en":
             raise InputError("--valve: its demo has no --faults, --resolve and --language; leave them out")
-        show_valve_demo(output, undeclared, min(seconds, 40.0), speed, seed, json)
+        show_valve_demo(output, undeclared, seconds, speed, seed, json)
         return
     with progress_bar("demo", show=not json) as bar:
         report, acquired = run_demo(
