@@ -14,18 +14,18 @@ that follows of it, at the expected speeds and at 30 % more in either direction 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from daq.errors import InputError
 from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
-from daq.machine.travel import Travel, travel_of
-from daq.valve_motions import Step, ValveAxis, ValveMotion, write_valve_motion
+from daq.machine.travel import travel_of
+from daq.valve_motions import Does, Step, ValveAxis, ValveMotion, write_valve_motion
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
@@ -52,14 +52,18 @@ class Expected:
 
     Attributes
     ----------
-    travel : of the joint
+    joint : of the axis
+    range_q, range_x, lever : (N,) joint and piston positions from limit to limit, and the lever arm
     speeds : m/s of the rod at :attr:`grid`, one row for each of extend and retract
     edges, delay : share of full of extend and retract, s
     rungs : of the ladder, to either side of an edge
     told : whether a report says it
     """
 
-    travel: Travel
+    joint: Joint
+    range_q: FloatArray
+    range_x: FloatArray
+    lever: FloatArray
     speeds: FloatArray
     edges: tuple[float, float]
     delay: float
@@ -70,15 +74,9 @@ class Expected:
     grid = np.linspace(0.0, 1.0, 201)
 
     @property
-    def joint(self) -> Joint:
-        """Of the axis."""
-        return self.travel.joint
-
-    @property
     def sense(self) -> float:
         """Sign of the joint's motion while the rod extends."""
-        assert self.travel.r is not None
-        return float(np.sign(self.travel.r.mean()))
+        return float(np.sign(self.lever.mean()))
 
     def moving(self, most: float) -> float:
         """m/s in the slower direction at the largest command of a move to a pose, ``most`` being that of all."""
@@ -92,29 +90,23 @@ class Expected:
 
     def q(self, x: FloatArray | float) -> FloatArray:
         """Joint positions of piston positions, in a straight line beyond the joint's limits."""
-        assert self.travel.x is not None and self.travel.r is not None
         order = slice(None, None, int(self.sense))
-        inside = np.clip(x, self.travel.x.min(), self.travel.x.max())
-        return np.asarray(
-            np.interp(inside, self.travel.x[order], self.travel.q[order]) + (x - inside) / self.travel.r[0]
-        )
+        inside = np.clip(x, self.range_x.min(), self.range_x.max())
+        return np.asarray(np.interp(inside, self.range_x[order], self.range_q[order]) + (x - inside) / self.lever[0])
 
     def x(self, q: float) -> float:
         """The inverse of :meth:`q`."""
-        assert self.travel.x is not None
-        return float(np.interp(q, self.travel.q, self.travel.x))
+        return float(np.interp(q, self.range_q, self.range_x))
 
     @property
     def middle(self) -> float:
         """The joint position at which the rod is in the middle of what the joint's range asks of it."""
-        assert self.travel.x is not None
-        return float(self.q(0.5 * (self.travel.x.min() + self.travel.x.max())))
+        return float(self.q(0.5 * (self.range_x.min() + self.range_x.max())))
 
     @property
     def room(self) -> float:
         """m between the ends that are kept clear."""
-        assert self.travel.x is not None
-        return (1.0 - 2.0 * CLEAR) * float(np.ptp(self.travel.x))
+        return (1.0 - 2.0 * CLEAR) * float(np.ptp(self.range_x))
 
     @property
     def held(self) -> float:
@@ -124,8 +116,7 @@ class Expected:
     def axis(self, level: float) -> ValveAxis:
         """For the controller; its largest command keeps ``level``, speed and travel, its rate the acceleration."""
         assert self.joint.cylinder is not None and self.joint.cylinder.valve is not None
-        assert self.travel.x is not None and self.travel.r is not None
-        valve, limits, r = self.joint.cylinder.valve, self.joint.limits, float(np.abs(self.travel.r).min())
+        valve, limits, r = self.joint.cylinder.valve, self.joint.limits, float(np.abs(self.lever).min())
         fastest = self.speeds.max(axis=0)
         # A level goes 1.3 times its way to one side, and if only its opposite is fast, 0.3 times to the other.
         fits = (FASTER * fastest <= limits.velocity * r) & ((2.0 * FASTER - 1.0) * fastest * self.held <= self.room)
@@ -165,18 +156,19 @@ def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> li
         if joint.cylinder is None or joint.cylinder.valve is None:
             continue
         travel, grid = travel_of(joint), Expected.grid
+        assert travel.x is not None and travel.r is not None
+        place = joint, travel.q, travel.x, travel.r
         if joint.name in axes:
             model = ValveModel.from_json(axes[joint.name]["model"])
             speeds = np.array([[way.speed(max(u - way.edge, 0.0)) for u in grid] for way in model.directions])
             edges = model.directions[0].edge, model.directions[1].edge
-            found.append(Expected(travel, speeds, edges, model.delay, _RUNGS, True))
+            found.append(Expected(*place, speeds, edges, model.delay, _RUNGS, True))
             continue
-        assert travel.r is not None
         areas = joint.cylinder.head_area, joint.cylinder.rod_area
         flow = np.inf if machine.pump_limit is None else machine.pump_limit
         full = [min(joint.limits.velocity * float(np.abs(travel.r).min()), flow / area) for area in areas]
         line = np.maximum(grid - _EDGE, 0.0) / (1.0 - _EDGE)
-        found.append(Expected(travel, np.outer(full, line), (_EDGE, _EDGE), _DELAY, round(_EDGE / _STEP), False))
+        found.append(Expected(*place, np.outer(full, line), (_EDGE, _EDGE), _DELAY, round(_EDGE / _STEP), False))
     if not found:
         raise InputError(f"{machine.name}: no joint has a cylinder.valve; describe one in the machine file")
     return found
@@ -363,15 +355,14 @@ def written_plan(planned: Planned, folder: Path) -> tuple[Path, Path]:
     table = folder / f"{planned.name}.csv"
     write_valve_motion(table, planned.motion)
     name, axes, steps = identifier(planned.name), planned.motion.axes, planned.motion.steps
-    kinds = {"go": 0.0, "hold": 1.0, "swing": 2.0}
     text = rendered(
         "valve_motion.st.j2",
         name=name,
         said=[f"The valve motion {table.name} of {planned.motion.machine}, {planned.seconds:.0f} s.", *SAFETY],
         axes=[own.axis for own in axes],
-        known={key: [float(getattr(own, key)) for own in axes] for key in _KNOWN},
+        known={one.name: [float(getattr(own, one.name)) for own in axes] for one in fields(ValveAxis)[1:]},
         steps={
-            "does": [kinds[step.does] for step in steps],
+            "does": [float(get_args(Does).index(step.does)) for step in steps],
             "seconds": [step.seconds for step in steps],
             "hz": [step.hz for step in steps],
             "wanted": [value for step in steps for value in step.values],
@@ -381,6 +372,3 @@ def written_plan(planned: Planned, folder: Path) -> tuple[Path, Path]:
         clear=CLEAR,
     )
     return table, written(folder, {f"{planned.name}.st": text}, ()).files[0]
-
-
-_KNOWN = ("neutral", "full", "low", "high", "speed", "edge", "delay", "most", "rate")
