@@ -7,8 +7,9 @@ import signal
 import sys
 import tempfile
 import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -48,7 +49,10 @@ def simulate(
     machine: Annotated[Path, typer.Argument(help="Machine file with buses and sources.")],
     undeclared: Annotated[
         list[str] | None,
-        typer.Option(help="EFFECT:JOINT:SIZE that the plant has and the machine file does not say; repeatable."),
+        typer.Option(
+            help="EFFECT:JOINT:SIZE that the plant has and the machine file does not say; repeatable. Of "
+            "simulated valves EFFECT:FORM:JOINT:SIZE."
+        ),
     ] = None,
     truth: Annotated[Path | None, typer.Option(help="The plant's own parameters (YAML).")] = None,
     guess_truth: Annotated[
@@ -64,18 +68,14 @@ def simulate(
 ) -> None:
     """Run simulated buses of MACHINE until interrupted; prints the machine file to acquire with."""
     # The physics engine is an extra, and other commands need not load it.
-    from sim_backends.plant.motion import read_motion
-    from sim_backends.plant.truth import load_truth
-    from sim_backends.simulated_machine import SimulatedMachine
-    from sim_backends.undeclared import parse_spec
+    from sim_backends.simulated_machine import SimulatedMachine, truth_of
 
     declared = load_machine(machine)
     if guess_truth is not None:
         _write_guess(guess_truth, declared, seed, json)
         return
-    specs = [parse_spec(text, declared) for text in undeclared or []]
-    for path in motion or []:
-        read_motion(path, declared)
+    true = truth_of(declared, truth)
+    specs = _hidden(true, undeclared or [], motion or [], declared)
     script = None if faults is None else checked_faults(faults, declared)
     if workdir is not None and workdir.exists() and not workdir.is_dir():
         raise InputError(f"{workdir}: is no directory; give another --workdir")
@@ -85,7 +85,7 @@ def simulate(
     with tempfile.TemporaryDirectory(prefix="hilfit-") as scratch:
         simulated = SimulatedMachine(
             declared,
-            load_truth(truth) if truth else None,
+            true,
             specs,
             seed,
             speed,
@@ -101,6 +101,21 @@ def simulate(
             _say_where(simulated, json)
             while not ended.wait(1.0):
                 simulated.check()
+
+
+def _hidden(true: Any, undeclared: Sequence[str], motions: Sequence[Path], machine: Machine) -> list[Any]:
+    """Effects of the command line, as the kind of plant has them; motion files are read once, to refuse them here."""
+    from sim_backends.plant.motion import read_motion
+    from sim_backends.undeclared import parse_spec
+    from sim_backends.valve.effects import parse_valve_spec
+    from sim_backends.valve.truth import ValvePlantTruth
+    from sim_backends.valve.valve_process import read_any_motion
+
+    valves = isinstance(true, ValvePlantTruth)
+    specs = [parse_valve_spec(text) if valves else parse_spec(text, machine) for text in undeclared]
+    for path in motions:
+        (read_any_motion if valves else read_motion)(path, machine)
+    return specs
 
 
 def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:

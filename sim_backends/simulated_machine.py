@@ -22,7 +22,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -34,8 +34,10 @@ from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
 from sim_backends.devices.wiring import wire
 from sim_backends.faults.fault_file import FaultScript
 from sim_backends.faults.fault_runner import FaultRunner
-from sim_backends.plant.truth import SensorQuality, Truth
+from sim_backends.plant.truth import SensorQuality, Truth, load_truth
 from sim_backends.undeclared import EffectSpec, check_spec
+from sim_backends.valve.effects import ValveEffectSpec, with_effect
+from sim_backends.valve.truth import ValvePlantTruth, load_valve_truth
 
 START_PATIENCE = 120.0  # s for all processes to be ready: a first start compiles and loads everything from disk
 ORDER_PATIENCE = 10.0  # s for an answer to an order, not counting time that the processes wait for a processor
@@ -46,6 +48,7 @@ Reached = Callable[[Mapping[str, Any]], bool]
 
 _MODULES = {
     "plant": "sim_backends.plant.plant_process",
+    "valves": "sim_backends.valve.valve_process",
     "hub": "sim_backends.devices.can_hub",
     "nodes": "sim_backends.devices.canopen_nodes",
     "modbus": "sim_backends.devices.modbus_devices",
@@ -77,6 +80,7 @@ class _Process:
     Parameters
     ----------
     waited : seconds for which the machine's processes have waited for a processor: a silence that long is no fault
+    module : which of the modules it runs, if not the one of its name
     """
 
     def __init__(
@@ -86,6 +90,7 @@ class _Process:
         ends: Sequence[socket.socket],
         log: Path,
         waited: Callable[[], float] = lambda: 0.0,
+        module: str | None = None,
     ) -> None:
         self.name, self.log, self._waited = name, log, waited
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONSTARTUP"}
@@ -93,7 +98,7 @@ class _Process:
         environment |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         with log.open("wb") as errors:
             self.popen = subprocess.Popen(
-                [sys.executable, "-m", _MODULES[name]],
+                [sys.executable, "-m", _MODULES[module or name]],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
                 pass_fds=[end.fileno() for end in ends], env=environment,
             )  # fmt: skip
@@ -177,9 +182,10 @@ class SimulatedMachine:
     ----------
     machine : Machine
         With ``buses`` and ``source`` entries; addresses in it are replaced.
-    truth : Truth, optional
-        The plant's own parameters; default: those of the committed folding arm, if ``machine`` is that arm.
-    undeclared : sequence of EffectSpec, or "demo"
+    truth : Truth or ValvePlantTruth, optional
+        The plant's own parameters; default: those of a committed machine, if ``machine`` is one. With valves, motion
+        follows from what the controller sends (:mod:`sim_backends.valve.valve_process`).
+    undeclared : sequence of EffectSpec (with valves of ValveEffectSpec), or "demo"
         Effects that only the plant's process gets to know. ``"demo"``: the demonstration's, chosen by the plant
         itself, so that not even the caller handles its name.
     seed : int
@@ -205,8 +211,8 @@ class SimulatedMachine:
     def __init__(
         self,
         machine: Machine,
-        truth: Truth | None = None,
-        undeclared: Sequence[EffectSpec] | Literal["demo"] = (),
+        truth: Truth | ValvePlantTruth | None = None,
+        undeclared: Sequence[EffectSpec | ValveEffectSpec] | Literal["demo"] = (),
         seed: int = 0,
         speed: float = 1.0,
         workdir: str | Path = ".",
@@ -220,10 +226,8 @@ class SimulatedMachine:
             )
         self._wiring = wire(machine)
         self._machine = machine
-        self._truth = truth if truth is not None else _default_truth(machine)
-        if undeclared != "demo":
-            undeclared = [check_spec(spec, machine) for spec in undeclared]
-        self._undeclared = undeclared
+        self._truth = truth if truth is not None else truth_of(machine)
+        self._undeclared = undeclared if undeclared == "demo" else self._checked(undeclared)
         self._seed, self._speed = seed, speed
         self._quality = quality or SensorQuality()
         self.workdir = Path(workdir).resolve()
@@ -236,6 +240,17 @@ class SimulatedMachine:
         if faults is not None:
             log = self.workdir / "faults.jsonl"
             self._faults = FaultRunner(self, machine, faults.faults, log, said)
+
+    def _checked(self, undeclared: Sequence[EffectSpec | ValveEffectSpec]) -> list[list[Any]]:
+        """Effects as the plant's process gets them (InputError if it cannot have them)."""
+        for spec in undeclared:
+            if isinstance(self._truth, ValvePlantTruth) != isinstance(spec, ValveEffectSpec):
+                raise InputError(f"undeclared {spec.id}: is an effect of another kind of simulated machine")
+            if isinstance(spec, EffectSpec):
+                check_spec(spec, self._machine)
+            elif isinstance(self._truth, ValvePlantTruth):
+                with_effect(self._machine, self._truth, spec)
+        return [list(astuple(spec)) for spec in undeclared]
 
     def __enter__(self) -> SimulatedMachine:
         for folder in (self.inbox, self.workdir / "accepted", self.workdir / "rejected", self.workdir / "log"):
@@ -259,11 +274,8 @@ class SimulatedMachine:
         nodes_hub, hub_nodes = backplane.pair()
         modbus_hub, hub_modbus = backplane.pair()
         wiring = self._wiring
-        undeclared: Any = self._undeclared
-        if undeclared != "demo":
-            undeclared = [[spec.id, spec.joint, spec.size] for spec in self._undeclared]  # type: ignore[union-attr]
         plant = {
-            "machine": machine_to_yaml(self._machine), "truth": self._truth.to_dict(), "undeclared": undeclared,
+            "machine": machine_to_yaml(self._machine), "truth": self._truth.to_dict(), "undeclared": self._undeclared,
             "quality": asdict(self._quality), "seed": self._seed, "hub": plant_hub.fileno(),
             "inbox": str(self.inbox), "status": str(self.status_path),
         }  # fmt: skip
@@ -294,7 +306,8 @@ class SimulatedMachine:
                 ("hub", hub, (hub_plant, hub_nodes, hub_modbus)),
             ):
                 log = self.workdir / "log" / f"{name}.log"
-                self._processes[name] = _Process(name, configuration, mine, log, self._waited)
+                module = "valves" if name == "plant" and isinstance(self._truth, ValvePlantTruth) else name
+                self._processes[name] = _Process(name, configuration, mine, log, self._waited, module)
         finally:
             for end in ends:
                 end.close()
@@ -424,13 +437,26 @@ class SimulatedMachine:
             time.sleep(0.02)
 
 
-def _default_truth(machine: Machine) -> Truth:
-    from sim_backends.machines import default_machine
+def truth_of(machine: Machine, path: Path | None = None) -> Truth | ValvePlantTruth:
+    """The plant's own parameters: of a YAML file (with ``valves`` of a plant with valves), or of a known machine.
 
-    known, truth = default_machine()
-    if machine.joints != known.joints:
-        raise InputError(
-            f"{machine.name}: what this machine weighs is not known, so it cannot be simulated; give the plant's "
-            "parameters by --truth FILE (--guess-truth FILE writes some to begin with)"
-        )
-    return truth
+    Raises
+    ------
+    InputError
+        If the file is not there or holds none, or nothing is known of the machine.
+    """
+    from sim_backends.machines import default_machine
+    from sim_backends.valve.machines import default_crane
+
+    if path is not None:
+        with contextlib.suppress(OSError):
+            if any(line.startswith(b"valves:") for line in path.read_bytes().splitlines()):
+                return load_valve_truth(path)
+        return load_truth(path)
+    for known, truth in (default_machine(), default_crane()):
+        if machine.joints == known.joints:
+            return truth
+    raise InputError(
+        f"{machine.name}: what this machine weighs is not known, so it cannot be simulated; give the plant's "
+        "parameters by --truth FILE (--guess-truth FILE writes some to begin with)"
+    )

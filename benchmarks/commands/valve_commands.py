@@ -25,6 +25,7 @@ def valve(
         Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
     ] = None,
     closed_loop: Annotated[int, typer.Option(help="Healthy machines that follow a path by their inverse.", min=0)] = 6,
+    healthy: Annotated[bool, typer.Option("--healthy", help="Leave the cases with an effect out.")] = False,
 ) -> Outcome:
     """Edges, delay, effects and inverse of valves on a bench, a crane and an excavator, drawn at random."""
     one_blas_thread()
@@ -39,7 +40,7 @@ def valve(
 
     if only_make and cache is None:
         raise InputError("--only-make: fills a cache; name it with --cache")
-    keys = [ValveKey(n, made, seed) for n in range(cases) for made in CLASSES]  # type: ignore[arg-type]
+    keys = [ValveKey(n, made, seed) for n in range(cases) for made in CLASSES[: 1 if healthy else 2]]  # type: ignore[arg-type]
     with TemporaryDirectory() as temporary:
         folders = stored_cases(cache or Path(temporary), keys, show)
         if only_make:

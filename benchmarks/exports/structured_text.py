@@ -297,6 +297,13 @@ class Library:
             if kind == "bool":
                 raise self._fail("minus of a BOOL")
             return f"(-{text})", kind
+        if self._seen("not"):
+            text, kind = self._unary()
+            if kind != "bool":
+                raise self._fail("NOT of a number")
+            return f"(not {text})", kind
+        if self._tokens[self._place][1] in ("true", "false"):
+            return self._take("true", "false").capitalize(), "bool"
         kind, word, _ = self._tokens[self._place]
         if kind in ("real", "integer"):
             self._place += 1

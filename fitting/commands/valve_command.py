@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json as json_text
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,6 +40,40 @@ def valve(
     json: Annotated[bool, typer.Option("--json", help="Print valve.json on standard output.")] = False,
 ) -> None:
     """Identify what speed a command gives, from recordings with commands, and write valve.json."""
+    with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:
+        report, files = identified_and_written(
+            machine,
+            recordings,
+            validate or [],
+            output,
+            to or [],
+            bandwidth=bandwidth,
+            loop=not no_loop,
+            columns=columns,
+            resample=resample,
+            progress=lambda share, text: bar(share, 1.0, text),
+        )
+    if json:
+        print_json(report)
+        return
+    print_valves(report)
+    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {file}" for file in files)]))
+
+
+def identified_and_written(
+    machine: Path,
+    recordings: Sequence[Path],
+    validate: Sequence[Path],
+    output: Path,
+    to: Sequence[str],
+    *,
+    bandwidth: float | None = None,
+    loop: bool = True,
+    columns: Path | None = None,
+    resample: bool = False,
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> tuple[dict[str, Any], list[Path]]:
+    """Identify, write ``valve.json`` and inverses; the report, and the inverses' files. Arguments as of the command."""
     from daq.errors import InputError
     from daq.machine.machine_file import load_machine
     from daq.recordings.column_map import load_map
@@ -48,34 +82,23 @@ def valve(
     from fitting.valve.export import export_valve, formats
     from fitting.valve.identify import identify_valves
 
-    for name in set(to or []) - set(formats()):
+    for name in set(to) - set(formats()):
         raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder with -o")
     described = load_machine(machine)
     named = None if columns is None else load_map(columns, described)
 
-    def read(paths: list[Path]) -> list[Any]:
+    def read(paths: Sequence[Path]) -> list[Any]:
         return [read_recording(p, described, "operation", columns=named, resample=resample) for p in paths]
 
-    with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:
-        found = identify_valves(
-            described,
-            read(recordings),
-            read(validate or []),
-            bandwidth_hz=bandwidth,
-            loop=not no_loop,
-            progress=lambda share, text: bar(share, 1.0, text),
-        )
-    output.mkdir(parents=True, exist_ok=True)
+    found = identify_valves(
+        described, read(recordings), read(validate), bandwidth_hz=bandwidth, loop=loop, progress=progress
+    )
     with replacing(output / "valve.json") as temporary:
         temporary.write_text(json_text.dumps(found.report, indent=1) + "\n", encoding="utf-8")
-    written = [export_valve(own, name, output / "inverse") for own in found.models.values() for name in to or []]
-    if json:
-        print_json(found.report)
-        return
-    print_valves(found.report)
-    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {f}" for own in written for f in own.files)]))
+    written = [export_valve(own, name, output / "inverse") for own in found.models.values() for name in to]
+    return found.report, [file for own in written for file in own.files]
 
 
 def print_valves(report: Mapping[str, Any]) -> None:

@@ -69,6 +69,10 @@ PARTS = (
     Part("fitting.commands.check_command", {"check": "Say what may be wrong with recordings and a machine file."}),
     Part("fitting.commands.excite_command", {"excite": "Design a motion that tells the parameters."}),
     Part(
+        "fitting.commands.valve_motion_command",
+        {"valve-motion": "Plan commands for the arm's controller that show its valves."},
+    ),
+    Part(
         "daq.commands.cli",
         {
             "record": "Acquire from a machine's buses and record.",

@@ -8,7 +8,8 @@ model lacks is known to the plant alone.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.console import print_json, progress_bar, reported
+from daq.errors import InputError
 from fitting.commands.identify_command import Spoken
 
 if TYPE_CHECKING:
@@ -54,6 +56,22 @@ class Acquired:
     missed_cycles: int
     not_fresh: int
 
+    @classmethod
+    def of(cls, recorded: Sequence[tuple[str, Path, RecordingSummary]], rate_hz: float) -> Acquired:
+        """What was recorded: role, file, and the recorder's counts of each."""
+        counts = [summary for _, _, summary in recorded]
+        not_fresh = sum(sum(own.values()) for summary in counts for own in summary.quality.values())
+        files = tuple((role, path) for role, path, _ in recorded)
+        return cls(files, rate_hz, sum(own.rows for own in counts), sum(own.missed_cycles for own in counts), not_fresh)
+
+    def text(self, started: float) -> str:
+        """In a line, with the time since ``started`` (:func:`time.monotonic`)."""
+        return (
+            f"acquired {self.rows} cycles of {1000 / self.rate_hz:g} ms machine time ({self.rate_hz:.1f} Hz), "
+            f"{self.missed_cycles} missing, {self.not_fresh} values not fresh; "
+            f"{time.monotonic() - started:.0f} s in all"
+        )
+
 
 def register(app: typer.Typer) -> None:
     """Mount the command."""
@@ -77,10 +95,20 @@ def demo(
         typer.Option("--resolve", help="Record the designed motion where names cannot be told apart; two at most."),
     ] = False,
     language: Spoken = "en",
+    valve: Annotated[
+        bool, typer.Option("--valve", help="Of a crane's valves instead; --undeclared is EFFECT:FORM:JOINT:SIZE.")
+    ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
     started = time.monotonic()
+    if valve:
+        from server.commands.valve_demo import show_valve_demo
+
+        if faults is not None or resolve or language != "en":
+            raise InputError("--valve: its demo has no --faults, --resolve and --language; leave them out")
+        show_valve_demo(output, undeclared, seconds, speed, seed, json)
+        return
     with progress_bar("demo", show=not json) as bar:
         report, acquired = run_demo(
             output,
@@ -98,11 +126,7 @@ def demo(
         return
     from fitting.pipeline.results.summary import print_summary
 
-    print(
-        f"acquired {acquired.rows} cycles of {1000 / acquired.rate_hz:g} ms machine time ({acquired.rate_hz:.1f} Hz), "
-        f"{acquired.missed_cycles} missing, {acquired.not_fresh} values not fresh; "
-        f"{time.monotonic() - started:.0f} s in all"
-    )
+    print(acquired.text(started))
     print_summary(report, output)
     if resolve:
         print(_asked_of_the_machine(report["loop"]))
@@ -149,7 +173,6 @@ def run_demo(
     from fitting.loop.session import Request
     from fitting.pipeline.resolving import identify_and_resolve
     from fitting.pipeline.stages import identify, require_writable
-    from server.platform.files import held
     from sim_backends.cli import checked_faults
     from sim_backends.machines import default_machine
     from sim_backends.simulated_machine import SimulatedMachine
@@ -159,10 +182,7 @@ def run_demo(
     require_writable(output)
     effects = _effects(undeclared, machine)
     simulated = SimulatedMachine(machine, None, effects, seed, speed, output / "machine", faults=script)
-    output.mkdir(parents=True, exist_ok=True)
-    taken = "another demo is running in this directory; wait for its end, or choose another with -o"
-    with held(output / ".lock", str(output), taken):
-        _discard(output)
+    with alone_in(output):
         progress(0.0, "starting the simulated machine")
         with simulated:
             acquired = _acquired(simulated, output, seconds, seed, lambda s, t: progress(_RECORD * s, t))
@@ -176,20 +196,27 @@ def run_demo(
         return identify(request, identifying), acquired
 
 
-def _discard(output: Path) -> None:
-    """Remove what an earlier demo left, by the names that demos use: no old report stands beside new recordings.
+@contextmanager
+def alone_in(output: Path) -> Iterator[None]:
+    """Be the only demo in a folder, without what an earlier one left, by the names that demos use.
 
-    A demo that was interrupted left a journal, which would be refused, and perhaps a motion for the arm's controller.
+    So no old report stands beside new recordings. A demo that was interrupted left a journal, which would be refused,
+    and perhaps a motion for the arm's controller.
     """
     from fitting.model.codec import MODEL_FILE
     from fitting.pipeline.stage_names import NEXT_MOTION
+    from server.platform.files import held
 
-    names = (*(name for name, _, _ in PLAN), "resolve-*")
-    old = ["report.json", "report*.html", MODEL_FILE, NEXT_MOTION]
+    output.mkdir(parents=True, exist_ok=True)
+    taken = "another demo is running in this directory; wait for its end, or choose another with -o"
+    names = (*(name for name, _, _ in PLAN), "resolve-*", "valve-*")
+    old = ["report.json", "report*.html", "valve.json", "inverse/valve_*", MODEL_FILE, NEXT_MOTION]
     old += [place.format(name) for name in names for place in _OF_A_MOTION]
-    for pattern in old:
-        for path in output.glob(pattern):
-            path.unlink()
+    with held(output / ".lock", str(output), taken):
+        for pattern in old:
+            for path in output.glob(pattern):
+                path.unlink()
+        yield
 
 
 def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: int, progress: Progress) -> Acquired:
@@ -242,7 +269,7 @@ def record_all(
     progress: Progress,
 ) -> Acquired:
     """Hand each motion to the arm's controller, record while it follows, and count what came."""
-    recordings, rows, missed, not_fresh = [], 0, 0, 0
+    recorded = []
     for number, (name, role, motion_name) in enumerate(PLAN):
         what = f"recording {name}"
         progress(number / len(PLAN), what)
@@ -252,11 +279,8 @@ def record_all(
             progress((number + done / (total or 1)) / len(PLAN), what)
 
         summary = record_motion(simulated, acquisition, motions[motion_name], (name, role), path, shown)
-        recordings.append((role, path))
-        rows += summary.rows
-        missed += summary.missed_cycles
-        not_fresh += sum(sum(counts.values()) for counts in summary.quality.values())
-    return Acquired(tuple(recordings), acquisition.machine.rate_hz, rows, missed, not_fresh)
+        recorded.append((role, path, summary))
+    return Acquired.of(recorded, acquisition.machine.rate_hz)
 
 
 def record_motion(

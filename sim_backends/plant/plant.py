@@ -126,6 +126,10 @@ class Plant:
         """Machine time is now ``periods`` acquisition periods; slow effects (warming, creeping) start at 0."""
         self._elapsed = periods * self.steps.per_period
 
+    def coming(self, ahead: int) -> int:
+        """How many acquisition periods, at most ``ahead``, are left of the controller's segment; all at rest."""
+        return min(ahead, self.controller.remaining // self.steps.per_period) or ahead
+
     def advance(self, periods: int) -> FloatArray:
         """Run ``periods`` acquisition periods; measured values (periods, channels) in SI, taken at their ends."""
         return self.measured(self.sample(periods))

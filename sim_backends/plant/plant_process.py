@@ -27,9 +27,10 @@ import socket
 import sys
 import traceback
 from collections import deque
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -46,6 +47,9 @@ AHEAD = 10  # periods computed at once: most of the cost of a period is the cost
 DEMO = (EffectSpec("position_dependent_friction", "joint2", 220.0),)
 
 
+_UNDECLARED = {"undeclared", "effects.py"}  # places in the sources that have the names of effects
+
+
 @dataclass(frozen=True)
 class _Period:
     state: bytes
@@ -54,11 +58,40 @@ class _Period:
     pinned: bool
 
 
+class Served(Protocol):
+    """A plant with its controller, as the process needs it."""
+
+    @property
+    def controller(self) -> Any:
+        """What has ``follow(motion, name)``, ``phase``, ``motion`` and ``pinned``."""
+        ...
+
+    def coming(self, ahead: int) -> int:
+        """How many periods, at most ``ahead``, end with the controller doing what it does at their end."""
+        ...
+
+    def advance(self, periods: int) -> Any:
+        """Measured values (periods, channels) in SI."""
+        ...
+
+
+#: Reads a motion file, and checks it for a machine.
+Reader = Callable[[Path, Machine], Any]
+
+
 class PlantServer:
     """The plant behind its packets."""
 
-    def __init__(self, machine: Machine, plant: Plant, hub: socket.socket, inbox: Path, status: Path) -> None:
-        self._machine, self._plant, self._hub = machine, plant, hub
+    def __init__(
+        self,
+        machine: Machine,
+        plant: Served,
+        hub: socket.socket,
+        inbox: Path,
+        status: Path,
+        read: Reader = read_motion,
+    ) -> None:
+        self._machine, self._plant, self._hub, self._read = machine, plant, hub, read
         self._inbox, self._status_path = inbox, status
         self._ready: deque[_Period] = deque()
         self._cycle = 0
@@ -76,8 +109,7 @@ class PlantServer:
     def _compute(self) -> None:
         """The next periods, at most to the end of the controller's current segment."""
         self._look_into_inbox()
-        left = self._plant.controller.remaining // self._plant.steps.per_period
-        rows = self._plant.advance(min(AHEAD, left) if left else AHEAD)
+        rows = self._plant.advance(self._plant.coming(AHEAD))
         controller = self._plant.controller
         self._ready.extend(
             _Period(self._values(row), controller.phase, controller.motion, controller.pinned) for row in rows
@@ -110,7 +142,7 @@ class PlantServer:
         files = [p for p in self._inbox.iterdir() if p.is_file() and not p.name.startswith(".")]
         for path in sorted(files, key=lambda p: (p.stat().st_mtime_ns, p.name)):
             try:
-                motion = read_motion(path, self._machine)
+                motion = self._read(path, self._machine)
             except HilfitError as error:
                 self._status["rejected"][path.stem] = str(error).replace(str(path), path.name)
                 path.replace(self._inbox.parent / "rejected" / path.name)
@@ -146,40 +178,45 @@ class PlantServer:
                 self._compute()
 
 
-def main() -> None:
-    """Entry of the plant's process.
+def ended_quietly(run: Callable[[], None]) -> None:
+    """Run a plant's process; a failure leaves one line in the log.
 
-    A failure leaves one line in the log, without the frames of undeclared effects: even a log must not name them.
+    Without the frames of undeclared effects: even a log must not name them.
     """
     try:
-        _serve()
+        run()
     except (BrokenPipeError, ConnectionResetError):  # the hub went first: the machine is being switched off
         return
     except Exception as error:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if "undeclared" not in f.filename]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if not _UNDECLARED & set(Path(f.filename).parts)]
         place = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "start"
         print(f"plant: {type(error).__name__} under {place}", file=sys.stderr)
         raise SystemExit(1) from None
 
 
-def _serve() -> None:
+def serve(build: Callable[[Mapping[str, Any], Machine], Served], read: Reader = read_motion) -> None:
+    """Serve what ``build`` makes of the configuration and the machine, until the parent closes its end."""
     orders = Orders()
     configuration = orders.configuration()
     machine = parse_machine(configuration["machine"])
+    plant = build(configuration, machine)
+    hub = backplane.adopt(configuration["hub"])
+    server = PlantServer(machine, plant, hub, Path(configuration["inbox"]), Path(configuration["status"]), read)
+    report({"ready": {}})
+    server.run(orders)
+
+
+def _build(configuration: Mapping[str, Any], machine: Machine) -> Plant:
     undeclared = configuration["undeclared"]
     specs = DEMO if undeclared == "demo" else [EffectSpec(*item) for item in undeclared]
-    plant = Plant(
+    return Plant(
         machine,
         Truth.from_dict(configuration["truth"]),
         undeclared=specs,
         quality=SensorQuality(**configuration["quality"]),
         rng=np.random.default_rng(configuration["seed"]),
     )
-    hub = backplane.adopt(configuration["hub"])
-    server = PlantServer(machine, plant, hub, Path(configuration["inbox"]), Path(configuration["status"]))
-    report({"ready": {}})
-    server.run(orders)
 
 
 if __name__ == "__main__":
-    main()
+    ended_quietly(lambda: serve(_build))

@@ -204,6 +204,19 @@ def valve_obstacle(effect: ValveEffect, machine: Machine, truth: ValvePlantTruth
     return None
 
 
+def parse_valve_spec(text: str) -> ValveEffectSpec:
+    """Read ``EFFECT:FORM:JOINT:SIZE``, without the joint for an effect of the whole machine (InputError)."""
+    effect, *more = text.split(":")
+    try:
+        form, *place, size = more
+        (joint,) = place or (None,)
+        return ValveEffectSpec(effect, form, joint or None, float(size))
+    except ValueError:
+        raise InputError(
+            f"--undeclared {text}: write EFFECT:FORM:JOINT:SIZE, as in spool_hysteresis:play:boom:0.02"
+        ) from None
+
+
 def with_effect(machine: Machine, truth: ValvePlantTruth, spec: ValveEffectSpec) -> ValvePlantTruth:
     """The truth with an undeclared effect.
 

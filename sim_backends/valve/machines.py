@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import yaml
 
-from daq.machine.machine_file import Machine, parse_machine
+from daq.machine.machine_file import Machine, load_machine, parse_machine
 from sim_backends.machines.parts import box_link
 from sim_backends.plant.truth import LinkTruth
 from sim_backends.valve.load import load_of
@@ -28,6 +29,7 @@ from sim_backends.valve.truth import (
     SupplyTruth,
     ValvePlantTruth,
     ValveTruth,
+    load_valve_truth,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -51,6 +53,12 @@ class _Axis:
     def areas(self) -> tuple[float, float]:
         bore, rod = self.joint["cylinder"]["bore"], self.joint["cylinder"]["rod"]
         return float(np.pi * bore**2 / 4), float(np.pi * (bore**2 - rod**2) / 4)
+
+
+def default_crane() -> tuple[Machine, ValvePlantTruth]:
+    """The demonstration's crane with its buses, and what it really is."""
+    folder = Path(__file__).parent
+    return load_machine(folder / "crane.yaml"), load_valve_truth(folder / "crane.truth.yaml")
 
 
 def compensated_bench(seed: int) -> tuple[Machine, ValvePlantTruth]:

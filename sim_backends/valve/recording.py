@@ -138,12 +138,13 @@ def recorded(
     ideal = np.empty((len(course.time), len(machine.channels)))
     for k, channel in enumerate(machine.channels):
         j = -1 if channel.joint is None else names.index(channel.joint)
-        ideal[:, k] = _values(machine, course, channel.quantity, j)
+        ideal[:, k] = channel_values(machine, course, channel.quantity, j)
     measured = SensorChain(machine, quality, rng)(ideal)
     return {"time": course.time} | {c.name: measured[:, k] for k, c in enumerate(machine.channels)}
 
 
-def _values(machine: Machine, course: Course, quantity: str, j: int) -> FloatArray:
+def channel_values(machine: Machine, course: Course, quantity: str, j: int) -> FloatArray:
+    """What an ideal transducer says of joint number ``j`` (of the machine: any), (N,) in SI; commands as sent."""
     if quantity == "command":
         cylinder = machine.joints[j].cylinder
         assert cylinder is not None and cylinder.valve is not None

@@ -1,7 +1,7 @@
-"""The result of the demonstration on the first screen of README.md, as the command prints it.
+"""The results of the demonstrations in README.md, as the commands print them.
 
-``make readme`` runs ``hilfit demo`` in a temporary folder and puts what it says into README.md. A test runs it again
-and compares.
+``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they say there.
+A test runs the first again and compares.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from tempfile import TemporaryDirectory
 
 README = Path(__file__).parents[3] / "README.md"
 _BLOCK = re.compile(r"(?<=^```\n)acquired .*?(?=^```$)", re.MULTILINE | re.DOTALL)
+_VALVES = re.compile(r"(?<=^```\n) +error over the speed's RMS.*?(?=^```$)", re.MULTILINE | re.DOTALL)
 _WIDTH = 120
 
 
@@ -33,6 +34,13 @@ def said_by_the_demo(printed: str) -> str:
     return "\n".join(line.rstrip() for line in (*first, *textwrap.wrap(verdict, _WIDTH))) + "\n"
 
 
+def said_of_valves(printed: str) -> str:
+    """Of all that ``hilfit demo --valve`` prints: errors, what was found, and the self-tests."""
+    lines = printed.splitlines()
+    first = next(number for number, line in enumerate(lines) if "error over the speed's RMS" in line)
+    return "\n".join(line.rstrip() for line in lines[first:] if not line.startswith("report:")) + "\n"
+
+
 def numbers(result: str) -> list[float]:
     """Of each joint the noise floor and the errors before and after, in the order of the table."""
     rows = re.findall(r"^│ \w+ +│ N m +│ ([\d.]+) +│ ([\d.]+) +│ ([\d.]+) +│", result, re.MULTILINE)
@@ -40,14 +48,16 @@ def numbers(result: str) -> list[float]:
 
 
 def main() -> None:
-    """Run the demonstration and write its result into README.md."""
-    with TemporaryDirectory(prefix="hilfit-readme-") as folder:
-        command = [sys.executable, "-m", "server.commands.command_line", "demo"]
-        environment = {**os.environ, "COLUMNS": "80"}
-        done = subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True, env=environment)
-    result = said_by_the_demo(done.stdout)
-    README.write_text(_BLOCK.sub(lambda _: result, README.read_text(encoding="utf-8")), encoding="utf-8")
-    print(result, end="")
+    """Run the demonstrations and write their results into README.md."""
+    for more, block, said in (([], _BLOCK, said_by_the_demo), (["--valve"], _VALVES, said_of_valves)):
+        with TemporaryDirectory(prefix="hilfit-readme-") as folder:
+            command = [sys.executable, "-m", "server.commands.command_line", "demo", *more]
+            environment = {**os.environ, "COLUMNS": "80"}
+            done = subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True, env=environment)
+        result = said(done.stdout)
+        text = README.read_text(encoding="utf-8")
+        README.write_text(block.sub(lambda _, result=result: result, text), encoding="utf-8")  # type: ignore[misc]
+        print(result, end="")
 
 
 if __name__ == "__main__":
