@@ -175,7 +175,6 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
         independent_rows={role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
         plausibility=physics(prepared.design, model),
         condition_number=model.fit.condition_number,
-        chi_square_per_row=model.fit.chi_square / max(model.fit.rows - len(model.fit.theta), 1),
         drive_residual_std=tuple(std(e) for e in _drive_errors(prepared.design, model)),
         errors=errors,
         overall={**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
