@@ -12,7 +12,7 @@ import pytest
 from fitting.effects import effects
 from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.stage_names import WORDS as STAGES
-from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _TEXTS, JointWords
+from fitting.report.joint_words import _AS_WRITTEN, MOTOR, JointWords
 from fitting.report.languages import content_of, language
 from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
@@ -22,7 +22,7 @@ WEB = ROOT / "server" / "web" / "src" / "texts"
 #: What reports say, by groups; the page has a copy, see `test_pages.py`.
 REPORT = content_of("de")["report"]
 KNOWN = {english for group in REPORT.values() for english in group}
-WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(_SIGNALS, _TEXTS, {})}
+WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(**MOTOR, units={})}
 
 
 @pytest.mark.parametrize("drive", WORDS)
