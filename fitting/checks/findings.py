@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
+from importlib.resources import files
 from typing import Any, Literal
 
+#: Text and cure by key: a code, or ``code/variant``. Values stand in braces, as for ``str.format``.
+TEXTS: dict[str, tuple[str, str]] = json.loads(files(__package__).joinpath("texts.json").read_text("utf-8"))
 #: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
 Severity = Literal["mistake", "note"]
 
@@ -51,3 +55,22 @@ class Finding:
         """What was seen and what to do, in one line."""
         others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
         return f"{self.text}{others}; {self.cure}"
+
+
+#: What of the values in its texts a finding has as well.
+_OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor"})
+
+
+def finding_of(
+    key: str,
+    *,
+    severity: Severity = "mistake",
+    alternatives: tuple[str, ...] = (),
+    strength: float = 0.0,
+    **values: Any,
+) -> Finding:
+    """Make a finding by the key of its texts; ``values`` stand in them, or are the finding's own fields, or both."""
+    text, cure = (text.format(**values) for text in TEXTS[key])
+    own = {name: value for name, value in values.items() if name in _OWN}
+    code = key.partition("/")[0]
+    return Finding(code, text, cure, severity=severity, alternatives=alternatives, strength=strength, **own)

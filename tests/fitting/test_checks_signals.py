@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from string import Formatter
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
-from fitting.checks import check_recordings
+from fitting.checks import check_recordings, findings
 from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
@@ -310,3 +313,28 @@ def test_the_effort_of_a_joint_that_stands_may_have_few_levels() -> None:
     assert named(signal_findings(MACHINE, moves)) == [("coarse", "joint1.head")]
     stands = spoilt("joint1.q", lambda q: np.full_like(q, q[0]), moves)
     assert ("coarse", "joint1.head") not in named(signal_findings(MACHINE, stands))
+
+
+def _calls() -> dict[str, set[str]]:
+    """Keys of texts that findings are made of in the sources, and the names of the values that each is given."""
+    found: dict[str, set[str]] = {}
+    for path in Path(findings.__file__).parent.rglob("*.py"):
+        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+        # Values that several keys have are a dictionary beside the call.
+        beside = [n.value for n in nodes if isinstance(n, ast.AnnAssign) and getattr(n.target, "id", "") == "said"]
+        given = {str(key.value) for own in beside if isinstance(own, ast.Dict) for key in own.keys}  # type: ignore[union-attr]
+        for call in (n for n in nodes if isinstance(n, ast.Call) and getattr(n.func, "id", "") == "finding_of"):
+            words = {str(word.arg) for word in call.keywords}
+            direct = isinstance(call.args[0], ast.Constant)
+            keys = {n.value for n in ([call.args[0]] if direct else nodes) if isinstance(n, ast.Constant)}
+            for key in keys & findings.TEXTS.keys():
+                found.setdefault(key, set()).update(words | (set() if direct else given))
+    return found
+
+
+def test_every_text_of_a_finding_is_used_and_gets_its_values() -> None:
+    calls = _calls()
+    assert calls.keys() == findings.TEXTS.keys()
+    for key, both in findings.TEXTS.items():
+        named = {name for text in both for _, name, _, _ in Formatter().parse(text) if name is not None}
+        assert named <= calls[key], key

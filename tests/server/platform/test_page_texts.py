@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 
 import pytest
 
+from fitting.checks.findings import TEXTS
 from fitting.effects import effects
 from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.stage_names import WORDS as STAGES
@@ -201,7 +202,9 @@ VALUES_ONLY = {"{}: {}: {}"}
 
 
 def _every(*places: str) -> set[str]:
-    return {text for tree in trees(*places) for text in every_text(tree)} - UNSHOWN
+    said = {text for tree in trees(*places) for text in every_text(tree)}
+    data = TEXTS.values() if "fitting/checks" in places else ()
+    return (said | {re.sub(r"(\{[^}]*\})+", "{}", text) for both in data for text in both}) - UNSHOWN
 
 
 GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.ts")
