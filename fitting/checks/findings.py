@@ -57,6 +57,7 @@ class Finding:
         return f"{self.text}{others}; {self.cure}"
 
 
+_LEFT_OPEN = {"channel": "{channel}", "joint": "{joint}"}
 #: What of the values in its texts a finding has as well.
 _OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor"})
 
@@ -70,7 +71,12 @@ def finding_of(
     **values: Any,
 ) -> Finding:
     """Make a finding by the key of its texts; ``values`` stand in them, or are the finding's own fields, or both."""
-    text, cure = (text.format(**values) for text in TEXTS[key])
     own = {name: value for name, value in values.items() if name in _OWN}
-    code = key.partition("/")[0]
-    return Finding(code, text, cure, severity=severity, alternatives=alternatives, strength=strength, **own)
+    said = worded(key, **values)
+    return Finding(*said, severity=severity, alternatives=alternatives, strength=strength, **own)
+
+
+def worded(key: str, **values: Any) -> tuple[str, str, str]:
+    """Code, text and cure by their key; a channel or joint without a value stays open (``{channel}``)."""
+    text, cure = (text.format(**_LEFT_OPEN | values) for text in TEXTS[key])
+    return key.partition("/")[0], text, cure

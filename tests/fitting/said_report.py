@@ -9,7 +9,6 @@ from test_report import JOINTS, VERDICTS, sample_report
 
 from fitting.effects import effects
 from fitting.effects.base import Effect
-from fitting.pipeline.plausibility import _CAUSES
 from fitting.report import clean
 from fitting.report.joint_words import _AS_WRITTEN, MOTOR, SLEW, JointWords
 from fitting.report.languages import NAMES, content_of
@@ -147,7 +146,7 @@ def _impossible(words: JointWords) -> dict[str, Any]:
     number = {"value": -22.5, "std": 1.5, "unit": "N/m", "sigmas": 15.2, "possible": 0.5}
     violations = [
         {"joint": "joint1", "parameter": "K", "text": texts[n % 3], "cause": words.text(cause), **number}
-        for n, cause in enumerate(_CAUSES.values())
+        for n, cause in enumerate(NAMES["causes"].values())
     ]
     return {"violations": violations, "constrained": {"price_percent": {"train": 2.5, "validate": 0.75}}}
 

@@ -11,10 +11,9 @@ import pytest
 
 from fitting.checks.findings import TEXTS
 from fitting.effects import effects
-from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.stage_names import WORDS as STAGES
 from fitting.report.joint_words import _AS_WRITTEN, MOTOR, JointWords
-from fitting.report.languages import content_of, language
+from fitting.report.languages import NAMES, content_of, language
 from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
 from tests.server.platform.sentences_in_source import ROOT, every_text, told, trees
@@ -29,7 +28,7 @@ WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(**MOTOR, units={})}
 @pytest.mark.parametrize("drive", WORDS)
 def test_titles_places_and_experiments_of_all_effects_have_a_german_text(drive: str) -> None:
     said = [text for one in effects() for text in (one.title, one.look_at, one.experiment) if text]
-    said += _CAUSES.values()
+    said += NAMES["causes"].values()
     assert len(said) > 80
     assert sorted({text for text in map(WORDS[drive].text, said) if text not in KNOWN}) == []
 
