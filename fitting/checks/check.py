@@ -28,10 +28,9 @@ from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
 from fitting.checks.mistakes.arm_motion import positions_of
 from fitting.checks.mistakes.clocks import Clock, clock_of
-from fitting.checks.mistakes.couplings import with_couplings
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR
-from fitting.checks.mistakes.payload import with_payload
+from fitting.checks.mistakes.other_causes import with_couplings, with_payload
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search
