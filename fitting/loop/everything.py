@@ -2,9 +2,9 @@
 
 The loop names effects on pieces (:attr:`fitting.loop.session.Session.search`). Here they are fitted jointly with the
 base on all samples, streamed, with their shapes searched there once more (:mod:`fitting.loop.sharper`). Each has to
-stand there too: its chi-square has to be worth its parameters on all fitted rows, and no joint may get worse on all of
-`validate`. What does not stand is dropped, one at a time, the weakest first. Sets become smaller: all samples may tell
-rivals apart that the pieces could not.
+stand there too: it has to gain on all fitted rows what is said of so many parameters, and no joint may get worse on all
+of `validate`. What does not stand is dropped, one at a time, the weakest first. Sets become smaller: all samples may
+tell rivals apart that the pieces could not.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from fitting.loop.sharper import sharpened
 from fitting.residual.confirmation.confirmation import validate_gain, worse_joint
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family
 from fitting.residual.refinement import refined
-from fitting.residual.scoring import PARAMETER_PRICE, Score
+from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
@@ -106,9 +106,8 @@ def _refused(
     """Number of the term to drop, and why; None where all stand."""
     worths = [worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
-    price = PARAMETER_PRICE * _count(model, weakest)
-    if worths[weakest] < least_gain(_count(model, weakest)) - price:
-        return weakest, f"found on pieces, but worth only {max(worths[weakest], 0.0):.1f} on all samples"
+    if worths[weakest] < 0:
+        return weakest, f"found on pieces, but gains only {model.wald(weakest):.1f} of chi-square on all samples"
     if not validate:
         return None
     worse = worse_joint(base, model, validate)
@@ -124,9 +123,9 @@ def _refused(
 
 
 def worth(model: Model, number: int) -> float:
-    """Chi-square that dropping a term would cost, less the price of its parameters (Wald's)."""
+    """Chi-square that dropping a term would cost (Wald's), beyond the least that is said of so many parameters."""
     count = _count(model, number)
-    return model.wald(number) - PARAMETER_PRICE * count if count else -np.inf
+    return model.wald(number) - least_gain(count) if count else -np.inf
 
 
 def _with_rivals(
@@ -147,7 +146,7 @@ def _with_rivals(
         # The search's own numbers of recordings: shapes are refined there.
         beside = pieces.refit([on_the_pieces(term, search) for term in others])
         best, best_chi, best_item = item.score.term, _priced(model), item
-        gain = worth(model, number) + PARAMETER_PRICE * _count(model, number)
+        gain = model.wald(number)
         width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _doubt(item.score, gain)
         values = {item.score.term.family: best_chi}
         terms = {item.score.term.family: item.score}
@@ -179,8 +178,9 @@ def on_the_pieces(term: Term, search: Search) -> Term:
 
 
 def _priced(model: Model) -> float:
-    """Chi-square of a model and the price of its terms' parameters."""
-    return model.fit.chi_square + PARAMETER_PRICE * sum(_count(model, n) for n in range(len(model.terms)))
+    """Chi-square of a model and the least that is said of each of its terms."""
+    counts = [_count(model, n) for n in range(len(model.terms))]
+    return model.fit.chi_square + sum(least_gain(count) for count in counts if count)
 
 
 def _count(model: Model, number: int) -> int:

@@ -21,7 +21,6 @@ from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
-from fitting.residual.confirmation.draws import Draws
 from fitting.residual.confirmation.trials import mirrored_gain
 from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
@@ -32,6 +31,8 @@ from fitting.residual.null import Null, Replicas
 from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term, fit_model
+from fitting.selection.draws import Draws
+from fitting.selection.gains import margin
 from fitting.selection.search import Search, attribute
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise
@@ -345,7 +346,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
             trial = signals.refit([*(item.score.term for item in accepted), term])
             held_out = held_out_gain(trial.rows(), score.live, design.bank.reduced_rate_hz)
             gain = validate_gain(before, trial, prepared.validate) if prepared.validate else None
-            if score.score > 0:
+            if margin(score) > 0:
                 accepted.append(Accepted(score, (), held_out, gain))
     return lines, tuple(accepted)
 

@@ -115,7 +115,7 @@ def _views(design: Design, own: Pass, extra: Extra, index: int, starts: Mapping[
     forces = np.stack([predicted_effort(design, own.theta, joint, index, extra) for joint in joints], axis=1)
     loads = np.stack([design.blocks[j][index].force(own.theta, base) for j in joints], axis=1)
     clock = segment.t - starts[segment.recording]
-    pressures = partial(rod_pressures, own.rods, segment, forces, clock)
+    pressures = partial(rod_pressures, {True: own.rods}, segment, forces, clock)
     return views_of_segment(design, own.theta, segment, forces, loads, pressures, own.ranges, starts, ())
 
 

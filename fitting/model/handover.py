@@ -158,8 +158,9 @@ def _views(design: Design, theta: FloatArray, fitted: Sequence[int], extra: Extr
 
 
 def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw | None, ...]:
+    """The laws of loaded segments: a model is of a machine with its links."""
     thin = learning_step(design, fitted) if design.stored else 1
-    return rod_laws(design, fitted, lambda index: views[index][0].forces, thin)
+    return rod_laws(design, fitted, lambda index: views[index][0].forces, thin)[True]
 
 
 def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:

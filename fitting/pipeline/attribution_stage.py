@@ -34,6 +34,7 @@ from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.selection.evidence import least_gain
+from fitting.selection.gains import margin
 from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
@@ -97,7 +98,7 @@ def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> UnconfirmedLaw:
         unit=law.unit,
         law=spline_curve(law, np.array(score.values), covariance),
         evidence={
-            "score": score.score,
+            "score": margin(score),
             "gain": score.gain,
             "held_out_gain": item.held_out.gain,
             "held_out_z": item.held_out.z,
@@ -131,7 +132,7 @@ def _accepted(item: Accepted) -> AcceptedTerm:
     score, null = item.score, item.score.null
     return AcceptedTerm(
         term=score.term,
-        score=score.score,
+        score=margin(score),
         gain=score.gain,
         surviving=score.surviving,
         held_out_gain=item.held_out.gain,
@@ -141,7 +142,7 @@ def _accepted(item: Accepted) -> AcceptedTerm:
         cutoffs=tuple(Cutoff(*cutoff) for cutoff in item.cutoffs),
         null=None if null is None else Bias(null.draws, null.inflation),
         rivals=tuple(
-            Rival(r.term.id, r.term.joint, r.score, p)
+            Rival(r.term.id, r.term.joint, margin(r), p)
             for r, p in zip_longest(item.rivals, item.rival_probabilities[: len(item.rivals)])
         ),
         probability=item.probability,

@@ -198,7 +198,7 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
         if bounded is not None:
             values, gain = bounded.values, bounded.gain
         stds = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-        score = Score(term, gain, live, gain, tuple(values), tuple(stds), True, 1.0, information)
+        score = Score(term, gain, live, tuple(values), tuple(stds), True, 1.0, information)
         series = np.array(orders(score))
         gains.append(gain)
         limits = np.full(len(series), USUAL_EFFORT)

@@ -28,9 +28,7 @@ def refined(model: Model, score: Score) -> Score:
     for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
         for key in keys:
             best = _searched(model, best, key, min(first, steps.get(key, first)), limits[key])
-    if best.term == score.term:
-        return score
-    return replace(best, score=best.gain - (score.gain - score.score))
+    return score if best.term == score.term else replace(best, grid=score.grid)
 
 
 def _limits(model: Model, term: Term, key: str) -> tuple[float, float]:
@@ -61,4 +59,4 @@ def _plain(model: Model, score: Score) -> Score:
     if score.null is None:
         return score
     plain = score_terms(model, [score.term], [1])
-    return replace(plain[0], score=plain[0].gain - (score.gain - score.score)) if plain else score
+    return plain[0] if plain else score

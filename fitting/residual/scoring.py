@@ -27,8 +27,6 @@ from fitting.residual.laws import laws
 from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
 
-#: Chi-square that one more parameter has to bring to be worth it.
-PARAMETER_PRICE = 6.0
 #: Times the bias from which on a value is compared as it is.
 FAR_BEYOND = 2.0
 _BATCH_COLUMNS = 64  # built at once at full rate: fits a processor's cache
@@ -46,7 +44,6 @@ class Score:
     term : the candidate
     gain : chi-square that the refit gains inside the bounds of its parameters (:mod:`fitting.effects.bounds`)
     live : number of its directions that survive the projection, and that no bound holds
-    score : gain less the price of its parameters and of the grid it was picked from
     values, stds : its parameters, inside their bounds, and their standard deviations without bounds
     free : its parameters without bounds
     plausible : False where a parameter is outside what is physically possible
@@ -55,14 +52,13 @@ class Score:
     places : of what acts everywhere, by which share of the gain each joint's chi-square falls (or rises: negative);
         else empty
     grid : number of shapes that it was picked from
-    null : its values on replicas without any effect, once they were drawn; gain, score and values are then unbiased
+    null : its values on replicas without any effect, once they were drawn; gain and values are then unbiased
     taken : share of the null's bias that was taken off the values
     """
 
     term: Term
     gain: float
     live: int
-    score: float
     values: tuple[float, ...]
     stds: tuple[float, ...]
     plausible: bool
@@ -82,7 +78,6 @@ class Score:
         """
         if not isinstance(self.term.content, Effect):
             return replace(self, null=null)
-        price = self.gain - self.score
         free = np.asarray(self.free or self.values) - BIAS_SHARE * null.bias
         held = inside(self.term.content, self.information, self.information @ free, free)
         moved = free if held is None else held.values
@@ -95,19 +90,18 @@ class Score:
             null=null,
             taken=BIAS_SHARE,
             gain=gain,
-            score=gain - price,
             values=unbiased,
             plausible=self.term.content.plausible(unbiased, self.stds),
         )
 
     @property
     def calibrated(self) -> float:
-        """The score with its gain as far as the null lets it be trusted: what a threshold may be put on."""
+        """The gain as far as the null lets it be trusted: what a threshold may be put on."""
         if self.null is None:
-            return self.score
+            return self.gain
         if not isinstance(self.term.content, Effect):
-            return self.gain / self.null.inflation_along(np.asarray(self.values)) - (self.gain - self.score)
-        return self.null.weight(self.fitted, self.information) - (self.gain - self.score)
+            return self.gain / self.null.inflation_along(np.asarray(self.values))
+        return self.null.weight(self.fitted, self.information)
 
     @property
     def fitted(self) -> FloatArray:
@@ -195,7 +189,7 @@ class Candidates:
                 chosen = [numbers[m] for m in members]
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
                 for member, score in _scored(own_terms, gram, plain, products[where], norms[where]):
-                    if place is None and score.score > 0:
+                    if place is None and score.gain > 0:
                         score = _placed(score, model, own[member], shade[member])
                     result[chosen[member]] = score
         return result
@@ -375,7 +369,6 @@ def _scored(
                 term=term,
                 gain=gain,
                 live=count,
-                score=gain - PARAMETER_PRICE * count - 2.0 * float(np.log(grid)),
                 values=own,
                 stds=errors,
                 plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),

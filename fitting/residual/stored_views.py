@@ -94,7 +94,7 @@ class StoredViews(Sequence[tuple[DriveView, ...]]):
         return x.min(axis=0), x.max(axis=0), v.max(axis=0), np.abs(forces).max(axis=0), clock[[0, -1]]
 
     @cached_property
-    def _rods(self) -> tuple[RodLaw | None, ...]:
+    def _rods(self) -> dict[bool, tuple[RodLaw | None, ...]]:
         return rod_laws(self._design, self._fitted, self._force, learning_step(self._design, self._fitted))
 
     def _rod_pressures(self, index: int, forces: FloatArray) -> FloatArray:

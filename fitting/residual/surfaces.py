@@ -120,7 +120,7 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
 
 
 def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:
-    """The surface that gains most beyond its price.
+    """The surface that gains most.
 
     Its first signal is ``alone``, the best law of one signal, where that is among its two; else the one that it varies
     more along.
@@ -129,7 +129,7 @@ def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Sco
     scores = score_terms(model, terms, [len(terms)] * len(terms))
     if not scores:
         return None
-    best = max(scores, key=lambda s: s.score)
+    best = max(scores, key=lambda s: s.gain)
     law = best.term.content
     assert isinstance(law, Surface)
     coefficients = np.reshape(best.values, (_DEGREE + 1, _DEGREE + 1))

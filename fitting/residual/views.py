@@ -76,14 +76,14 @@ def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra:
         np.stack([design.blocks[joint][index].force(theta, base) for joint in range(joints)], axis=1) for index in count
     ]
     ranges = signal_ranges(design, fitted, forces)
-    laws: list[tuple[RodLaw | None, ...]] = []
+    laws = dict[bool, tuple[RodLaw | None, ...]]()
     starts = recording_starts(design)
 
     def pressures(index: int) -> FloatArray:
         if not laws:  # most fits never ask for pressures
-            laws.append(rod_laws(design, fitted, lambda number: forces[number]))
+            laws.update(rod_laws(design, fitted, lambda number: forces[number]))
         segment = design.segments[index]
-        return rod_pressures(laws[0], segment, forces[index], segment.t - starts[segment.recording])
+        return rod_pressures(laws, segment, forces[index], segment.t - starts[segment.recording])
 
     loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
     return tuple(
@@ -170,43 +170,57 @@ def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArr
 
 def rod_laws(
     design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], thin: int = 1
-) -> tuple[RodLaw | None, ...]:
+) -> dict[bool, tuple[RodLaw | None, ...]]:
     """Rod pressures as a smooth function of motion, model force and time: per joint a law, None without a sensor.
 
     A measured pressure holds the very disturbance that a regressor must not know (which chamber takes it up depends on
-    the valve). So the pressure is replaced by its regression on signals that do not hold it: an instrument.
+    the valve). So the pressure is replaced by its regression on signals that do not hold it: an instrument. A free
+    cylinder and a loaded one have pressures of their own: the laws of unloaded segments (False) and of loaded ones.
 
     Parameters
     ----------
     forces : gives the model's forces (N, n) in a segment
     thin : every so many-th sample is enough (of long recordings)
     """
+    kinds = {loaded: [i for i in fitted if design.segments[i].loaded == loaded] for loaded in (False, True)}
+    joints = range(len(design.machine.joints))
+    return {
+        loaded: tuple(_rod_law(design, own, forces, joint, thin) for joint in joints)
+        for loaded, own in kinds.items()
+        if own
+    }
+
+
+def _rod_law(
+    design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], joint: int, thin: int
+) -> RodLaw | None:
+    segments = [design.segments[i] for i in fitted]
+    if any(np.isnan(segment.p2[0, joint]) for segment in segments):
+        return None
     starts = recording_starts(design)
-    laws: list[RodLaw | None] = []
-    for joint in range(len(design.machine.joints)):
-        if any(np.isnan(design.segments[i].p2[0, joint]) for i in fitted):
-            laws.append(None)
-            continue
-        parts = []
-        for i in fitted:
-            segment = design.segments[i]
-            parts.append(rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin])
-        together = np.concatenate(parts)
-        knots = tuple(spline_knots(column, 6) for column in together.T)
-        step = max(1, len(together) // 4000)  # a few thousand samples fix thirty coefficients
-        measured = np.concatenate([design.segments[i].p2[::thin, joint] for i in fitted])
-        noise = design.noise[joint].speed
-        table = RodLaw.basis(knots, together[::step], noise)
-        scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
-        coefficients = np.linalg.lstsq(table / scale, measured[::step], rcond=1e-8)[0] / scale
-        laws.append(RodLaw(knots, coefficients, noise))
-    return tuple(laws)
+    together = np.concatenate(
+        [
+            rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]
+            for i, segment in zip(fitted, segments, strict=True)
+        ]
+    )
+    knots = tuple(spline_knots(column, 6) for column in together.T)
+    step = max(1, len(together) // 4000)  # a few thousand samples fix thirty coefficients
+    measured = np.concatenate([segment.p2[::thin, joint] for segment in segments])
+    noise = design.noise[joint].speed
+    table = RodLaw.basis(knots, together[::step], noise)
+    scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
+    coefficients = np.linalg.lstsq(table / scale, measured[::step], rcond=1e-8)[0] / scale
+    return RodLaw(knots, coefficients, noise)
 
 
-def rod_pressures(laws: Sequence[RodLaw | None], segment: Segment, forces: FloatArray, clock: FloatArray) -> FloatArray:
-    """Expected rod pressures (N, n) in a segment, NaN where there is no law."""
+def rod_pressures(
+    laws: Mapping[bool, Sequence[RodLaw | None]], segment: Segment, forces: FloatArray, clock: FloatArray
+) -> FloatArray:
+    """Expected rod pressures (N, n) in a segment by the laws of its kind, or of the only one; NaN without a law."""
+    own = laws[segment.loaded if segment.loaded in laws else not segment.loaded]
     unknown = np.full(len(segment), np.nan)
     columns = [
-        unknown if law is None else law(rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(laws)
+        unknown if law is None else law(rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(own)
     ]
     return np.column_stack(columns)

@@ -167,6 +167,7 @@ def joint_evidence(
     return 0.5 * np.sum(turned**2 / (1.0 + values) - np.log1p(values), axis=-1), shown, mean[..., :first]
 
 
+@cache
 def least_gain(live: int, choices: int = 1) -> float:
     """Chi-square from which on an effect of ``live`` parameters, one of ``choices`` shapes, is said."""
     sizes = priors.amplitudes(priors.USUAL_EFFORT)

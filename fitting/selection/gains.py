@@ -13,7 +13,7 @@ from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.evidence import log_sum, named_evidence, whitened_parts
+from fitting.selection.evidence import least_gain, log_sum, named_evidence, whitened_parts
 
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
@@ -66,6 +66,11 @@ def scatter(score: Score) -> float:
 def known_bias(score: Score) -> bool:
     """Whether it is known what noise in the regressors makes of a gain: from replicas, or as it makes none so large."""
     return score.null is not None or score.gain >= BEYOND_BIAS
+
+
+def margin(score: Score) -> float:
+    """Chi-square that a candidate gains beyond the least that is said of so many parameters and shapes."""
+    return score.gain - least_gain(score.live, score.grid)
 
 
 def biased_gain(score: Score) -> float:

@@ -15,7 +15,6 @@ import numpy as np
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
-from fitting.residual.confirmation.draws import Draws
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.trials import Signals, Trials
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
@@ -27,8 +26,9 @@ from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.confirm import Gate
 from fitting.selection.decision import by_formula, decided
+from fitting.selection.draws import Draws
 from fitting.selection.evidence import least_gain, named_evidence
-from fitting.selection.gains import BEYOND_BIAS
+from fitting.selection.gains import BEYOND_BIAS, margin
 from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
 from fitting.selection.rating import Rating
@@ -100,8 +100,8 @@ class Search:
         self.lawless: set[int | None] = set()
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {
-            item.score.term.family: Candidate(*item.score.term.family, item.score.score, "accepted", "a spectral line")
-            for item in known
+            score.term.family: Candidate(*score.term.family, margin(score), "accepted", "a spectral line")
+            for score in (item.score for item in known)
         }
         self.unconfirmed: list[Unconfirmed] = []
         self.limits: tuple[Score, ...] = ()
@@ -245,7 +245,7 @@ class Search:
             self.refused.add(family(choice.term))
             if said.worse:
                 self.again.add(family(choice.term))
-            self.table[place] = Candidate(*place, score.score, "rejected", said.reason)
+            self.table[place] = Candidate(*place, margin(score), "rejected", said.reason)
             if not said.faint and isinstance(score.term.content, Law):
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
                 self.lawless.add(score.term.joint)
@@ -261,7 +261,7 @@ class Search:
         self.refused -= self.again  # parameters that two joints share are bent by both effects
         self.again.clear()
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
-        self.table[place] = Candidate(*place, score.score, "accepted", f"gains {score.gain:.0f} of chi-square")
+        self.table[place] = Candidate(*place, margin(score), "accepted", f"gains {score.gain:.0f} of chi-square")
         self.model = trial
 
     def _spilled(self, score: Score) -> bool:
@@ -323,7 +323,7 @@ class Search:
             if self.slots[number].improbable:
                 item = self.accepted.pop(self.known + number)
                 place = item.score.term.family
-                self.table[place] = Candidate(*place, item.score.score, "rejected", "improbable beside all others")
+                self.table[place] = Candidate(*place, margin(item.score), "rejected", "improbable beside all others")
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
 
@@ -363,10 +363,10 @@ class Search:
         self.accepted, self.model = others, model
         if slot.nothing > 1 - priors.SAID or not rated:
             self.table[place] = Candidate(
-                *place, item.score.score, "rejected", "not needed beside what was found later"
+                *place, margin(item.score), "rejected", "not needed beside what was found later"
             )
             return replace(slot, moved=True)
-        self.table[place] = Candidate(*place, item.score.score, "rejected", "another explanation is more probable")
+        self.table[place] = Candidate(*place, margin(item.score), "rejected", "another explanation is more probable")
         self._try(decided(rated))
         return replace(slot, moved=True)
 
@@ -387,7 +387,7 @@ class Search:
                 named = isinstance(item.score.term.content, Effect)
                 words = f"this data cannot tell it from {item.score.term.id if named else 'an unknown effect'}"
                 self.table[rival.term.family] = Candidate(
-                    *rival.term.family, rival.score.score, "indistinguishable", words
+                    *rival.term.family, margin(rival.score), "indistinguishable", words
                 )
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(
@@ -440,13 +440,13 @@ class Search:
             if not isinstance(r.term.content, Effect):
                 continue
             known = self.table.get(place)
-            if known is not None and (known.status != "rejected" or known.score >= r.score.score):
+            if known is not None and (known.status != "rejected" or known.score >= margin(r.score)):
                 continue
             if r.log_odds <= 0:
                 reason = f"gains {r.score.gain:.1f} of chi-square, which chance or what was found explains as well"
             else:
                 reason = "significant, but another effect explains the same better"
-            self.table[place] = Candidate(*place, r.score.score, "rejected", reason)
+            self.table[place] = Candidate(*place, margin(r.score), "rejected", reason)
 
 
 def _contending(rated: Sequence[Rated]) -> list[Rated]:

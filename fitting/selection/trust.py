@@ -15,7 +15,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import whitened_parts
-from fitting.selection.gains import biased_gain, known_bias, scatter, shares
+from fitting.selection.gains import biased_gain, known_bias, margin, scatter, shares
 
 
 class Trust:
@@ -57,7 +57,7 @@ class Trust:
         self.against_leftovers(scores)
 
     def against_leftovers(self, scores: Mapping[int, Score]) -> None:
-        """Divide by how much noisier the rows of each joint are that show what is most there.
+        """Divide by how much noisier the rows of each joint are that show what is most there, for its parameters.
 
         What explains the same rows is compared by what is left of them, so it is one factor for all of a joint; of what
         acts everywhere each joint's part has the joint's.
@@ -69,7 +69,7 @@ class Trust:
             joint = score.term.joint
             if joint is None or score.term.everywhere or not score.gain > priors.SMALLEST**2:
                 continue
-            if joint not in heads or score.gain > scores[heads[joint]].gain:
+            if joint not in heads or margin(score) > margin(scores[heads[joint]]):
                 heads[joint] = n
         for joint, n in heads.items():
             if joint not in self._inflations or self._inflations[joint][0] is not scores[n]:

@@ -125,7 +125,7 @@ def test_who_cannot_record_ends_it():
 
 
 def score(term: Term) -> Score:
-    return Score(term, 50.0, 1, 44.0, (1.0,), (0.1,), True, 0.5, np.eye(1))
+    return Score(term, 50.0, 1, (1.0,), (0.1,), True, 0.5, np.eye(1))
 
 
 def accepted(term: Term, probability: float, *rivals: tuple[Term, float]) -> Accepted:

@@ -18,7 +18,7 @@ from daq.scratch import Scratch
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
 from fitting.loop.attribution import attributed
-from fitting.loop.everything import held_against_everything, on_the_pieces, on_the_whole, said, worth
+from fitting.loop.everything import held_against_everything, on_the_pieces, on_the_whole, said
 from fitting.loop.residual_loop import SessionSignals, run_attribution
 from fitting.loop.search_pieces import _level, choose_pieces, thinned
 from fitting.loop.session import Options, Search, Session
@@ -239,7 +239,7 @@ def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Record
     terms = [a.score.term for a in found.accepted]
     whole = SessionSignals(session, corrections).refit(terms)
     part = whole.term_slice(0)
-    assert worth(whole, 0) > 1.5 * worth(pieces.model, 0)
+    assert whole.wald(0) > 1.5 * pieces.model.wald(0)
     assert whole.fit.std[part][0] < 0.8 * pieces.model.fit.std[pieces.model.term_slice(0)][0]
     assert abs(whole.fit.theta[part][0] - size) < 0.1 * size
     session.forget_search()

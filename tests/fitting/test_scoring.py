@@ -11,8 +11,9 @@ from fitting.loop.session import Session
 from fitting.regression.design import whitened
 from fitting.regression.prior import with_prior
 from fitting.residual.laws import Law
-from fitting.residual.scoring import PARAMETER_PRICE, Candidates, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
+from fitting.selection.gains import margin
 from fitting.signals.splines import evaluate, spline_knots
 
 
@@ -80,12 +81,13 @@ def test_a_gain_beside_an_accepted_effect_is_the_difference_of_two_fits() -> Non
     assert not [s for s in score_terms(model, [first], [1]) if s.gain > 1e-3]
 
 
-def test_the_score_pays_for_parameters_and_for_the_grid() -> None:
+def test_more_parameters_and_a_larger_grid_have_to_gain_more() -> None:
     model = clean_session(2).base_model
-    term = Term(effect("position_dependent_friction"), 0)
-    one, many = (score_terms(model, [term], [size])[0] for size in (1, 20))
-    assert one.score == pytest.approx(one.gain - len(effect(term.id).parameters) * PARAMETER_PRICE)
-    assert many.score == pytest.approx(one.score - 2 * np.log(20))
+    terms = [Term(effect(name), 0) for name in ("pressure_offset", "position_dependent_friction")]
+    few, several = (score_terms(model, [term], [1])[0] for term in terms)
+    (many,) = score_terms(model, terms[1:], [20])
+    assert few.live < several.live
+    assert few.gain - margin(few) < several.gain - margin(several) < many.gain - margin(many)
 
 
 def test_refreshed_columns_are_those_of_the_present_model() -> None:
@@ -142,7 +144,7 @@ def test_on_a_clean_arm_scores_are_those_of_noise() -> None:
     """No candidate reaches the threshold, and one-parameter gains are chi-square numbers of one degree of freedom."""
     model = clean_session(2).base_model
     scores: list[Score] = score_terms(model, *catalogue_terms(model, effects()))
-    assert max(s.score for s in scores) < 14.0
+    assert max(map(margin, scores)) < 0.0
     singles = [s for s in scores if len(s.values) == 1 and s.values[0] != 0]
     assert len(singles) > 40
     for score in singles:

@@ -98,7 +98,7 @@ def test_a_column_that_the_base_takes_whole_says_nothing_and_does_no_harm() -> N
     assert not score.information[:, 1].any()
     draws = np.array([[0.3 * score.stds[0], 1e-15], [-0.4 * score.stds[0], -3e-16], [0.1 * score.stds[0], 2e-16]])
     found = score.against(Null(draws, score.information, score.live))
-    assert found.calibrated == pytest.approx(score.score, abs=2 + 0.5 * score.gain)
+    assert found.calibrated == pytest.approx(score.gain, abs=2 + 0.5 * score.gain)
 
 
 @pytest.mark.slow

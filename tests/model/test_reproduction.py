@@ -40,7 +40,10 @@ def assert_reproduced(terms: Sequence[Term]) -> None:
     pipeline = fitted(session, terms)
     handed = hand_over(session, (), pipeline, report_of(session))
     model = through_its_file(handed)
+    # A model is of a machine with its links: free cylinders have pressures of their own.
     for index, segment in enumerate(pipeline.design.segments):
+        if not segment.loaded:
+            continue
         found, lines = on_recording(model, session.recordings[segment.recording])
         assert not lines
         expected = [predicted_effort(pipeline.design, pipeline.fit.theta, j, index, pipeline.extra) for j in (0, 1)]

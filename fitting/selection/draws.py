@@ -10,9 +10,11 @@ from fitting.residual.confirmation.trials import Signals
 from fitting.residual.null import Null
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
+from fitting.selection.evidence import least_gain
 
-#: Replicas that are drawn before the decision is looked at again, and scores between which more could change it.
-LEAST_DRAWS, OPEN = 3, (7.0, 42.0)
+#: Replicas that are drawn before the decision is looked at again, and how far the gain may be from the least that is
+#: said if more are to change it.
+LEAST_DRAWS, OPEN = 3, (-10.0, 25.0)
 
 
 class Draws:
@@ -45,7 +47,8 @@ class Draws:
                 if null is not None:
                     self._nulls[score.term.label] = null if known is None else known.joined(null)
             drawn += draws
-            best = max((self._against(s).calibrated for s in fresh if self._against(s).plausible), default=-np.inf)
+            known_now = [own for own in map(self._against, fresh) if own.plausible]
+            best = max((own.calibrated - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
             if not OPEN[0] < best < OPEN[1]:
                 break  # more draws would not change the decision
         return [self._against(s) for s in scores]
