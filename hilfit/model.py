@@ -6,8 +6,9 @@ import inspect
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal, TypeVar, overload
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,8 @@ from hilfit.shown import parameters_html
 
 FloatArray = npt.NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., Any])
+Given = TypeVar("Given")
+Asked = ParamSpec("Asked")
 
 
 def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Function]:
@@ -35,6 +38,16 @@ def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Fun
         return function
 
     return add
+
+
+def _of_content(function: Callable[Concatenate[ArmModel, Asked], Given]) -> Callable[Concatenate[Model, Asked], Given]:
+    """A function of what a model holds, as one of the model: what it takes, gives and says stays as it is."""
+
+    @wraps(function)
+    def asked(model: Model, /, *arguments: Asked.args, **named: Asked.kwargs) -> Given:
+        return function(model.content, *arguments, **named)
+
+    return asked
 
 
 @dataclass(frozen=True, repr=False)
@@ -158,37 +171,10 @@ class Model:
         found = motion.on_motion(self.content, q, qd, qdd, t, temperature=temperature, external=external)
         return motion.pressures_of(found, rod)
 
-    def gravity(self, q: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
-        """Joint efforts (N, n) that hold the arm still: the effort at rest; the oil's ``temperature`` in K."""
-        return motion.gravity(self.content, q, temperature=temperature)
-
-    def friction(self, q: npt.ArrayLike, qd: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
-        """Joint efforts (N, n) that change their sign with the speed's; the oil's ``temperature`` in K."""
-        return motion.friction(self.content, q, qd, temperature=temperature)
-
-    def inertia_matrix(self, q: npt.ArrayLike) -> FloatArray:
-        """Inertia (N, n, n) of links, pistons and drives: joint efforts per joint acceleration, at rest."""
-        return motion.inertia_matrix(self.content, q)
-
-    @_with_sections_of(motion.forward)
-    def forward(
-        self,
-        q: npt.ArrayLike,
-        qd: npt.ArrayLike,
-        *,
-        effort: npt.ArrayLike | None = None,
-        head: npt.ArrayLike | None = None,
-        rod: npt.ArrayLike | None = None,
-        temperature: npt.ArrayLike | None = None,
-        possible: bool = False,
-    ) -> FloatArray:
-        """Joint accelerations (N, n) from joint efforts, or from chamber pressures ``head`` and ``rod`` in Pa.
-
-        ``possible`` takes the nearest model whose drives have no inertia below zero.
-        """
-        return motion.forward(
-            self.content, q, qd, effort=effort, head=head, rod=rod, temperature=temperature, possible=possible
-        )
+    gravity = _of_content(motion.gravity)
+    friction = _of_content(motion.friction)
+    inertia_matrix = _of_content(motion.inertia_matrix)
+    forward = _of_content(motion.forward)
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
         """Efforts in a recording beside the measured ones, with their 95 % band."""
@@ -203,40 +189,5 @@ class Model:
         return export_model(self.content, to, Path(path), possible=possible).left_out
 
 
-@_with_sections_of(simulation.simulate)
-def simulate(
-    model: Model,
-    effort: simulation.Efforts,
-    q: npt.ArrayLike,
-    qd: npt.ArrayLike | None = None,
-    *,
-    seconds: float,
-    rate_hz: float | None = None,
-    friction_speed: float | None = None,
-    method: simulation.Method = "BDF",
-    temperature: float | None = None,
-    possible: bool = False,
-    within_s: float = 60.0,
-) -> simulation.Simulated:
-    """Motion from a state under efforts or a controller."""
-    return simulation.simulate(
-        model.content,
-        effort,
-        q,
-        qd,
-        seconds=seconds,
-        rate_hz=rate_hz,
-        friction_speed=friction_speed,
-        method=method,
-        temperature=temperature,
-        possible=possible,
-        within_s=within_s,
-    )
-
-
-@_with_sections_of(simulation.tracking)
-def tracking(
-    model: Model, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0, temperature: float | None = None
-) -> simulation.Efforts:
-    """A controller for :func:`simulate`: the model's efforts along a motion, and what pulls back to it."""
-    return simulation.tracking(model.content, t, q, bandwidth_hz=bandwidth_hz, temperature=temperature)
+simulate = _of_content(simulation.simulate)
+tracking = _of_content(simulation.tracking)

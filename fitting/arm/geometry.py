@@ -23,6 +23,8 @@ from fitting.arrays import BoolArray, FloatArray
 
 # cos(pi/2) is 6e-17 in floating point. A zero there is what lets the regressor skip work.
 _ROUND_OFF = 1e-15
+#: rad by which a twist angle may miss a multiple of 90 degrees and still mean it.
+_SQUARE = 5e-4
 
 
 @dataclass(frozen=True)
@@ -117,14 +119,14 @@ class Geometry:
         """The same arm with every motor on its own joint only."""
         return replace(self, coupled=(), coupling=np.zeros((0, self.joints)))
 
-    def squared_up(self, tolerance: float = 5e-4) -> Geometry:
-        """The same arm with twist angles within ``tolerance`` (rad) of a multiple of 90 degrees made exact.
+    def squared_up(self) -> Geometry:
+        """The same arm with twist angles within :data:`_SQUARE` of a multiple of 90 degrees made exact.
 
         Files say 1.5708 where they mean pi/2. The 4e-6 rad between the two make parameters formally
         identifiable that no measurement will ever tell; counting is done on the arm that was meant.
         """
         quarter = np.round(self.alpha / (np.pi / 2)) * (np.pi / 2)
-        return replace(self, alpha=np.where(np.abs(self.alpha - quarter) <= tolerance, quarter, self.alpha))
+        return replace(self, alpha=np.where(np.abs(self.alpha - quarter) <= _SQUARE, quarter, self.alpha))
 
 
 def _clean(values: FloatArray) -> FloatArray:

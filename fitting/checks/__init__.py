@@ -11,7 +11,7 @@ motions, beginning        recordings against one another, and their first second
 two_sensors               joint against piston position
 samples, physical         the best arm that could exist, and what it leaves unexplained
 trials, areas, clocks     what would explain it if it were taken back
-payload                   the one effect that explains as much
+other_causes              the effects that explain as much
 check                     all of it in order, and the root of what was found
 gate                      the checks at the doors of other commands
 ========================  ===========================================================================

@@ -12,7 +12,7 @@ import numpy as np
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 
 #: A cylinder has no pressure where both chambers together have less than this share of what they have later (all but a
 #: twentieth of the time), which has to be so much at least, Pa; and that for so many seconds, up to this share of the
@@ -28,18 +28,7 @@ def beginning_findings(machine: Machine, recordings: Sequence[Recording]) -> lis
         if rows < max(_LEAST_S * recording.rate_hz, 1):
             continue
         until = recording.time[rows] - recording.time[0]
-        found.append(
-            Finding(
-                "no_pressure",
-                f"{recording.file}: the first {until:.1f} s have no pressure in any chamber, and all later ones have: "
-                "the recording begins before the pumps run",
-                "cut these seconds off, or mark their rows missing",
-                recording=recording.file,
-                before=float(until),
-                unit="s",
-                strength=3.0,
-            )
-        )
+        found.append(finding_of("no_pressure", recording=recording.file, before=float(until), unit="s", strength=3.0))
     return found
 
 

@@ -21,17 +21,16 @@ from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.beginning import beginning_findings
 from fitting.checks.fast_noise import noise_findings
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.inertias import inertia_findings
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
 from fitting.checks.mistakes.arm_motion import positions_of
 from fitting.checks.mistakes.clocks import Clock, clock_of
-from fitting.checks.mistakes.couplings import with_couplings
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR
-from fitting.checks.mistakes.payload import with_payload
+from fitting.checks.mistakes.other_causes import with_couplings, with_payload
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search
@@ -224,16 +223,7 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     other = () if option is None or option.other is None else (option.other,)
     names = tuple(machine.joints[k].name for k in (own.joint, *other))
     if option is None:
-        return Finding(
-            "positions_disagree",
-            f"{names[0]}: joint and piston position contradict each other ({own.before:.0%} of the motion), and "
-            "nothing that was tried explains it",
-            "look at both sensors, at the linkage, and whether the recordings are of this machine",
-            joint=names[0],
-            before=own.before,
-            unit="of the motion",
-            strength=4.0,
-        )
+        return finding_of("positions_disagree", joint=names[0], before=own.before, unit="of the motion", strength=4.0)
     channel = machine.channel(option.quantity, names[0]) if option.quantity else None
     channels = [c.name for n in names if option.quantity and (c := machine.channel(option.quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
@@ -338,12 +328,12 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         if cylinder.rod > 0:
             options.append(f"with this rod the bore would be {1e3 * cylinder.rod / np.sqrt(1 - ratio):.3g} mm")
     said = f" ({' and '.join(options)})" if options else ""
-    return Finding(
+    return finding_of(
         "cylinder_areas",
-        f"{joint.name}: the rod side looks like {ratio:.2f} of the head side's area instead of {declared:.2f}{said}; "
-        f"unexplained effort: {own.before:.1%} as it is, {own.after:.1%} with that",
-        "measure bore and rod, and check the units of both pressures"
-        + places.key(("joints", own.joint, "cylinder", "bore")),
+        ratio=ratio,
+        declared=declared,
+        said=said,
+        where=places.key(("joints", own.joint, "cylinder", "bore")),
         joint=joint.name,
         before=own.before,
         after=own.after,
@@ -409,12 +399,9 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
             continue
         coupled = with_couplings(searched.trial, number)
         found.append(
-            Finding(
+            finding_of(
                 "unexplained",
-                f"{joint.name}: the recorded effort cannot come from this machine file: {misfit:.0%} of it is "
-                "unexplained",
-                "look at this joint's channels (unit, sign, wiring, which joint), at its cylinder and linkage"
-                + places.key(("joints", number)),
+                where=places.key(("joints", number)),
                 joint=joint.name,
                 before=float(searched.nominal.misfits[number]),
                 severity="note" if CLEAR * coupled < misfit else "mistake",

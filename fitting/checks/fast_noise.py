@@ -16,7 +16,7 @@ from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.motions import POSITIONS
 from fitting.signals.position_sensors import held
 from fitting.signals.preparation import reach
@@ -89,10 +89,10 @@ def _apart(noise: FloatArray, least: float) -> tuple[float, float] | None:
 
 def _finding(machine: Machine, channel: Channel, noise: float, usual: float, what: str) -> Finding:
     unit = machine.si_unit(channel)
-    return Finding(
+    return finding_of(
         "noisy",
-        f"{channel.name}: its fast noise is {noise:.2g} {unit}, {noise / usual:.2g} times {what}",
-        "look after this sensor, its cable, shield and supply, and record again",
+        times=noise / usual,
+        what=what,
         joint=channel.joint,
         channel=channel.name,
         before=noise,

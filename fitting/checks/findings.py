@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import asdict, dataclass
+from importlib.resources import files
 from typing import Any, Literal
 
+#: Text and cure by key: a code, or ``code/variant``. Values stand in braces, as for ``str.format``.
+TEXTS: dict[str, tuple[str, str]] = json.loads(files(__package__).joinpath("texts.json").read_text("utf-8"))
 #: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
 Severity = Literal["mistake", "note"]
 
@@ -51,3 +55,28 @@ class Finding:
         """What was seen and what to do, in one line."""
         others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
         return f"{self.text}{others}; {self.cure}"
+
+
+_LEFT_OPEN = {"channel": "{channel}", "joint": "{joint}"}
+#: What of the values in its texts a finding has as well.
+_OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor"})
+
+
+def finding_of(
+    key: str,
+    *,
+    severity: Severity = "mistake",
+    alternatives: tuple[str, ...] = (),
+    strength: float = 0.0,
+    **values: Any,
+) -> Finding:
+    """Make a finding by the key of its texts; ``values`` stand in them, or are the finding's own fields, or both."""
+    own = {name: value for name, value in values.items() if name in _OWN}
+    said = worded(key, **values)
+    return Finding(*said, severity=severity, alternatives=alternatives, strength=strength, **own)
+
+
+def worded(key: str, **values: Any) -> tuple[str, str, str]:
+    """Code, text and cure by their key; a channel or joint without a value stays open (``{channel}``)."""
+    text, cure = (text.format(**_LEFT_OPEN | values) for text in TEXTS[key])
+    return key.partition("/")[0], text, cure

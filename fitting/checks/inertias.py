@@ -14,7 +14,7 @@ import numpy as np
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.physical import Trial, fit, friction, measured_effort
 from fitting.checks.mistakes.trials import SOUND
 from fitting.regression.plausible_arm import rods, standard_of_bodies
@@ -44,18 +44,7 @@ def inertia_findings(trial: Trial) -> list[Finding]:
         return []
     ratio = float(np.exp(np.median(logs)))
     factor = float(np.sqrt(ratio))
-    return [
-        Finding(
-            "wrong_rate",
-            f"time: inertias are {ratio:.2g} times those of an arm of this weight, at every joint that tells its own "
-            f"({len(ratios)}): the motion looks {factor:.2g} times as fast as the time column says",
-            "correct the time column and rate_hz",
-            before=ratio,
-            after=1.0,
-            factor=factor,
-            strength=5.0,
-        )
-    ]
+    return [finding_of("wrong_rate/inertias", joints=len(ratios), before=ratio, after=1.0, factor=factor, strength=5.0)]
 
 
 def inertia_ratios(trial: Trial) -> FloatArray:

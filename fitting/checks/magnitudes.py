@@ -14,7 +14,7 @@ import numpy as np
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.factors import RARE, gains
 from fitting.signals.filters import white_noise_of
 
@@ -83,15 +83,8 @@ def _impossible(
         tops.setdefault(channel.joint, {})[channel.name] = float(top)
         if low < _VACUUM and top < PRESSURES[1]:
             found.append(
-                Finding(
-                    "sign",
-                    f"{channel.name}: falls to {low:.3g} Pa, far below a vacuum",
-                    "correct the sign, the scale or the offset of this channel",
-                    joint=channel.joint,
-                    channel=channel.name,
-                    before=float(low),
-                    unit="Pa",
-                    strength=5.0,
+                finding_of(
+                    "sign", joint=channel.joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0
                 )
             )
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
@@ -158,17 +151,8 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
             best[item[1].name] = item
     # Two channels alone cannot say which of them is odd: the one whose values no cylinder has.
     return [
-        Finding(
-            "unit",
-            f"{channel.name}: reaches {top:.4g} Pa, and values and noise differ from those of the other pressures "
-            "by the same "
-            f"factor; the values look like {unit}",
-            f"set the unit to '{unit}'",
-            joint=channel.joint,
-            channel=channel.name,
-            before=top,
-            unit="Pa",
-            strength=9.0,
+        finding_of(
+            "unit/unlike", says=unit, joint=channel.joint, channel=channel.name, before=top, unit="Pa", strength=9.0
         )
         for _, channel, unit, top in best.values()
     ]
@@ -249,11 +233,10 @@ def _too_little(
     if factor > 0.05 or span > _TINY * width or span / factor < 0.1 * width or not inside:
         return []
     return [
-        Finding(
-            "unit",
-            f"{channel.name}: moves by {span / width:.1%} of what limits allow; the values look like {unit}, not "
-            f"{channel.unit}",
-            f"set its unit to '{unit}'",
+        finding_of(
+            "unit/too_little",
+            declared=channel.unit,
+            says=unit,
             joint=channel.joint,
             channel=channel.name,
             before=span / width,

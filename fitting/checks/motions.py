@@ -9,7 +9,7 @@ import numpy as np
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.signals.filters import lag_between
 from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import STILL, reach
@@ -34,11 +34,11 @@ def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[F
         for earlier in recordings[:number]:
             if earlier.sha256 == recording.sha256 and recording.sha256:
                 found.append(
-                    Finding(
+                    finding_of(
                         "same_recording",
-                        f"{recording.file}: is the same file as {earlier.file}, given as {earlier.role} and "
-                        f"{recording.role}",
-                        "give each recording once",
+                        earlier=earlier.file,
+                        first_role=earlier.role,
+                        role=recording.role,
                         recording=recording.file,
                         strength=9.0,
                     )
@@ -50,25 +50,13 @@ def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[F
             continue
         (motion, effort), nearest = min(others, key=lambda item: item[0][0])
         if recording.role == "repeat" and motion > _OTHER:
-            found.append(
-                Finding(
-                    "no_repeat",
-                    f"{recording.file}: does not repeat a training motion (positions differ by {motion:.0%} of "
-                    "their spread)",
-                    "record the motion of a training recording again, or give this one as train or validate",
-                    recording=recording.file,
-                    before=motion,
-                    strength=6.0,
-                )
-            )
+            found.append(finding_of("no_repeat", recording=recording.file, before=motion, strength=6.0))
         if recording.role == "validate" and motion < _SAME and effort < _SAME_EFFORT:
             found.append(
-                Finding(
+                finding_of(
                     "same_motion",
-                    f"{recording.file}: is the motion of {nearest.file} once more (positions differ by "
-                    f"{motion:.1%}, efforts "
-                    f"by {effort:.0%}): it cannot show how the model does on another motion",
-                    "validate on another motion, and give this one as repeat",
+                    nearest=nearest.file,
+                    effort=effort,
                     recording=recording.file,
                     before=motion,
                     strength=6.0,
@@ -136,13 +124,7 @@ def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     """Joints that stand still in all loaded recordings: said, nothing more."""
     loaded = [r for r in recordings if r.role != "unloaded"]
     return [
-        Finding(
-            "parked",
-            f"{joint.name}: stands still in all recordings",
-            "nothing has to be done: its rows are left out; move it if its parameters are wanted",
-            joint=joint.name,
-            severity="note",
-        )
+        finding_of("parked", joint=joint.name, severity="note")
         for joint in machine.joints
         if loaded and all(_stands(machine, joint, recording) for recording in loaded)
     ]

@@ -25,7 +25,7 @@ from daq.recordings.recording_files import read_table
 from daq.recordings.recording_source import load_table
 from daq.units import conversion
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.time_axis import repaired_time, time_findings
 
 
@@ -91,7 +91,7 @@ def read_leniently(
     gate(code, lambda: gates.metadata_fits(path, table.metadata, machine, role))
     if "time" not in table.columns or table.rows < 2:
         if table.rows < 2 and not found:
-            found.append(Finding("too_short", f"{path}: has no rows", "record it again", recording=str(path)))
+            found.append(finding_of("too_short", recording=str(path)))
         return Read(None, tuple(found))
     time = np.array(table.columns["time"], dtype=np.float64)
     units = _units(table.metadata)

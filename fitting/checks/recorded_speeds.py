@@ -14,7 +14,7 @@ import numpy as np
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arm.linkage import joint_position
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.signals.filters import filter_bank
 from fitting.signals.position_sensors import position_channel
 
@@ -72,12 +72,11 @@ def _ratio(machine: Machine, name: str, recording: Recording) -> float | None:
 
 def _of_clock(recording: Recording, ratio: float, joints: int) -> Finding:
     alone = () if joints > 1 else ("the unit or scale of the speed channel",)
-    return Finding(
-        "wrong_rate",
-        f"{recording.file}: time: the recorded speeds are {abs(ratio):.4g} times the change of the positions at every "
-        f"joint: rows look {1e3 / (abs(ratio) * recording.rate_hz):.4g} ms apart instead of "
-        f"{1e3 / recording.rate_hz:.4g} ms",
-        "correct the time column and rate_hz",
+    return finding_of(
+        "wrong_rate/speeds",
+        times=abs(ratio),
+        ms=1000.0 / (abs(ratio) * recording.rate_hz),
+        expected_ms=1000.0 / recording.rate_hz,
         recording=recording.file,
         before=recording.rate_hz,
         after=abs(ratio) * recording.rate_hz,
@@ -91,10 +90,9 @@ def _of_clock(recording: Recording, ratio: float, joints: int) -> Finding:
 def _of_channel(machine: Machine, recording: Recording, joint: str, ratio: float) -> Finding:
     channel = machine.channel("joint_velocity", joint)
     assert channel is not None
-    return Finding(
+    return finding_of(
         "scale",
-        f"{channel.name}: is {ratio:.4g} times the change of the position beside it",
-        "correct its unit or scale",
+        ratio=ratio,
         joint=joint,
         channel=channel.name,
         recording=recording.file,

@@ -8,14 +8,14 @@ one, in which the rods are not where the role says.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.two_sensors import AGREE, NEAR, gap
 from fitting.signals.rods import with_rods_as_said
 
@@ -53,25 +53,18 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
             alone += follows < 0.1 * float(np.std(x[known]))
         verdicts.append((recording, seen, off, alone))
     for recording, seen, off, alone in verdicts:
-        wrong: Finding | None = None
-        if recording.role == "unloaded" and seen and off == 0 and alone == 0:
-            wrong = Finding("wrong_role", f"{recording.file}: the joints follow their pistons, so the rods are on "
-            "the arm",
-                            "give it as train, or take the rods off and record again", strength=8.0)  # fmt: skip
-        elif recording.role != "unloaded" and seen and alone == seen and off:
-            wrong = Finding("wrong_role", f"{recording.file}: the pistons move and the joints do not, so the rods "
-            "are off",
-                            "give it as unloaded", strength=8.0)  # fmt: skip
-        elif recording.role != "unloaded" and (other := _alone_off(recording, recordings, gaps)):
-            wrong = Finding("other_machine", f"{recording.file}: joint and piston positions of {other} of {seen} "
-            "joints "
-                            "contradict the linkages, which they do not in other recordings",
-                            "look whether it is a recording of this machine, and whether a sensor has slipped",
-                            strength=8.0)  # fmt: skip
-        if wrong is None:
-            kept.append(recording)
+        other, wrong = 0, ""
+        if recording.role == "unloaded":
+            wrong = "wrong_role/rods_on" if seen and off == 0 and alone == 0 else ""
+        elif seen and alone == seen and off:
+            wrong = "wrong_role/rods_off"
+        elif other := _alone_off(recording, recordings, gaps):
+            wrong = "other_machine"
+        if wrong:
+            said: dict[str, Any] = {"other": other, "seen": seen, "before": off / max(seen, 1)}
+            found.append(finding_of(wrong, recording=recording.file, strength=8.0, **said))
         else:
-            found.append(replace(wrong, recording=recording.file, before=off / max(seen, 1)))
+            kept.append(recording)
     return found, kept
 
 

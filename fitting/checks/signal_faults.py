@@ -15,7 +15,7 @@ from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps, runs
 from fitting.arrays import BoolArray, FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, finding_of
 from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
 
@@ -121,13 +121,7 @@ def _coarse(channel: Channel, values: FloatArray, span: float, travel: float) ->
         # Of all steps between neighbouring levels the least is the resolution; a fast motion leaves levels out.
         levels = max(levels, round(float(span / np.diff(found).min())))
     if levels < (_POSITION_LEVELS if channel.quantity in POSITIONS else _LEVELS) and span > _TRAVELS * travel:
-        yield Finding(
-            "coarse",
-            f"{channel.name}: has only {levels} levels within its motion",
-            "record it with its full resolution (data type, scale)",
-            before=float(levels),
-            strength=5.0,
-        )
+        yield finding_of("coarse", channel=channel.name, before=float(levels), strength=5.0)
 
 
 def _held(channel: Channel, steps: FloatArray, rate: float) -> Iterator[Finding]:
@@ -142,10 +136,11 @@ def _held(channel: Channel, steps: FloatArray, rate: float) -> Iterator[Finding]
         if len(places) < 0.2 * len(steps) / every or np.bincount(places % every).max() < _IN_STEP * len(places):
             continue
         serious = every >= _HELD_ROWS and rate / every < _SLOW_HZ
-        yield Finding(
+        yield finding_of(
             "held",
-            f"{channel.name}: a new value comes only every {every} rows ({rate / every:.3g} Hz instead of {rate:g} Hz)",
-            "read this device at the machine's rate, or resample all channels to its own",
+            channel=channel.name,
+            hz=rate / every,
+            rate=rate,
             severity="mistake" if serious else "note",
             before=float(every),
             unit="rows",
@@ -177,13 +172,8 @@ def _dropouts(
         ]  # fmt: skip
         if len(jumps) < 2 or len(jumps) < 0.5 * len(there):
             continue
-        yield Finding(
-            "dropouts",
-            f"{channel.name}: falls to exactly {value:.6g} and comes back {len(jumps)} times (the first at "
-            f"{time[jumps[0]]:.6g} s)",
-            "look after cable, plug and supply of this device, and mark the rows missing",
-            before=float(len(jumps)),
-            strength=5.5,
+        yield finding_of(
+            "dropouts", channel=channel.name, value=value, at=time[jumps[0]], before=float(len(jumps)), strength=5.5
         )
         return
 
@@ -202,11 +192,11 @@ def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float,
     lasting = [k for k in large if k not in after and k not in back and size[k] > _least_jump(channel, steps, span)]
     spike_size = max((float(size[k]) for k in back), default=0.0)
     if back and spike_size > (_SPIKE_POSITION if position else _SPIKE_EFFORT) * span and (position or len(back) >= 3):
-        yield Finding(
+        yield finding_of(
             "outliers",
-            f"{channel.name}: {len(back)} single values are far off (the first at {time[back[0] + 1]:.6g} s, up to "
-            f"{spike_size / span:.0%} of the signal's range)",
-            "look after cable, shielding and sentinel values of this device, and mark the rows missing",
+            channel=channel.name,
+            at=time[back[0] + 1],
+            share=spike_size / span,
             before=float(len(back)),
             unit="rows",
             strength=5.0,
@@ -219,24 +209,18 @@ def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float,
     turn = float(np.median(sizes))
     round_turn = channel.quantity != "piston_position" and min(abs(turn / t - 1) for t in (np.pi, 2 * np.pi)) < 0.05
     if alike and ((len(lasting) >= 2 and np.any(signs > 0) and np.any(signs < 0)) or round_turn):
-        yield Finding(
+        yield finding_of(
             "wrap",
-            f"{channel.name}: jumps by {turn:.4g} to and fro {len(lasting)} times (the first at row "
-            f"{lasting[0] + 2}, {time[lasting[0] + 1]:.6g} s): the encoder wraps within the motion",
-            "move the encoder's zero out of the range of motion, or unwrap it in the device",
+            channel=channel.name,
+            times=len(lasting),
+            row=lasting[0] + 2,
+            at=time[lasting[0] + 1],
             before=turn,
             strength=6.0,
         )
     else:
-        yield Finding(
-            "jump",
-            f"{channel.name}: jumps by {steps[lasting[0]]:+.4g} from one row to the next at "
-            f"{time[lasting[0]]:.6g} s, as no "
-            "machine moves",
-            "look after this sensor (loose coupling, lost counts, restart) and record again, or split the "
-            "recording there",
-            before=turn,
-            strength=5.0,
+        yield finding_of(
+            "jump", channel=channel.name, step=steps[lasting[0]], at=time[lasting[0]], before=turn, strength=5.0
         )
 
 
@@ -275,15 +259,8 @@ def _frozen(
             second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1
             wrong = improbable and elsewhere < 0.3 and (catches_up or (length >= rate and length > 4 * second))
         if wrong:
-            yield Finding(
-                "frozen",
-                f"{channel.name}: does not change for {length / rate:.3g} s from {time[start]:.6g} s on, although "
-                "it does "
-                "elsewhere",
-                "look after this device and its bus, and mark the rows missing",
-                before=length / rate,
-                unit="s",
-                strength=5.0,
+            yield finding_of(
+                "frozen", channel=channel.name, at=time[start], before=length / rate, unit="s", strength=5.0
             )
             return
 
@@ -314,12 +291,12 @@ def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:
         count = piled_up(values, extreme)
         # A fine sensor with little noise says one value wherever the signal rests.
         if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
-            yield Finding(
+            yield finding_of(
                 "clipped",
-                f"{channel.name}: {count} of {len(values)} values are exactly its {side} one ({extreme:.6g}): it "
-                "is clipped "
-                "there",
-                "use a sensor or an amplifier of wider range, and declare its range",
+                channel=channel.name,
+                rows=len(values),
+                side=side,
+                extreme=extreme,
                 before=float(count),
                 unit="rows",
                 strength=4.0,
@@ -341,10 +318,9 @@ def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
         first = seen.setdefault(key, channel)
         if first is not channel:
             found.append(
-                Finding(
+                finding_of(
                     "same_channel",
-                    f"{channel.name}: has the very values of {first.name}",
-                    "correct the source (node, object, register) of one of the two channels",
+                    first=first.name,
                     joint=channel.joint,
                     channel=channel.name,
                     recording=recording.file,

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording_checks import RATE_TOLERANCE, regular_steps, uneven_steps
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding
+from fitting.checks.findings import Finding, Severity, finding_of
 
 #: What a time in another unit is too large by.
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}
@@ -43,16 +45,9 @@ def _backwards(file: str, time: FloatArray, steps: FloatArray) -> list[Finding]:
     if not len(backwards):
         return []
     row = int(backwards[0])
-    return [
-        Finding(
-            "time_jump",
-            f"{file}: time: goes from {time[row]:.6g} to {time[row + 1]:.6g} s in row {row + 2}"
-            + (f", and so in {len(backwards) - 1} more rows" if len(backwards) > 1 else ""),
-            "sort the rows, or split the file there",
-            recording=file,
-            strength=9.0,
-        )
-    ]
+    said: dict[str, Any] = {"earlier": time[row], "later": time[row + 1], "row": row + 2, "more": len(backwards) - 1}
+    key = "time_jump/often" if said["more"] else "time_jump/backwards"
+    return [finding_of(key, recording=file, strength=9.0, **said)]
 
 
 def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]:
@@ -62,28 +57,10 @@ def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]
         return []
     for size, name in _UNITS.items():
         if abs(ratio / size - 1) < 0.02:
-            return [
-                Finding(
-                    "time_unit",
-                    f"{file}: time: looks like {name} instead of seconds (steps of {np.median(steps):.6g})",
-                    f"divide the column by {size:g}, or write its unit" if size > 1 else "write it in seconds",
-                    recording=file,
-                    factor=1 / size,
-                    strength=9.0,
-                )
-            ]
-    return [
-        Finding(
-            "wrong_rate",
-            f"{file}: time: {rate / ratio:.6g} rows in a second, the machine file says rate_hz {rate:g}",
-            "correct rate_hz, or the column if the recorder ran at another rate than it says",
-            recording=file,
-            before=rate / ratio,
-            after=rate,
-            unit="Hz",
-            strength=9.0,
-        )
-    ]
+            key = "time_unit/larger" if size > 1 else "time_unit/smaller"
+            said: dict[str, Any] = {"says": name, "step": np.median(steps), "size": size}
+            return [finding_of(key, recording=file, factor=1 / size, strength=9.0, **said)]
+    return [finding_of("wrong_rate/steps", recording=file, before=rate / ratio, after=rate, unit="Hz", strength=9.0)]
 
 
 def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
@@ -97,15 +74,8 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
     if went_on:
         k = int(went_on[0])
         found.append(
-            Finding(
-                "time_jump",
-                f"{file}: time: jumps by {steps[k]:.4g} s at {time[k]:.6g} s, and the machine stands where it "
-                "stood: the clock was set",
-                "take the time of a clock that nobody sets, or split the file there",
-                recording=file,
-                before=float(steps[k]),
-                unit="s",
-                strength=8.0,
+            finding_of(
+                "time_jump/clock_set", at=time[k], recording=file, before=float(steps[k]), unit="s", strength=8.0
             )
         )
         lost -= float(np.sum(steps[went_on]))
@@ -115,19 +85,10 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
         long = odd[steps[odd] > _LONG_S + 1 / rate]
         in_long = float(np.sum(steps[long] - 1 / rate)) / float(time[-1] - time[0])
         many = in_long > _LOST or share > _LOST_IN_ALL or len(uneven_steps(time, rate)) > 0
-        found.append(
-            Finding(
-                "lost_rows",
-                f"{file}: time: {len(odd)} gaps, {max(lost, 0.0):.3g} s in all, the first at {time[odd[0]]:.6g} s",
-                "look after the bus or the recorder"
-                if many
-                else "nothing has to be done: short gaps are bridged, and rows beside long ones left out",
-                recording=file,
-                severity="mistake" if many else "note",
-                before=share,
-                strength=6.0,
-            )
-        )
+        said: dict[str, Any] = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
+        severity: Severity = "mistake" if many else "note"
+        key = "lost_rows/many" if many else "lost_rows/few"
+        found.append(finding_of(key, recording=file, severity=severity, before=share, strength=6.0, **said))
     return found
 
 

@@ -22,13 +22,12 @@ import yaml
 
 from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import reduce_parameters
-from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 from fitting.regression.design import build_design
 from fitting.residual.views import Views, build_views
 from fitting.signals.filters import filter_bank
-from fitting.signals.preparation import PositionNoise, Segment
+from fitting.signals.preparation import PositionNoise, Segment, motion_segment
 
 #: Signals that a residual can be drawn against; those of a neighbour have ``other.`` in front.
 VARIABLES = frozenset(
@@ -358,35 +357,13 @@ def _segment(machine: Machine, loaded: bool, number: int) -> Segment:
     half = np.array([0.5 * (j.limits.position[1] - j.limits.position[0]) for j in machine.joints])
     q, qd, qdd = (half * part for part in wave)
     q += middle
-    x, v, a, r = q.copy(), qd.copy(), qdd.copy(), np.ones_like(q)
-    p1, p2 = np.full_like(q, np.nan), np.full_like(q, np.nan)
+    found = motion_segment(machine, t, (q, qd, qdd), recording=number, role="train" if loaded else "unloaded")
+    p1, p2 = found.p1.copy(), found.p2.copy()
     for j, joint in enumerate(machine.joints):
-        if joint.cylinder is None:
-            continue
-        x[:, j], v[:, j], a[:, j] = piston_motion(joint.cylinder.linkage, q[:, j], qd[:, j], qdd[:, j])
-        r[:, j] = lever_arm(joint.cylinder.linkage, q[:, j])
-        if machine.channel("rod_pressure", joint.name) is not None:
-            p2[:, j] = 8e5 + 1e6 * v[:, j]
+        if joint.cylinder is not None and machine.channel("rod_pressure", joint.name) is not None:
+            p2[:, j] = 8e5 + 1e6 * found.v[:, j]
             p1[:, j] = 1.5 * p2[:, j]
-    if not loaded:
-        q, qd, qdd = np.tile(middle, (len(t), 1)), np.zeros_like(q), np.zeros_like(q)
-    return Segment(
-        recording=number,
-        role="train" if loaded else "unloaded",
-        start=0,
-        t=t,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        x=x,
-        v=v,
-        a=a,
-        r=r,
-        effort=np.zeros_like(q),
-        p1=p1,
-        p2=p2,
-        rest=np.zeros(q.shape, dtype=bool),
-        loaded=loaded,
-        temperature=None,
-        gap=np.zeros_like(q),
-    )
+    found = replace(found, p1=p1, p2=p2, gap=np.zeros_like(q), loaded=loaded)
+    if loaded:
+        return found
+    return replace(found, q=np.tile(middle, (len(t), 1)), qd=np.zeros_like(q), qdd=np.zeros_like(q))

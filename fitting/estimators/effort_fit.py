@@ -37,6 +37,8 @@ from fitting.regression.streamed import triangle
 REFUSED, FREE = 2.0, 1.01
 #: Share of a joint's positions that is left out at either end.
 OUTER = 0.25
+#: Chance that a right fit exceeds what is said to be its error at most, and short recordings of two equal noises.
+CHANCE = 1e-3
 _SHORT = 20  # rows below which a series says nothing of its own colour
 
 
@@ -322,7 +324,6 @@ class EffortRows:
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
             condition_number=self._factor.condition_number,
-            extra_names=() if self._extra is None else self._extra.names,
             share=data_share(found.root @ found.root.T, parameters, prior),
         )
 
@@ -355,7 +356,7 @@ def predicted_std(rows: EffortRows, fit: Fit) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(squares, 0.0) / np.where(rows.rows > 0, rows.rows, np.nan)))
 
 
-def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray, chance: float = 1e-3) -> float:
+def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray) -> float:
     """Error that the uncertainty of a fit's parameters makes on some rows at most, in noise floors.
 
     Root mean square over the joints of each joint's error in its floor. With ``C`` the covariance and ``X_j`` a joint's
@@ -367,7 +368,6 @@ def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray, chance: float
     rows : of the motion that is predicted
     fit : parameters and their covariance
     floor : (n,) noise floor of each joint
-    chance : that a right fit exceeds it
     """
     there = [j for j, count in enumerate(rows.rows) if count and floor[j] > 0]
     if not there:
@@ -378,4 +378,4 @@ def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray, chance: float
     if not mean > 0 or not square > 0:
         return 0.0
     freedom = mean**2 / square
-    return float(np.sqrt(mean * stats.chi2.isf(chance, freedom) / freedom))
+    return float(np.sqrt(mean * stats.chi2.isf(CHANCE, freedom) / freedom))

@@ -67,7 +67,7 @@ class Solution:
         return np.asarray(out)
 
 
-def solve(A: FloatArray, b: FloatArray, tolerance: float = RANK_TOLERANCE) -> Solution:
+def solve(A: FloatArray, b: FloatArray) -> Solution:
     """Rank-aware least squares of ``A`` (R, p) and ``b`` (R,)."""
     p = A.shape[1]
     # Two steps to the norm, so that neither 1e-200 nor 1e+200 under- or overflows when squared.
@@ -78,7 +78,7 @@ def solve(A: FloatArray, b: FloatArray, tolerance: float = RANK_TOLERANCE) -> So
     scale = largest[alive] * norms
     Q, R, order = linalg.qr(unit / norms, mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
-    rank = int(np.count_nonzero(pivots > tolerance * pivots[0])) if len(pivots) else 0
+    rank = int(np.count_nonzero(pivots > RANK_TOLERANCE * pivots[0])) if len(pivots) else 0
     columns: IntArray = alive[order]
     Q, R11 = Q[:, :rank], R[:rank, :rank]
     kept, told = np.zeros(p, dtype=bool), np.zeros(p, dtype=bool)

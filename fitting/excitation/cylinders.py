@@ -25,7 +25,7 @@ from daq.motion_files import Motion
 from fitting.arm.linkage import lever_arm
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
-from fitting.excitation.limits import LimitUse, joint_numbers
+from fitting.excitation.limits import LimitUse, interval_use, joint_numbers, size_use
 from fitting.excitation.objective import condition_of_information, spectral_objective
 from fitting.excitation.search import lbfgs
 from fitting.excitation.staircase import LEVEL_SECONDS, staircase
@@ -164,8 +164,8 @@ def design_cylinder_motion(
         found = _all_cylinders(machine, chosen, options, seed, slower, progress)
         if flow is None:
             return found
-        peak = float(np.sum([_flow(joint, found.speed[joint.name]) for joint in chosen], axis=0).max())
-        used = LimitUse(None, "flow", peak / flow, peak, flow, "m^3/s")
+        together = np.sum([_flow(joint, found.speed[joint.name]) for joint in chosen], axis=0)
+        used = size_use(None, "flow", together, flow, "m^3/s")
         if used.used <= options.use:
             return replace(found, limits=(*found.limits, used))
         slower *= 0.98 * options.use / used.used
@@ -287,14 +287,9 @@ def _band_value(
 
 
 def _used(joint: Joint, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> list[LimitUse]:
-    assert joint.cylinder is not None
-    (low, high), top_speed, top_acceleration = piston_limits(joint)
-    middle, half = (low + high) / 2, (high - low) / 2
-    extreme = float(x[np.argmax(np.abs(x - middle))])
-    speed, acceleration = float(np.abs(xd).max()), float(np.abs(xdd).max())
-    end = high if extreme > middle else low
+    interval, top_speed, top_acceleration = piston_limits(joint)
     return [
-        LimitUse(joint.name, "stroke", abs(extreme - middle) / half, extreme, end, "m"),
-        LimitUse(joint.name, "velocity", speed / top_speed, speed, top_speed, "m/s"),
-        LimitUse(joint.name, "acceleration", acceleration / top_acceleration, acceleration, top_acceleration, "m/s^2"),
+        interval_use(joint.name, "stroke", x, interval, "m"),
+        size_use(joint.name, "velocity", xd, top_speed, "m/s"),
+        size_use(joint.name, "acceleration", xdd, top_acceleration, "m/s^2"),
     ]

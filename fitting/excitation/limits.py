@@ -191,23 +191,25 @@ def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: Floa
         if np.abs(qd[:, i]).max() <= 1e-9 * joint.limits.velocity:
             continue
         unit = "rad" if joint.type == "revolute" else "m"
-        uses.append(_interval_use(joint.name, "position", q[:, i], joint.limits.position, unit))
-        uses.append(_size_use(joint.name, "velocity", qd[:, i], joint.limits.velocity, f"{unit}/s"))
-        uses.append(_size_use(joint.name, "acceleration", qdd[:, i], joint.limits.acceleration, f"{unit}/s^2"))
+        uses.append(interval_use(joint.name, "position", q[:, i], joint.limits.position, unit))
+        uses.append(size_use(joint.name, "velocity", qd[:, i], joint.limits.velocity, f"{unit}/s"))
+        uses.append(size_use(joint.name, "acceleration", qdd[:, i], joint.limits.acceleration, f"{unit}/s^2"))
         if joint.cylinder is not None:
             x, _, _ = piston_motion(joint.cylinder.linkage, q[:, i], qd[:, i], qdd[:, i])
-            uses.append(_interval_use(joint.name, "stroke", x, (0.0, joint.cylinder.stroke), "m"))
+            uses.append(interval_use(joint.name, "stroke", x, (0.0, joint.cylinder.stroke), "m"))
     return tuple(uses)
 
 
-def _interval_use(joint: str, quantity: str, values: FloatArray, interval: tuple[float, float], unit: str) -> LimitUse:
+def interval_use(joint: str, quantity: str, values: FloatArray, interval: tuple[float, float], unit: str) -> LimitUse:
+    """Use of an interval by a course of values (N,), of the way from its middle to the nearer end."""
     middle, half = sum(interval) / 2, (interval[1] - interval[0]) / 2
     extreme = float(values[np.argmax(np.abs(values - middle))])
     limit = interval[1] if extreme >= middle else interval[0]
     return LimitUse(joint, quantity, abs(extreme - middle) / half, extreme, limit, unit)
 
 
-def _size_use(joint: str | None, quantity: str, values: FloatArray, limit: float, unit: str) -> LimitUse:
+def size_use(joint: str | None, quantity: str, values: FloatArray, limit: float, unit: str) -> LimitUse:
+    """Use of a limit by the largest size of values (N,)."""
     largest = float(np.abs(values).max())
     return LimitUse(joint, quantity, largest / limit, largest, limit, unit)
 
@@ -219,12 +221,12 @@ def hydraulic_limits_used(
     uses: list[LimitUse] = []
     if limits.flow is not None:
         flow, _, _ = supply_flow(machine, q, qd)
-        uses.append(_size_use(None, "flow", flow, limits.flow, "m^3/s"))
+        uses.append(size_use(None, "flow", flow, limits.flow, "m^3/s"))
     if limits.pressure is not None and tau is not None:
         for i, joint in enumerate(machine.joints):
             if joint.cylinder is None:
                 continue
             friction = 0.0 if limits.friction is None else float(limits.friction[i])
             pressure, _, _ = chamber_pressure(joint.cylinder, q[:, i], tau[:, i], friction, limits.back_pressure)
-            uses.append(_size_use(joint.name, "pressure", np.maximum(pressure, 0.0), limits.pressure, "Pa"))
+            uses.append(size_use(joint.name, "pressure", np.maximum(pressure, 0.0), limits.pressure, "Pa"))
     return tuple(uses)

@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fitting.arm.linkage import lever_arm, piston_motion
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass
 from fitting.regression.design import Design, Extra, build_design, predicted_effort
 from fitting.residual.terms import extra_columns
 from fitting.residual.views import recording_starts, rod_pressures, views_of_segment
-from fitting.signals.preparation import Segment
+from fitting.signals.preparation import Segment, motion_segment
 
 #: Share of the recorded positions and speeds by which a motion may be outside them, and kelvins of the oil.
 _MARGIN, _WARMER = 0.02, 1.0
@@ -134,27 +133,8 @@ def segment_of(
     ----------
     moved : ``q, qd, qdd``, (N, n) each
     """
-    pistons = [own.copy() for own in moved]
-    levers = np.ones_like(moved[0])
-    for number, joint in enumerate(model.arm.joints):
-        if joint.cylinder is not None:
-            q, qd, qdd = (own[:, number] for own in moved)
-            for own, values in zip(pistons, piston_motion(joint.cylinder.linkage, q, qd, qdd), strict=True):
-                own[:, number] = values
-            levers[:, number] = lever_arm(joint.cylinder.linkage, q)
-    unknown, rest = np.full(np.shape(moved[0]), np.nan), np.zeros(np.shape(moved[0]), dtype=bool)
-    named = dict(zip(("q", "qd", "qdd", "x", "v", "a"), (*moved, *pistons), strict=True)) | {"r": levers}
-    named |= {"p1": unknown, "p2": unknown, "gap": unknown, "effort": 0.0 * moved[0], "rest": rest}
-    return Segment(
-        recording=FOREIGN,
-        role="operation",
-        start=0,
-        t=t,
-        loaded=True,
-        temperature=temperature,
-        external=external,
-        **named,
-    )
+    unseen = {"recording": FOREIGN, "role": "operation", "temperature": temperature, "external": external}
+    return motion_segment(model.arm, t, moved, **unseen)
 
 
 def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:

@@ -23,7 +23,6 @@ from fitting.pipeline.results.loop_results import (
     OtherBand,
     Program,
     Rival,
-    Searched,
     SpectralLine,
     UnconfirmedLaw,
 )
@@ -79,7 +78,6 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         ),
         changes=found.changes,
         other_bands=tuple(OtherBand(hz, tuple(_called(f, names) for f in families)) for hz, families in others),
-        searched=Searched(search.pieces, search.seconds, search.of_seconds),
         next_experiment=_next_experiment(search.session, found),
         warnings=tuple(warnings),
     )

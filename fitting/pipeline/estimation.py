@@ -9,16 +9,7 @@ from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.results.stage_results import RigidBody
 from fitting.regression.error_sizes import errors_of
-
-#: Names of the ways, in the order of the report's table, and what each is.
-WAYS = {
-    "whitened": "both stages at once, weighted by the measured noise",
-    "equal": "both stages at once, all efforts alike",
-    "least_squares": "the same without a plausible arm (least squares)",
-    "possible": "the same within what is physically possible, and no more",
-    "one_shot": "least squares of the training motions alone",
-    "two_stage": "two stages, friction frozen",
-}
+from fitting.report.languages import NAMES
 
 
 def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[str, Any]:
@@ -41,7 +32,7 @@ def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[s
     ways: dict[str, FloatArray] = dict(base.tried)
     ways |= {"one_shot": stage_two.one_shot.theta, "two_stage": stage_two.two_stage.theta}
     tried = []
-    for name, what in WAYS.items():
+    for name, what in NAMES["ways"].items():
         if name not in ways:
             continue
         relative = errors_of(design, ways[name])[2]

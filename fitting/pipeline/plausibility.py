@@ -36,6 +36,7 @@ from fitting.regression.design import Design
 from fitting.regression.drive import UNITS, direct_units
 from fitting.regression.error_sizes import errors_of, in_floors
 from fitting.regression.plausible_arm import ALONE, plausible_arm
+from fitting.report.languages import NAMES
 from fitting.residual.friction_power import FrictionPower, driving, friction_power
 from fitting.residual.terms import Model
 
@@ -85,17 +86,6 @@ class Plausibility:
     theta: FloatArray | None
 
 
-_CAUSES = {
-    "m": "the motion is too slow to show the mass, or position and effort have different signs",
-    "K": "gravity, a linkage or a pressure offset that differs from the machine file looks like a negative spring",
-    "J": "a torque sensor on the link side of the gear does not feel the drive's inertia: say so in the joint's drive",
-    "friction": "position and effort have different signs, the effort is taken on the other side of gear or cylinder, "
-    "or something else that turns with the direction of motion is missing in the model",
-    "link": "a wrong length, axis or gravity in the machine file, a wrong unit or sign of an effort, "
-    "or a motion that hardly shows this parameter while something else is missing in the model",
-}
-
-
 def plausibility(model: Model) -> Plausibility:
     """Hold a fitted model against physics."""
     joints = range(len(model.design.machine.joints))
@@ -129,7 +119,6 @@ def _drives(model: Model, most: float) -> list[Violation]:
             if parameter not in ("m", "K", "J") or not fit.told[start + number] or not value < -most * std:
                 continue
             unit = _units(model, joint)[parameter]
-            words = {"m": "moving mass", "K": "stiffness", "J": "drive inertia"}[parameter]
             found.append(
                 Violation(
                     "drive",
@@ -140,8 +129,8 @@ def _drives(model: Model, most: float) -> list[Violation]:
                     unit,
                     -value / std if std else np.inf,
                     None,
-                    f"the {words} of {name} is negative",
-                    _CAUSES[parameter],
+                    f"the {NAMES['parameters'][parameter]} of {name} is negative",
+                    NAMES["causes"][parameter],
                 )
             )
     return found
@@ -168,7 +157,7 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
                 worst.sigmas,
                 None,
                 f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it",
-                _CAUSES["friction"],
+                NAMES["causes"]["friction"],
             )
         )
     return found
@@ -202,7 +191,7 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
             None,
             f"no links that can exist have {base.names[worst]} = "
             f"{model.fit.theta[part][worst]:.3g} {base.units[worst]} together with the other base parameters",
-            _CAUSES["link"],
+            NAMES["causes"]["link"],
         )
     ]
 

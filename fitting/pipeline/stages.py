@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 
 from daq.errors import HilfitError, InputError
 from daq.motion_files import Motion, write_motion
+from daq.recordings.recording_files import replacing
 from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
@@ -175,7 +175,6 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
         independent_rows={role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
         plausibility=physics(prepared.design, model),
         condition_number=model.fit.condition_number,
-        chi_square_per_row=model.fit.chi_square / max(model.fit.rows - len(model.fit.theta), 1),
         drive_residual_std=tuple(std(e) for e in _drive_errors(prepared.design, model)),
         errors=errors,
         overall={**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
@@ -353,20 +352,7 @@ def run_stage(
     else:
         result = _computed(stage, request, session, results, progress)
     content = to_json(result)
-    _write(stored, content)
+    with replacing(stored) as temporary:
+        temporary.write_text(json.dumps(content), encoding="utf-8")  # three times as fast as to dump into the file
     progress(1.0, WORDS[stage])
     return content
-
-
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(json.dumps(content))  # three times as fast as to dump into the file
-            file.flush()
-            os.fsync(file.fileno())
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -26,6 +26,7 @@ from collections.abc import Mapping, Sequence
 
 from scipy import stats
 
+from fitting.estimators.effort_fit import CHANCE
 from fitting.pipeline.results.loop_results import Attributed
 from fitting.pipeline.results.stage_results import Checked, Refitted, Residual, StageResults
 from fitting.regression.error_sizes import in_floors
@@ -33,8 +34,6 @@ from fitting.selection.evidence import least_gain
 
 #: Error on the validation motion, in noise floors, up to which nothing is missing.
 MOST_NOISE = 1.2
-#: Chance that short recordings of a machine without anything missing exceed it.
-CHANCE = 1e-3
 #: Probability that nothing is missing from which on that can be told: two to one.
 NEEDED = 2.0 / 3.0
 #: Deviations from zero below which a coefficient would not have been named at another bandwidth.

@@ -7,6 +7,7 @@ Only the measured efforts are missing, and nothing here needs them: information 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -14,10 +15,10 @@ from scipy.interpolate import make_interp_spline
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.motion_files import Motion
-from fitting.arm.linkage import lever_arms, piston_motion
+from fitting.arm.linkage import piston_motion
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank
-from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests
+from fitting.signals.preparation import REST_SPEED, PositionNoise, Segment, long_rests, motion_segment
 
 #: Position, speed and acceleration, each (N, n).
 States = tuple[FloatArray, FloatArray, FloatArray]
@@ -64,18 +65,14 @@ def planned_segment(
         )
         for j, joint in enumerate(machine.joints)
     ]
-    return _segment(machine, bank, noise, _stacked(parked), _stacked(driving), recording, loaded=False)
+    return _segment(machine, bank, noise, _stacked(parked), recording, _stacked(driving), loaded=False)
 
 
 def segment_of_states(
     machine: Machine, bank: FilterBank, noise: Sequence[PositionNoise], states: States, recording: int = 0
 ) -> Segment:
     """As :func:`planned_segment`, from the states of all joints at the machine's rate, rods pinned."""
-    driving = [
-        column if joint.cylinder is None else piston_motion(joint.cylinder.linkage, *column)
-        for joint, column in zip(machine.joints, zip(*(part.T for part in states), strict=True), strict=True)
-    ]
-    return _segment(machine, bank, noise, states, _stacked(driving), recording, loaded=True)
+    return _segment(machine, bank, noise, states, recording)
 
 
 def _segment(
@@ -83,34 +80,15 @@ def _segment(
     bank: FilterBank,
     noise: Sequence[PositionNoise],
     turning: States,
-    driving: States,
     recording: int,
-    *,
-    loaded: bool,
+    driving: States | tuple[()] = (),
+    loaded: bool = True,
 ) -> Segment:
-    q, qd, qdd = turning
-    x, v, a = driving
-    nothing = np.full_like(q, np.nan)
-    return Segment(
-        recording=recording,
-        role=ROLE,
-        start=bank.margin,
-        t=(bank.margin + np.arange(len(q))) / bank.rate_hz,
-        q=q,
-        qd=qd,
-        qdd=qdd,
-        x=x,
-        v=v,
-        a=a,
-        r=lever_arms(machine, q),
-        effort=np.zeros_like(q),
-        p1=nothing,
-        p2=nothing,
-        rest=np.stack([_rest(v[:, j], noise[j].speed, bank.rate_hz) for j in range(len(machine.joints))], axis=1),
-        loaded=loaded,
-        temperature=None,
-        gap=nothing,
-    )
+    time = (bank.margin + np.arange(len(turning[0]))) / bank.rate_hz
+    planned = {"recording": recording, "role": ROLE, "start": bank.margin, "loaded": loaded}
+    moved = motion_segment(machine, time, turning, driving, **planned)
+    rests = [_rest(moved.v[:, j], noise[j].speed, bank.rate_hz) for j in range(len(machine.joints))]
+    return replace(moved, rest=np.stack(rests, axis=1))
 
 
 def _stacked(columns: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> States:

@@ -52,7 +52,6 @@ class Fit:
     orthonormal: Sequence[FloatArray]
     residual: tuple[FloatArray, ...]
     condition_number: float
-    extra_names: tuple[str, ...] = field(default=())
     share: FloatArray | None = field(default=None, repr=False)
     hidden: FloatArray | None = field(default=None, repr=False)
 
@@ -70,11 +69,6 @@ class Fit:
     def chi_square(self) -> float:
         """Sum of squares of the whitened residual."""
         return float(sum(r @ r for r in self.residual))
-
-    @property
-    def rows(self) -> int:
-        """Number of whitened rows."""
-        return sum(len(r) for r in self.residual)
 
 
 @dataclass(frozen=True)
@@ -121,15 +115,15 @@ def factor(A: FloatArray, extra: int = 0) -> Factor:
     return Factor(Q, R, told, root)
 
 
-def inverse_root(G: FloatArray, tolerance: float = 1e-10) -> FloatArray:
+def inverse_root(G: FloatArray) -> FloatArray:
     """``U`` (p, rank) with ``U U' = G^+`` of products of columns, so that ``A U`` is an orthonormal basis of ``A``.
 
-    Directions below ``tolerance`` of the largest, for columns of unit size, are not told.
+    Directions below 1e-10 of the largest, for columns of unit size, are not told.
     """
     used = np.flatnonzero(np.diag(G) > 0)
     scale = np.sqrt(np.diag(G)[used])
     values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    told = values > tolerance * values[-1] if len(used) else np.zeros(0, dtype=bool)
+    told = values > 1e-10 * values[-1] if len(used) else np.zeros(0, dtype=bool)
     root = np.zeros((len(G), int(told.sum())))
     root[used] = vectors[:, told] / np.sqrt(values[told]) / scale[:, None]
     return root
@@ -152,5 +146,4 @@ def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
         orthonormal=tuple(np.split(found.Q, ends)),
         residual=tuple(np.split(residual, ends)),
         condition_number=found.condition_number,
-        extra_names=extra_names,
     )

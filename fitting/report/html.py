@@ -20,7 +20,7 @@ from markupsafe import Markup, escape
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
-from fitting.report.languages import ENGLISH, Language
+from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.languages import language as language_of
 from fitting.report.model import Figures
 from fitting.report.schema import ReportError, validate_report
@@ -126,17 +126,11 @@ def render_html(report: Mapping[str, Any], figures: Figures, language: Language 
             titles_at=titles_at,
             drawn=_drawn(report, figures, language),
             over_noise=wording.over_noise,
-            meanings=wording.MEANINGS,
-            statuses=wording.STATUSES,
-            noise_floor=wording.NOISE_FLOOR,
-            estimators=wording.ESTIMATORS,
-            covariances=wording.COVARIANCES,
-            contenders=wording.CONTENDERS,
+            names=NAMES,
             flag_percent=FLAG_PERCENT,
             flag_sigmas=FLAG_SIGMAS,
             change=text.change,
             ratio=text.ratio,
-            relative_of=wording.RELATIVE_OF,
             offset=wording.is_offset,
             relative_std=text.relative_std,
             diagnostics=figures.diagnostics,

@@ -19,83 +19,11 @@ from typing import Any
 
 from daq.machine.machine_file import Joint, Machine
 from fitting.regression.drive import effort_unit
+from fitting.report.languages import NAMES
 
-#: Signals of a drive as programs write them, at a joint that is driven directly.
-_SIGNALS = {
-    "piston_position": "joint_position",
-    "piston_speed": "joint_speed",
-    "piston_acceleration": "joint_acceleration",
-    "cylinder_force": "joint_effort",
-    "force_rate": "effort_rate",
-}
-#: What effects say of themselves, and what causes are, where a joint has neither piston nor oil, in its own words.
-_TEXTS = {
-    "friction that depends on the piston position": "friction that depends on the joint position",
-    "friction that differs between extending and retracting": "friction that differs between the two directions",
-    "a flow loss that grows with the square of the speed": "a drag that grows with the square of the speed",
-    "viscous friction that drifts as the oil warms up": "viscous friction that drifts as the drive warms up",
-    "a drifting pressure sensor": "a drifting effort sensor",
-    "an offset of a pressure sensor": "an offset of the effort sensor",
-    "a force that is periodic in position": "an effort that is periodic in position",
-    "vent both chambers and read the sensors": "take the load off and read the sensor",
-    "an offset is also there at rest: hold the arm still at both ends of a stroke": (
-        "an offset is also there at rest: hold the arm still at both ends of its range"
-    ),
-    "compare joint and piston encoder over the whole stroke; no dynamics needed": (
-        "compare with a second encoder over the whole range; no dynamics needed"
-    ),
-    "a pressure gauge at the cylinder port during fast strokes": "fast motions",
-    "the same stroke with two loads": "the same motion with two loads",
-    "a staircase of constant speeds below 5 mm/s": "a staircase of slow constant speeds",
-    "creeps over its stroke": "creeps over its range",
-    "on the other side of gear or cylinder": "on the other side of the gear",
-    "rod and piston seals of the cylinder, and the zero of its two pressure sensors": (
-        "gear and bearings of the joint, and the zero of its effort sensor"
-    ),
-    "pins, bushings and gear between piston and joint": "bearings, coupling and gear between motor and joint",
-    "seals and bearings of the cylinder and its pins: lubrication": "gear and bearings of the joint: lubrication",
-    "seals and guide of the cylinder, and the oil's viscosity": (
-        "gear and bearings of the joint, and the viscosity of their grease"
-    ),
-    "bore, rod and guide of the cylinder where friction is high: a worn rod, a bore that is not round": (
-        "gear and guide of the joint where friction is high: wear, or parts that are not round"
-    ),
-    "screw, gear or rod surface: count": "screw or gear: count",
-    "seals of the cylinder: their preload": "gear and bearings of the joint: their preload",
-    "seals of the cylinder that chamber pressure presses: type and wear": "gear and bearings of the joint: wear",
-    "the pressure sensor and its temperature": "the effort sensor and its temperature",
-    "the pressure sensor's range and scale": "the effort sensor's range and scale",
-    "the pressure sensor's zero: vent both chambers and set it": (
-        "the effort sensor's zero: take the load off and set it"
-    ),
-    "port, fittings and hose between pressure sensor and chamber: a throttle, or a sensor far from the port": (
-        "gear and bearings of the joint: what grows with the square of the speed, as stirred grease"
-    ),
-    "seals and lubrication of the cylinder at low speed": "gear and bearings of the joint: lubrication at low speed",
-    "the oil: warm the machine up before recordings, or add an oil temperature sensor": (
-        "the grease: warm the machine up before recordings"
-    ),
-}
-#: The same where a rack turns the joint: a slew motor, of which nothing slides out that could be worn.
-_SLEWING = {
-    "rod and piston seals of the cylinder, and the zero of its two pressure sensors": (
-        "seals and bearings of the slew motor, and the zero of its two pressure sensors"
-    ),
-    "pins, bushings and gear between piston and joint": "pinion, gear and bearings between slew motor and joint",
-    "seals and bearings of the cylinder and its pins: lubrication": "gear and bearings of the slew motor: lubrication",
-    "seals and guide of the cylinder, and the oil's viscosity": "seals of the slew motor, and the oil's viscosity",
-    "bore, rod and guide of the cylinder where friction is high: a worn rod, a bore that is not round": (
-        "slew motor, gear and slewing ring where friction is high: wear, or parts that are not round"
-    ),
-    "screw, gear or rod surface: count": "slew motor or gear: count",
-    "seals of the cylinder: their preload": "gear and bearings of the slew motor: their preload",
-    "seals of the cylinder that chamber pressure presses: type and wear": (
-        "seals of the slew motor that its pressure presses: type and wear"
-    ),
-    "seals and lubrication of the cylinder at low speed": "gear and bearings of the slew motor at low speed",
-    "the cushion at that end of the cylinder: its screw and its seal": "the cushion at that end of the slew motor",
-    "bleed the cylinder, check the accumulator": "bleed the slew motor, check the accumulator",
-}
+#: What signals and texts are called at a joint that is driven directly, and where a rack turns it: a slew motor, of
+#: which nothing slides out that could be worn.
+MOTOR, SLEW = (NAMES["drives"][drive] for drive in ("motor", "slew"))
 #: Units that are written for a piston, at a joint that is turned directly.
 _TURNING = {
     "m": "rad",
@@ -164,17 +92,17 @@ _AS_WRITTEN = JointWords({}, {}, {})
 def joint_words(joint: Joint) -> JointWords:
     """The words for one joint."""
     if joint.cylinder is not None and joint.cylinder.linkage.type == "rack":
-        return JointWords({}, _SLEWING, {})
+        return JointWords(**SLEW, units={})
     if joint.cylinder is not None:
         return JointWords({}, {}, _SLIDING) if joint.type == "prismatic" else _AS_WRITTEN
-    return JointWords(_SIGNALS, _TEXTS, _TURNING if joint.type == "revolute" else _SLIDING)
+    return JointWords(**MOTOR, units=_TURNING if joint.type == "revolute" else _SLIDING)
 
 
 def machine_words(machine: Machine) -> JointWords:
     """The words for what concerns the whole machine: those of a drive without oil where no joint has a cylinder."""
     if any(joint.cylinder is not None for joint in machine.joints):
         return _AS_WRITTEN
-    return JointWords(_SIGNALS, _TEXTS, {})
+    return JointWords(**MOTOR, units={})
 
 
 def own_unit(machine: Machine, joint: int | None, unit: str) -> str:
@@ -245,5 +173,5 @@ class _Speaker:
 def _pattern(joints: tuple[str, ...]) -> re.Pattern[str]:
     """A drive's signal in a text, with the joint in front where it is a neighbour's; no part of a file's name."""
     names = "|".join(re.escape(joint) for joint in sorted(joints, key=len, reverse=True))
-    signals = "|".join(_SIGNALS)
+    signals = "|".join(MOTOR["signals"])
     return re.compile(rf"(?<![\w./\\-])(?:(?P<joint>{names})\.)?(?P<name>{signals})(?!\w|\.\w)")

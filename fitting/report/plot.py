@@ -203,9 +203,9 @@ class Panel:
         ends = zip(self.across(x_from).tolist(), self.across(x_to).tolist(), self.down(y).tolist(), strict=True)
         return _path("".join(f"M{u:.2f} {v:.2f}H{w:.2f}" for u, w, v in ends), colour, width)
 
-    def level(self, y: float, colour: str = MUTED, width: float = 0.8) -> str:
+    def level(self, y: float) -> str:
         """A line across at one value."""
-        return _path(f"M{self.left:.2f} {float(self.down(y)):.2f}h{self.width:.2f}", colour, width)
+        return _path(f"M{self.left:.2f} {float(self.down(y)):.2f}h{self.width:.2f}", MUTED, 0.8)
 
     def upright(self, x: float, colour: str = MUTED, width: float = 0.8, dash: str = "") -> str:
         """A line from bottom to top at one value."""

@@ -44,9 +44,9 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
         **report,
         "summary": {**said.pop(ENGLISH.code), "languages": said},
         "figures": {
-            "scatter": [_scatter(item) for item in figures.scatter],
-            "friction": [_friction(item) for item in figures.friction],
-            "diagnostics": [_diagnostics(item) for item in figures.diagnostics],
+            "scatter": [_values(item) for item in figures.scatter],
+            "friction": [_values(item) for item in figures.friction],
+            "diagnostics": [_values(item) for item in figures.diagnostics],
         },
     }
 
@@ -59,49 +59,29 @@ def _said(report: Mapping[str, Any], speaks: Language) -> dict[str, str]:
     return {"label": wording.label(loop, speaks), "sentence": wording.verdict_sentence(report, titles, speaks)}
 
 
-def _scatter(item: Scatter) -> dict[str, Any]:
-    step = max(1, -(-len(item.x) // POINTS))
-    return {
-        "joint": item.joint,
-        "variable": item.variable,
-        "unit": item.unit,
-        "effort_unit": item.effort_unit,
-        "x": _short(item.x[::step]),
-        "before": _short(item.before[::step]),
-        "after": _short(item.after[::step]),
-        "partial": None if item.partial is None else _short(item.partial[::step]),
-        "direction": None if item.direction is None else [int(way) for way in item.direction[::step]],
-        "law_x": _short(item.law_x),
-        "law_y": _short(item.law_y),
-        "law_std": _short(item.law_std),
-        "law_back": None if item.law_back is None else _short(item.law_back),
-    }
+#: Of each figure the arrays that have a value per sample, and how many values are kept of them.
+_SAMPLES: dict[type[Any], tuple[tuple[str, ...], int]] = {
+    Scatter: (("x", "before", "after", "partial", "direction"), POINTS),
+    FrictionCurve: ((), POINTS),
+    JointDiagnostics: (("time", "measured", "before", "after"), COURSE),
+}
 
 
-def _friction(curve: FrictionCurve) -> dict[str, Any]:
-    return {
-        "joint": curve.joint,
-        "unit_x": curve.unit_x,
-        "unit_y": curve.unit_y,
-        "speed": _short(curve.speed),
-        "force": _short(curve.force),
-        "std": _short(curve.std),
-        "after": None if curve.after is None else _short(curve.after),
-    }
-
-
-def _diagnostics(own: JointDiagnostics) -> dict[str, Any]:
-    step = max(1, -(-len(own.time) // COURSE))
-    result: dict[str, Any] = {"joint": own.joint, "unit": own.unit}
-    for key in ("fit_before", "fit_after", "bound"):
-        value = float(getattr(own, key))
-        result[key] = value if math.isfinite(value) else None
-    for key in ("time", "measured", "before", "after"):
-        result[key] = _short(getattr(own, key)[::step], 6 if key == "time" else DIGITS)
-    for key in ("lag", "auto", "cross_lag", "cross", "frequency", "density_before", "density_after"):
-        result[key] = _short(getattr(own, key))
+def _values(item: Scatter | FrictionCurve | JointDiagnostics) -> dict[str, Any]:
+    """A figure's values by the names of its fields; those of samples thinned."""
+    thinned, most = _SAMPLES[type(item)]
+    step = max(1, -(-len(getattr(item, thinned[0])) // most)) if thinned else 1
+    result: dict[str, Any] = {}
+    for name, value in vars(item).items():
+        if isinstance(value, np.ndarray):
+            own = value[::step] if name in thinned else value
+            result[name] = (
+                own.astype(int).tolist() if name == "direction" else _short(own, 6 if name == "time" else DIGITS)
+            )
+        else:
+            result[name] = value if not isinstance(value, float) or math.isfinite(value) else None
     return result
 
 
-def _short(values: FloatArray, digits: int = DIGITS) -> list[float | None]:
+def _short(values: FloatArray, digits: int) -> list[float | None]:
     return [float(f"{v:.{digits - 1}e}") if math.isfinite(v) else None for v in np.asarray(values, dtype=float)]

@@ -10,79 +10,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fitting.report.languages import ENGLISH, Language
+from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.schema import looked
 from fitting.report.text import change, moved, number
-
-LABELS = {
-    "nothing_missing": "Nothing is missing",
-    "effect_added": "Effect found and added",
-    "ambiguous": "Something is missing, several causes fit",
-    "unexplained": "Something is missing, no known cause fits",
-    "implausible": "A parameter is physically impossible",
-    "check_input": "A mistake in files or wiring is likely",
-    "not_examined": "Fitted only: what is missing was not looked for",
-}
-#: Labels that stand beside a verdict without any effect: the recordings leave it open.
-OPEN = {
-    "cannot_tell": "Whether something is missing cannot be told",
-    "depends_on_band": "Whether something is missing depends on the filter",
-}
-
-MEANINGS = {
-    "m": "moving mass",
-    "K": "stiffness",
-    "f_c": "Coulomb friction",
-    "f_v": "viscous friction",
-    "f_s": "cube-root friction",
-    "J": "drive inertia",
-}
-
-STATUSES = {
-    "accepted": "accepted",
-    "rejected": "rejected",
-    "indistinguishable": "cannot be told apart",
-    "artefact": "artefact of measurement",
-}
-
-ESTIMATORS = {
-    "ols": "ordinary least squares (ols)",
-    "wls": "weighted least squares (wls)",
-    "gls": "both stages at once, weighted by the noise, beside a plausible arm (gls)",
-    "joint_ols": "both stages at once, all efforts alike, beside a plausible arm (joint_ols)",
-    "possible": "weighted least squares of links that can exist (possible)",
-    "ridge": "weighted least squares drawn toward a prior (ridge)",
-}
-
-COVARIANCES = {
-    "hac": "from the residual's own colour (heteroscedasticity and autocorrelation consistent)",
-    "bootstrap": "from residuals drawn anew in blocks",
-    "white": "as if residuals were white, which they are not: too small",
-    "whitened": "from residuals whitened by the measured noise",
-}
-
-CONTENDERS = {
-    "hierarchical": "two stages",
-    "one_shot": "one-shot",
-    "one_shot_with_unloaded": "one-shot, unloaded recordings too",
-    "joint_refit": "joint refit (generalised least squares)",
-}
-
-EVIDENCE = {
-    "score": "score: chi-square gained, less the least that is said of so many parameters",
-    "gain": "chi-square gained",
-    "held_out_gain": "gain on held-out blocks",
-    "held_out_z": "that gain over its standard deviation",
-    "validate_gain": "gain on the validation motion",
-    "surviving": "share that survives projection on the rest of the model",
-    "gap_before": "disagreement of the two position sensors before [m]",
-    "gap_after": "disagreement of the two position sensors after [m]",
-    "blocks_better": "blocks that became better",
-    "witness": "unloaded recordings against loaded ones",
-    "cutoffs": "fitted again with other filters",
-    "replicas": "replicas of the recordings without it that were drawn",
-    "inflation": "factor of chi-square by those replicas",
-}
 
 #: Units of what says which variant of an effect it is, and not how large.
 _NO_SIZES = ("choice", "index")
@@ -94,19 +24,6 @@ _SIGNAL = re.compile(
     r"(?<![A-Za-z0-9_])(?:joint|piston|head|rod|supply|tank|cylinder|oil|base)_"
     r"(?:position|speed|acceleration|effort|pressure|force|temperature|roll|pitch)(?![A-Za-z0-9_])"
 )
-
-NOISE_FLOOR = {
-    "repeat": "measured: the same motion was recorded twice, and what differs between the two is noise "
-    "(standard deviation of the difference of both residuals, over \u221a2)",
-    "estimated": "estimated from the residuals alone, because no repeated motion was recorded; record one "
-    "(role \u201crepeat\u201d) to have it measured",
-}
-
-#: How the relative error of all joints was made of those of single joints.
-RELATIVE_OF = {
-    "stacked": "the norm of all joints\u2019 errors over that of all joints\u2019 measured efforts",
-    "joints": "the root mean square of the joints\u2019 relative errors, because N and N\u202fm do not add up",
-}
 
 
 def is_offset(mean: float | None, rms: float | None) -> bool:
@@ -149,7 +66,9 @@ def capital(text: str) -> str:
 def evidence(entries: Mapping[str, Any], language: Language = ENGLISH) -> dict[str, Any]:
     """What speaks for an effect, by names for people."""
     shown = {key: _cutoffs(entry, language) if key == "cutoffs" else entry for key, entry in entries.items()}
-    return {language.say(EVIDENCE[key]) if key in EVIDENCE else key: entry for key, entry in shown.items()}
+    return {
+        language.say(NAMES["evidence"][key]) if key in NAMES["evidence"] else key: entry for key, entry in shown.items()
+    }
 
 
 def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[str]:
@@ -323,8 +242,8 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """The verdict in a few words, of the report's ``loop``."""
     said = loop["verdict"] if looked(loop) else _unlooked(loop)
-    left_open = None if loop["effects"] else OPEN.get(loop.get("label") or "")
-    return language.say(left_open or LABELS[said])
+    left_open = None if loop["effects"] else NAMES["open"].get(loop.get("label") or "")
+    return language.say(left_open or NAMES["verdicts"][said])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:

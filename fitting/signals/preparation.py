@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy import ndimage
@@ -115,6 +115,32 @@ class Segment:
 
     def __len__(self) -> int:
         return len(self.t)
+
+
+def motion_segment(
+    machine: Machine, t: Any, moved: Sequence[Any], pistons: Sequence[Any] = (), **others: Any
+) -> Segment:
+    """A motion that no sensor saw, as a segment: numbers, or expressions in their place.
+
+    Parameters
+    ----------
+    t, moved : times (N,), s; ``q, qd, qdd`` of all joints, (N, n) each
+    pistons : motion ``x, v, a`` of what drives them; that which follows from the joints' if empty
+    others : fields of the segment in place of those of rods that are on, at no effort and never at rest
+    """
+    levers = np.ones_like(moved[0])
+    driven = [own.copy() for own in moved]
+    for number, joint in enumerate(machine.joints):
+        if joint.cylinder is not None:
+            q, qd, qdd = (own[:, number] for own in moved)
+            levers[:, number] = lever_arm(joint.cylinder.linkage, q)
+            for own, values in zip(driven, piston_motion(joint.cylinder.linkage, q, qd, qdd), strict=True):
+                own[:, number] = values
+    unknown = np.full(np.shape(moved[0]), np.nan)
+    named = dict(zip(("q", "qd", "qdd", "x", "v", "a"), (*moved, *(pistons or driven)), strict=True))
+    named |= {"r": levers, "effort": 0.0 * moved[0], "rest": np.zeros(np.shape(moved[0]), dtype=bool)}
+    named |= {"p1": unknown, "p2": unknown, "gap": unknown, "start": 0, "loaded": True, "temperature": None}
+    return Segment(**{"t": t} | named | others)
 
 
 def position_noise(machine: Machine, recordings: Sequence[Recording], bank: FilterBank) -> tuple[PositionNoise, ...]:

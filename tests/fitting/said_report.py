@@ -9,15 +9,14 @@ from test_report import JOINTS, VERDICTS, sample_report
 
 from fitting.effects import effects
 from fitting.effects.base import Effect
-from fitting.pipeline.plausibility import _CAUSES
-from fitting.report import clean, wording
-from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _SLEWING, _TEXTS, JointWords
-from fitting.report.languages import content_of
+from fitting.report import clean
+from fitting.report.joint_words import _AS_WRITTEN, MOTOR, SLEW, JointWords
+from fitting.report.languages import NAMES, content_of
 
 #: Texts of reports, by groups.
 TEXTS: dict[str, dict[str, str]] = content_of("de")["report"]
 #: What a joint is driven by, and the words for it.
-DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(_SIGNALS, _TEXTS, {}), "slew": JointWords({}, _SLEWING, {})}
+DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(**MOTOR, units={}), "slew": JointWords(**SLEW, units={})}
 EVENTS = ("silent", "boot_up", "emergency", "bus_off", "bus_down", "utc_jump", "heartbeat_lost", "second_master")
 
 
@@ -80,7 +79,7 @@ def _found(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]], wor
         **curve,
         "place: in a pin": {"value": 0.0, "unit": "choice"},
     }
-    evidence: dict[str, Any] = dict.fromkeys(wording.EVIDENCE, 0.5)
+    evidence: dict[str, Any] = dict.fromkeys(NAMES["evidence"], 0.5)
     evidence |= {"witness": filled("reasons")[0], "outside_band": True, "p": 1e-7}
     evidence["cutoffs"] = [{"hz": 2.1, "value": 0.0141, "std": 0.0001}]
     for effect in loop["effects"]:
@@ -147,7 +146,7 @@ def _impossible(words: JointWords) -> dict[str, Any]:
     number = {"value": -22.5, "std": 1.5, "unit": "N/m", "sigmas": 15.2, "possible": 0.5}
     violations = [
         {"joint": "joint1", "parameter": "K", "text": texts[n % 3], "cause": words.text(cause), **number}
-        for n, cause in enumerate(_CAUSES.values())
+        for n, cause in enumerate(NAMES["causes"].values())
     ]
     return {"violations": violations, "constrained": {"price_percent": {"train": 2.5, "validate": 0.75}}}
 
@@ -183,7 +182,7 @@ def _comparison() -> dict[str, Any]:
     way = {"condition_number": 17.5, "overall": 1.25, "errors": dict.fromkeys(JOINTS, 2.5), "flagged": 3, "untold": 1}
     return {
         "role": "validate",
-        "contenders": dict.fromkeys(wording.CONTENDERS, way),
+        "contenders": dict.fromkeys(NAMES["contenders"], way),
         "deviation_ratio": 0.45,
         "apart": [{"name": "joint2.f_c"}],
         "said": "The two stages are better conditioned than the one-shot regression (condition number 17.1 against "

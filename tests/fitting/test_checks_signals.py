@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from string import Formatter
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine.machine_file import Channel, Machine
 from daq.recordings.recording import Recording
-from fitting.checks import check_recordings
+from fitting.checks import check_recordings, findings
 from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
@@ -310,3 +313,36 @@ def test_the_effort_of_a_joint_that_stands_may_have_few_levels() -> None:
     assert named(signal_findings(MACHINE, moves)) == [("coarse", "joint1.head")]
     stands = spoilt("joint1.q", lambda q: np.full_like(q, q[0]), moves)
     assert ("coarse", "joint1.head") not in named(signal_findings(MACHINE, stands))
+
+
+def _calls() -> dict[str, set[str]]:
+    """Keys of texts that findings are made of in the sources, and the names of the values that each is given."""
+    found: dict[str, set[str]] = {}
+    places = Path(findings.__file__).parent.rglob("*.py")
+    modules = [list(ast.walk(ast.parse(path.read_text("utf-8")))) for path in places]
+    dictionaries = [node for nodes in modules for node in nodes if isinstance(node, ast.Dict)]
+    # Values that several keys have are a dictionary beside the call.
+    beside = [key for own in dictionaries for key in own.keys if isinstance(key, ast.Constant)]
+    for nodes in modules:
+        for call in nodes:
+            if getattr(getattr(call, "func", None), "id", "") not in ("finding_of", "worded"):
+                continue
+            assert isinstance(call, ast.Call)
+            words = {str(word.arg) for word in call.keywords}
+            words |= {str(key.value) for key in beside} if "None" in words else set()
+            keys = {n.value for n in ast.walk(call.args[0]) if isinstance(n, ast.Constant)}
+            if isinstance(call.args[0], ast.JoinedStr):
+                keys = {key for key in findings.TEXTS if key.startswith(tuple(map(str, keys)))}
+            if isinstance(call.args[0], ast.Name):  # chosen before
+                keys = {n.value for n in nodes if isinstance(n, ast.Constant)}
+            for key in keys & findings.TEXTS.keys():
+                found.setdefault(key, set()).update(words)
+    return found
+
+
+def test_every_text_of_a_finding_is_used_and_gets_its_values() -> None:
+    calls = _calls()
+    assert calls.keys() == findings.TEXTS.keys()
+    for key, both in findings.TEXTS.items():
+        named = {name for text in both for _, name, _, _ in Formatter().parse(text) if name is not None}
+        assert named - {"channel", "joint"} <= calls[key], key

@@ -17,10 +17,10 @@ from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
 from fitting.effects import effect, effects
 from fitting.loop.session import Options, Request
-from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.results.summary import print_summary
 from fitting.pipeline.stages import identify
 from fitting.report.joint_words import in_own_units, in_words_of, joint_words, machine_words, own_unit
+from fitting.report.languages import NAMES
 
 #: Parts that a joint without a cylinder does not have.
 PARTS = re.compile(
@@ -123,7 +123,7 @@ def test_everything_an_effect_can_say_has_words_without_oil() -> None:
 
 def test_causes_of_impossible_parameters_have_words_without_oil() -> None:
     machine = planar_machine(kinds="rr")
-    causes = [cause for kind, cause in _CAUSES.items() if kind not in ("m", "K")]  # a piston's own
+    causes = [cause for kind, cause in NAMES["causes"].items() if kind not in ("m", "K")]  # a piston's own
     said = in_words_of(machine, {"violations": [{"joint": "joint1", "cause": causes}]})
     assert not PARTS.search(" ".join(said["violations"][0]["cause"])) and len(causes) > 1
 

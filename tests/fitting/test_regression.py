@@ -148,7 +148,7 @@ def test_extra_columns_are_whitened_like_the_others() -> None:
 
 def test_whitened_residuals_of_a_noisy_arm_are_standard_normal() -> None:
     fit = clean_session(2).base_model.fit
-    freedom = fit.rows - len(fit.theta)
+    freedom = sum(map(len, fit.residual)) - len(fit.theta)
     # The noise model is estimated from one pair of 40 s: its variance is known to some ten per cent.
     assert fit.chi_square / freedom == pytest.approx(1.0, abs=0.25)
     for residual in fit.residual:

@@ -18,7 +18,7 @@ from fitting.pipeline.stage_names import ReportLanguage
 from fitting.report import Figures, wording, write_report
 from fitting.report import html as pages
 from fitting.report.html import render_html
-from fitting.report.languages import ENGLISH, codes, content_of, language
+from fitting.report.languages import ENGLISH, NAMES, codes, content_of, language
 from fitting.report.model import JointDiagnostics
 
 GERMAN = language("de")
@@ -59,7 +59,7 @@ def lines(page: str) -> list[str]:
     ]
 
 
-CASES = [(v, d) for v in wording.LABELS for d in DRIVES]
+CASES = [(v, d) for v in NAMES["verdicts"] for d in DRIVES]
 
 
 @pytest.mark.slow
@@ -155,7 +155,8 @@ def _own_texts() -> set[str]:
     said = {text.replace('\\"', '"') for text in re.findall(r'\bsay\("((?:[^"\\]|\\.)*)"', template)}
     trees = [ast.parse(path.read_text("utf-8")) for path in folder.glob("*.py")]
     nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)]
-    return said | {node.value for node in nodes if isinstance(node.value, str)}
+    named = {text for name, group in NAMES.items() if name != "drives" for text in group.values()}
+    return said | named | {node.value for node in nodes if isinstance(node.value, str)}
 
 
 def _composed() -> set[str]:
@@ -182,8 +183,7 @@ def test_every_text_of_the_page_is_in_the_table_and_nothing_else() -> None:
     table = {english for group in CONTENT["page"].values() for english in group}
     known = table | {english for group in TEXTS.values() for english in group}
     said = {text.replace('\\"', '"') for text in re.findall(r'\bsay\("((?:[^"\\]|\\.)*)"', template)}
-    named = [wording.LABELS, wording.MEANINGS, wording.STATUSES, wording.ESTIMATORS, wording.COVARIANCES]
-    named += [wording.CONTENDERS, wording.EVIDENCE, wording.NOISE_FLOOR, wording.RELATIVE_OF]
+    named = [group for name, group in NAMES.items() if name not in ("open", "drives")]
     said |= (
         {text for texts in named for text in texts.values()}
         | set(wording._FORMULAS.values())

@@ -33,7 +33,6 @@ CLEAN: dict[str, Any] = {
         independent_rows={"train": 4000.0, "validate": 4000.0},
         plausibility=Physics(),
         condition_number=10.0,
-        chi_square_per_row=1.0,
         drive_residual_std=(0.5, 0.3),
         errors={"after": {"validate_rms": [0.52, 0.31]}},
         overall={},

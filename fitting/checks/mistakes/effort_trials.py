@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from fitting.checks.findings import worded
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import Build, Hypothesis, Targets
 from fitting.checks.mistakes.physical import Trial, declared
@@ -30,8 +31,7 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
         if head in own and joint.cylinder is not None:
             A1, A2 = joint.cylinder.head_area, joint.cylinder.rod_area
             yield Hypothesis(
-                "swapped_chambers", (j,), "head and rod pressure look swapped",
-                "swap the two channels",
+                *worded("swapped_chambers"), (j,),
                 _weighted(j, lambda w, h=head, r=rod, a=A1, b=A2: {**w, h: -b, r: a}),  # type: ignore[misc]
                 ("head_pressure", "rod_pressure"), exact=True,
             )  # fmt: skip
@@ -39,7 +39,7 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 signal = samples.get(quantity, j)
                 if signal is not None and np.median(signal.value) < 0:  # a pressure with the right sign is positive
                     yield Hypothesis(
-                        "sign", (j,), "{channel} looks as if it had the wrong sign", "correct the sign of its scale",
+                        *worded("sign/scale"), (j,),
                         _weighted(j, lambda w, c=name: {**w, c: -w[c]}), (quantity,), factor=-1.0, price=1.2,  # type: ignore[misc]
                         exact=True,
                     )  # fmt: skip
@@ -47,16 +47,12 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 assert channel is not None
                 for gain, unit in gains("Pa", machine.conversion(channel).factor).items():
                     yield Hypothesis(
-                        "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                        *worded("unit/like", says=unit), (j,),
                         _weighted(j, lambda w, c=name, g=gain: {**w, c: g * w[c]}), (quantity,), factor=gain,  # type: ignore[misc]
                     )  # fmt: skip
         measured = next((q for q in ("cylinder_force", "joint_effort") if f"{q}{j}" in own), None)
         yield Hypothesis(
-            "sign", (j,),
-            "the effort looks as if it had the wrong "
-            "sign" if measured is None else "{channel} looks as if it had the wrong sign",
-            "exchange the chambers' ends, or correct the direction in which the cylinder acts (linkage offset)"
-            if measured is None else "correct the sign of its scale",
+            *worded("sign/effort" if measured is None else "sign/scale"), (j,),
             _weighted(j, lambda w: {k: (v if k == "known" else -v) for k, v in w.items()}),
             (measured,) if measured else ("head_pressure", "rod_pressure"), factor=-1.0, price=1.3,
             exact=True,
@@ -66,7 +62,7 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
             assert channel is not None
             for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
                 yield Hypothesis(
-                    "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
+                    *worded("unit/like", says=unit), (j,),
                     _weighted(j, lambda w, g=gain: {k: g * v for k, v in w.items()}), (measured,), factor=gain,  # type: ignore[misc]
                 )  # fmt: skip
         for other in range(n) if exchanges else ():
@@ -103,8 +99,8 @@ def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
         for chosen in sets:
             what = " and ".join(q.replace("_", " ") for q in chosen)
             yield Hypothesis(
-                "exchanged_channels", (j, other), f"{what} of {names[0]} and {names[1]} look exchanged",
-                "exchange the channels' names or sources", build_of(chosen), chosen, price=1.1,
+                *worded("exchanged_channels", what=what, first=names[0], second=names[1]), (j, other),
+                build_of(chosen), chosen, price=1.1,
                 exact=True,
             )  # fmt: skip
 
@@ -123,8 +119,7 @@ def sizes(trial: Trial) -> Iterator[Hypothesis]:
                 A1, A2 = np.pi / 4 * b**2, np.pi / 4 * (b**2 - d**2)
                 old, new = (bore, b) if code == "bore" else (rod, d)
                 yield Hypothesis(
-                    code, (j,), f"the {code} looks like {1e3 * new:.3g} mm instead of {1e3 * old:.3g} mm",
-                    f"measure the {code} and correct it",
+                    *worded(code, part=code, new=1e3 * new, old=1e3 * old), (j,),
                     _weighted(j, lambda w, h=f"head_pressure{j}", r=f"rod_pressure{j}", a=A1, c=A2: {**w, h: a, r: -c}),  # type: ignore[misc]
                     key=("joints", j, "cylinder", code), factor=factor, price=1.5,
                 )  # fmt: skip
@@ -141,9 +136,7 @@ def scales(trial: Trial) -> Iterator[Hypothesis]:
             continue
         for factor in SCALES:
             yield Hypothesis(
-                "effort_scale", (j,), f"the effort looks {1 / factor:.2g} times as large as the other joints' "
-                "efforts allow",
-                "check bore, lever arm (linkage) and the scale of its pressures or torque",
+                *worded("effort_scale", times=1 / factor), (j,),
                 _weighted(j, lambda w, g=factor: {k: (v if k == "known" else g * v) for k, v in w.items()}),  # type: ignore[misc]
                 key=("joints", j), factor=factor, price=1.75,
             )  # fmt: skip

@@ -22,11 +22,10 @@ class Hypothesis:
 
     Attributes
     ----------
-    code : as a finding's
+    code, text, cure : as in a finding, with ``{joint}`` and ``{channel}`` left open
     joints : numbers of the joints it is about
     channels : quantities of those joints' channels that it is about
     key : place in the machine file that would be wrong, if it is one
-    text, cure : what is said, with ``{joint}`` and ``{channel}`` left open
     build : gives the changed trial and targets
     factor : number that it stands for
     price : simplicity: of two that explain alike, the one with the lower price is said
@@ -40,9 +39,9 @@ class Hypothesis:
     """
 
     code: str
-    joints: tuple[int, ...]
     text: str
     cure: str
+    joints: tuple[int, ...]
     build: Build = field(repr=False)
     channels: tuple[str, ...] = ()
     key: tuple[str | int, ...] = ()

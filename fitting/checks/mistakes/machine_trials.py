@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import parameter_names
+from fitting.checks.findings import worded
 from fitting.checks.mistakes.hypothesis import Build, Hypothesis
 from fitting.checks.mistakes.motion_trials import mapped
 from fitting.checks.mistakes.physical import Trial
@@ -43,8 +44,7 @@ def gravity(trial: Trial) -> Iterator[Hypothesis]:
         turned = float(np.dot(direction, g)) < -0.9 * size * float(np.linalg.norm(direction))
         shown = "[" + ", ".join(f"{v:g}" for v in direction) + "]"
         yield Hypothesis(
-            "gravity", (), "gravity looks turned over" if turned else f"gravity looks like {shown} in the base frame",
-            f"set gravity to {shown}, or turn the base frame",
+            *worded("gravity/turned" if turned else "gravity/other", shown=shown), (),
             on_machine(lambda m, d=direction: m.model_copy(update={"gravity": d})),  # type: ignore[misc]
             key=("gravity",), price=1.0,
         )  # fmt: skip
@@ -64,8 +64,7 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
             for factor in (*SLIPS, -1.0, 0.5, 2.0):
                 if LONG[0] < abs(factor * value) < LONG[1]:
                     yield Hypothesis(
-                        "length", (j,), f"dh.{name} looks like {factor * value:.4g} m instead of {value:.4g} m",
-                        f"correct dh.{name}",
+                        *worded("length", name=name, new=factor * value, old=value), (j,),
                         on_machine(lambda m, j=j, k=name, v=factor * value: changed_joint(m, j, "dh", {k: v})),  # type: ignore[misc]
                         key=("joints", j, "dh", name), factor=factor, price=1.6 if factor in (10.0, 0.1, -1.0) else 1.9,
                         slip=factor in SLIPS,
@@ -73,8 +72,7 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
         alphas = {-joint.dh.alpha, joint.dh.alpha + np.pi / 2, joint.dh.alpha - np.pi / 2} - {joint.dh.alpha}
         for alpha in sorted(alphas):
             yield Hypothesis(
-                "axis", (j,), f"dh.alpha looks like {alpha:.4g} instead of {joint.dh.alpha:.4g} "
-                "rad", "correct dh.alpha",
+                *worded("axis", new=alpha, old=joint.dh.alpha), (j,),
                 on_machine(lambda m, j=j, v=alpha: changed_joint(m, j, "dh", {"alpha": v})),  # type: ignore[misc]
                 key=("joints", j, "dh", "alpha"), price=1.8,
             )  # fmt: skip
@@ -89,9 +87,7 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
                 continue  # does not enter the lever arm
             for new in tried:
                 yield Hypothesis(
-                    "linkage", (j,),
-                    f"linkage.{name} looks like {new:.3g} instead of {value:.3g} {'rad' if name == 'offset' else 'm'}",
-                    f"measure the pins and correct linkage.{name}",
+                    *worded("linkage/rad" if name == "offset" else "linkage/m", name=name, new=new, old=value), (j,),
                     on_machine(lambda m, j=j, k=name, v=new: changed_joint(m, j, "linkage", {k: v})),  # type: ignore[misc]
                     key=("joints", j, "cylinder", "linkage", name), factor=new / value, price=1.7,
                 )  # fmt: skip
@@ -111,9 +107,9 @@ def effects(trial: Trial) -> Iterator[Hypothesis]:
         for angle in TILTS:
             tilted = tuple(float(v) for v in Rotation.from_rotvec(angle * axis).apply(g))
             yield Hypothesis(
-                "", (), "", "", on_machine(lambda m, t=tilted: m.model_copy(update={"gravity": t})), price=0.5  # type: ignore[misc]
+                "", "", "", (), on_machine(lambda m, t=tilted: m.model_copy(update={"gravity": t})), price=0.5  # type: ignore[misc]
             )  # fmt: skip
     for j in range(len(machine.joints)):
         if trial.positions[j] == "joint_position":
             for angle in ZEROS:
-                yield Hypothesis("", (j,), "", "", mapped(("joint_position", j), 1.0, angle), price=0.5)
+                yield Hypothesis("", "", "", (j,), mapped(("joint_position", j), 1.0, angle), price=0.5)

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.machine.machine_file import Machine
 from fitting.arrays import BoolArray
+from fitting.checks.findings import worded
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis
 from fitting.checks.mistakes.physical import Trial
@@ -35,6 +37,22 @@ def times_too(gain: float) -> str:
     return f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
 
 
+def exchanged(machine: Machine, quantity: str, first: int, second: int) -> tuple[str, str, str]:
+    """What is said of two joints' channels that look exchanged."""
+    one, other = (machine.joints[number].name for number in (first, second))
+    return worded("exchanged_channels", what=quantity.replace("_", " "), first=one, second=other)
+
+
+def late(delay: float) -> str:
+    """``late`` or ``early``."""
+    return "late" if delay > 0 else "early"
+
+
+def fast(rate: float) -> str:
+    """``fast`` or ``slow``."""
+    return "fast" if rate > 0 else "slow"
+
+
 def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
     machine, samples = trial.machine, trial.samples
     for j, joint in enumerate(machine.joints):
@@ -46,8 +64,7 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
         piston = quantity == "piston_position"
         about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
         yield Hypothesis(
-            "sign", (j,), "{channel} looks as if it counted the other way",
-            "correct the sign of its scale" + (" (0 is fully retracted)" if piston else ""),
+            *worded("sign/piston" if piston else "sign/joint"), (j,),
             mapped((quantity, j), -1.0, about), (quantity,), factor=-1.0,
         )  # fmt: skip
         si = machine.si_unit(channel)
@@ -55,15 +72,13 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
             # A smaller position is tried only where the one as it is goes beyond what the joint can do.
             if _fits(trial, j, signal.mapped(gain)) and (abs(gain) > 1 or not _fits(trial, j, signal)):
                 yield Hypothesis(
-                    "unit", (j,), f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
-                    mapped((quantity, j), gain), (quantity,), factor=gain,
+                    *worded("unit/like", says=unit), (j,), mapped((quantity, j), gain), (quantity,), factor=gain,
                 )  # fmt: skip
         if not piston and si == "rad":
             for degrees in (90, -90, 180):
                 offset = float(np.deg2rad(degrees))
                 yield Hypothesis(
-                    "offset", (j,), f"{{channel}} looks {degrees} degrees off",
-                    "correct its offset, or theta of the joint", mapped((quantity, j), 1.0, offset), (quantity,),
+                    *worded("offset/joint", degrees=degrees), (j,), mapped((quantity, j), 1.0, offset), (quantity,),
                     factor=offset, price=1.4,
                 )  # fmt: skip
         if piston and joint.cylinder is not None:
@@ -72,24 +87,21 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                 if _fits(trial, j, signal.mapped(1.0, offset)):
                     way = "small" if offset > 0 else "large"
                     yield Hypothesis(
-                        "offset", (j,), f"{{channel}} looks {1e3 * abs(offset):.3g} mm too {way}",
-                        "correct its offset (0 is fully retracted)", mapped((quantity, j), 1.0, offset), (quantity,),
+                        *worded("offset/piston", mm=1e3 * abs(offset), way=way), (j,),
+                        mapped((quantity, j), 1.0, offset), (quantity,),
                         factor=offset, price=1.6,
                     )  # fmt: skip
         for gain in COUNTS if exchanges else ():
             if _fits(trial, j, signal.mapped(gain)):
                 yield Hypothesis(
-                    "scale", (j,), f"{{channel}} looks {times_too(gain)}",
-
-                    "correct its scale (counts per turn, edges that are counted, gear ratio)",
+                    *worded("scale/counts", times_too=times_too(gain)), (j,),
                     mapped((quantity, j), gain), (quantity,), factor=gain, price=1.65,
                 )  # fmt: skip
         for other in range(j + 1, len(machine.joints)) if exchanges else ():
             if samples.get(quantity, other) is not None and trial.positions[other] == quantity:
                 yield Hypothesis(
-                    "exchanged_channels", (j, other),
-                    f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
-                    "exchange the channels' names or sources", _exchanged(quantity, j, other), (quantity,), price=1.1,
+                    *exchanged(machine, quantity, j, other), (j, other),
+                    _exchanged(quantity, j, other), (quantity,), price=1.1,
                 )  # fmt: skip
 
 
@@ -118,29 +130,25 @@ def times(trial: Trial) -> Iterator[Hypothesis]:
     efforts = tuple(key for key in trial.samples.dense if key[0] in EFFORTS)
     for delay in DELAYS:
         yield Hypothesis(
-            "clock_offset", (), f"all efforts look {abs(delay):.2g} s {'late' if delay > 0 else 'early'} against "
-            "the positions",
-            "put both buses on one clock, or move the "
-            "columns", delayed(efforts, delay), EFFORTS, factor=delay, price=1.2,
+            *worded(f"clock_offset/{late(delay)}", seconds=abs(delay)), (),
+            delayed(efforts, delay), EFFORTS, factor=delay, price=1.2,
         )  # fmt: skip
     for rate in RATES:
         yield Hypothesis(
-            "clock_rate", (), f"the clock of the efforts runs {1e2 * abs(rate):.2g} % {'fast' if rate > 0 else 'slow'}"
-            " against that of the positions",
-            "put both buses on one clock", _stretched(efforts, rate), EFFORTS, factor=rate, price=1.3,
+            *worded(f"clock_rate/{fast(rate)}", percent=1e2 * abs(rate)), (),
+            _stretched(efforts, rate), EFFORTS, factor=rate, price=1.3,
         )  # fmt: skip
     for factor in TRUE_RATES:
         yield Hypothesis(
-            "wrong_rate", (), f"the motion looks {factor:g} times as fast as the time column says",
-            "correct the time column and rate_hz", _faster(factor), factor=factor, price=1.5,
+            *worded("wrong_rate/motion", factor=factor), (), _faster(factor), factor=factor, price=1.5,
         )  # fmt: skip
     for j in range(len(trial.machine.joints)):
         own = tuple(key for key in efforts if key[1] == j)
         if own and len(own) < len(efforts):
             for delay in DELAYS:
                 yield Hypothesis(
-                    "late_channels", (j,), f"the effort looks {abs(delay):.2g} s {'late' if delay > 0 else 'early'}",
-                    "look after the delay of its device or bus", delayed(own, delay), EFFORTS, factor=delay, price=1.5,
+                    *worded(f"late_channels/{late(delay)}", seconds=abs(delay)), (j,),
+                    delayed(own, delay), EFFORTS, factor=delay, price=1.5,
                 )  # fmt: skip
 
 
@@ -174,8 +182,7 @@ def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
         if head is not None and rod is not None:
             changes = {("head_pressure", j): _where(rows, rod, head), ("rod_pressure", j): _where(rows, head, rod)}
             yield Hypothesis(
-                "swapped_chambers", (j,), "head and rod pressure look swapped in this recording alone",
-                "swap the two columns of this recording, and look whether the hoses or cables were changed",
+                *worded("swapped_chambers/alone"), (j,),
                 _changed(changes), ("head_pressure", "rod_pressure"), recording=number, exact=True,
             )  # fmt: skip
         quantity = trial.positions[j]
@@ -184,8 +191,7 @@ def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
             piston = quantity == "piston_position" and joint.cylinder is not None
             about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
             yield Hypothesis(
-                "sign", (j,), "{channel} looks as if it counted the other way in this recording alone",
-                "correct the sign of this column, and look whether the sensor was changed",
+                *worded("sign/alone"), (j,),
                 _changed({(quantity, j): _where(rows, signal.mapped(-1.0, about), signal)}), (quantity,),
                 recording=number, exact=True,
             )  # fmt: skip
@@ -219,15 +225,13 @@ def recordings(trial: Trial) -> Iterator[Hypothesis]:
         loaded = bool(samples.loaded[own].all())
         if rods and (np.count_nonzero(samples.loaded & ~own) >= 100 or not loaded):
             yield Hypothesis(
-                "wrong_role", (), "looks as if the rods were off" if loaded else "looks as if the rods were on the arm",
-                "give it as unloaded" if loaded else "give it as train, or take the rods off and record again",
+                *worded("wrong_role/off" if loaded else "wrong_role/on"), (),
                 _changed_role(number, not loaded), recording=number, price=1.2, exact=True,
                 least=CLEAR if loaded else _RODS_ON,
             )  # fmt: skip
         if len(numbers) > 2 and np.count_nonzero(samples.loaded & ~own) >= 100:
             yield Hypothesis(
-                "other_machine", (), "does not look like a recording of the machine of the other ones",
-                "look whether it is of this machine, and of this state of it", _left_out(number), recording=number,
+                *worded("other_machine/unlike"), (), _left_out(number), recording=number,
                 price=1.6, least=_CLEARLY_ANOTHER,
             )  # fmt: skip
 

@@ -260,10 +260,11 @@ def everywhere(trial: Trial) -> Iterator[Hypothesis]:
         if len(members) > 1:
             what = " and ".join(q.replace("_", " ") for q in channels)
             yield Hypothesis(
-                code, tuple(m.joints[0] for m in members),
+                code,
                 f"{what} look swapped at every joint" if code == "swapped_chambers"
                 else f"{what} of every joint look as if they had the wrong sign",
-                members[0].cure, _one_after_another(members), channels, factor=members[0].factor, price=0.9, every=True,
+                members[0].cure, tuple(m.joints[0] for m in members),
+                _one_after_another(members), channels, factor=members[0].factor, price=0.9, every=True,
             )  # fmt: skip
 
 

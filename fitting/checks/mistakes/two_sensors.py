@@ -17,9 +17,10 @@ from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
 from fitting.arm.linkage import parameter_names
 from fitting.arrays import FloatArray
+from fitting.checks.findings import worded
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.machine_trials import changed_joint
-from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, times_too
+from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, exchanged, fast, late, times_too
 from fitting.checks.mistakes.samples import Samples, Signal
 
 #: Misfit (of the piston's spread) and distance (of the stroke) up to which two sensors agree: what effects do.
@@ -156,56 +157,40 @@ def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, 
     assert channel is not None
     signal, mine = samples.signals[quantity, number], quantity == "joint_position"
 
-    def option(code: str, text: str, cure: str, new: Signal, price: float, factor: float) -> Option:
+    def option(said: tuple[str, str, str], new: Signal, price: float, factor: float) -> Option:
         changed = samples.replaced({(quantity, number): new})
-        return Option(code, text, cure, changed, price, quantity, factor=factor)
+        return Option(*said, changed, price, quantity, factor=factor)
 
-    yield option("sign", "{channel} looks as if it counted the other way",
-                 "correct the sign of its scale" + ("" if mine else " (0 is fully retracted)"),
-                 signal.mapped(-1.0, about), 1.0, -1.0)  # fmt: skip
+    yield option(worded("sign/joint" if mine else "sign/piston"), signal.mapped(-1.0, about), 1.0, -1.0)
     for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
-        yield option("unit", f"the values of {{channel}} look like {unit}", f"set its unit to '{unit}'",
-                     signal.mapped(gain), 1.0, gain)  # fmt: skip
+        yield option(worded("unit/like", says=unit), signal.mapped(gain), 1.0, gain)
     for gain in COUNTS:
-        yield option("scale", f"{{channel}} looks {times_too(gain)}",
-                     "correct its scale (counts per turn, edges that are counted, gear ratio)",
-                     signal.mapped(gain), 1.4, gain)  # fmt: skip
+        yield option(worded("scale/counts", times_too=times_too(gain)), signal.mapped(gain), 1.4, gain)
     for degrees in (90, -90, 180) if mine else ():
         offset = float(np.deg2rad(degrees))
-        yield option("offset", f"{{channel}} looks {degrees} degrees off", "correct its offset",
-                     signal.mapped(1.0, offset), 1.5, offset)  # fmt: skip
+        yield option(worded("offset/sensor", degrees=degrees), signal.mapped(1.0, offset), 1.5, offset)
 
 
 def _exchanged(machine: Machine, samples: Samples, number: int, quantity: str, bad: Iterable[int]) -> Iterator[Option]:
     """It is exchanged with that of another joint whose sensors contradict each other as well."""
-    joint, signal = machine.joints[number], samples.signals[quantity, number]
+    signal = samples.signals[quantity, number]
     for other in bad:
         theirs = samples.get(quantity, other)
         if other != number and theirs is not None:
-            yield Option(
-                "exchanged_channels",
-                f"{quantity.replace('_', ' ')} of {joint.name} and {machine.joints[other].name} look exchanged",
-                "exchange the channels' names or sources",
-                samples.replaced({(quantity, number): theirs, (quantity, other): signal}), 1.0, quantity, other,
-            )  # fmt: skip
+            swapped = samples.replaced({(quantity, number): theirs, (quantity, other): signal})
+            yield Option(*exchanged(machine, quantity, number, other), swapped, 1.0, quantity, other)
 
 
 def _of_clocks(samples: Samples, number: int) -> Iterator[Option]:
     """The clock of the piston's sensor is off, or runs at another rate."""
     for delay in (*DELAYS, -0.15, 0.15):
         moved = samples.moved([("piston_position", number)], delay)
-        late = "late" if delay > 0 else "early"
-        yield Option(
-            "clock_offset", f"{{channel}} looks {abs(delay):.2g} s {late} against the joint's sensor",
-            "put both buses on one clock, or move the columns", moved, 1.3, "piston_position", factor=delay,
-        )  # fmt: skip
+        said = worded("clock_offset/sensor", seconds=abs(delay), late=late(delay))
+        yield Option(*said, moved, 1.3, "piston_position", factor=delay)
     for rate in RATES:
         moved = samples.moved([("piston_position", number)], rate * samples.since)
-        yield Option(
-            "clock_rate", f"the clock of {{channel}} runs {100 * abs(rate):.2g} % "
-            f"{'fast' if rate > 0 else 'slow'} against "
-            "that of the joint's sensor", "put both buses on one clock", moved, 1.3, "piston_position", factor=rate,
-        )  # fmt: skip
+        said = worded(f"clock_rate/sensor_{fast(rate)}", percent=1e2 * abs(rate))
+        yield Option(*said, moved, 1.3, "piston_position", factor=rate)
 
 
 def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Option]:
@@ -234,8 +219,7 @@ def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) ->
             continue
         unit = "rad" if name == "offset" else "m"
         yield Option(
-            "linkage", f"linkage.{name} looks like {best[1]:.4g} instead of {value:.4g} {unit}",
-            f"measure the pins and correct linkage.{name}", None, 1.8,
+            *worded("linkage/estimated", name=name, new=best[1], old=value, unit=unit), None, 1.8,
             key=("joints", number, "cylinder", "linkage", name), factor=best[1] / value if value else None,
             machine=changed_joint(machine, number, "linkage", {name: best[1]}),
         )  # fmt: skip

@@ -16,6 +16,7 @@ from fitting.pipeline.results.loop_results import (
     AcceptedTerm,
     Attributed,
     Kinematic,
+    Limit,
     Resolution,
     Rival,
     SpectralLine,
@@ -27,7 +28,7 @@ from fitting.regression.drive import effort_unit
 from fitting.report.drawing_data import law_curve, worst_place
 from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
-from fitting.residual.findings import Hypothesis
+from fitting.residual.findings import Candidate, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
@@ -72,17 +73,9 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
         "effects": effects,
         "unexplained": unexplained,
         "candidates": [_kinematic_candidate(names, finding) for finding in kinematics]
-        + [
-            {**asdict(c), "title": effect(c.id).title, "joint": None if c.joint is None else names[c.joint]}
-            for c in found.candidates
-        ],
+        + [asdict(tried) | _named(tried, names) for tried in found.candidates],
         "detection_limits": [
-            {
-                **asdict(limit),
-                "title": effect(limit.id).title,
-                "joint": None if limit.joint is None else names[limit.joint],
-                "unit": own_unit(machine, limit.joint, limit.unit),
-            }
+            asdict(limit) | _named(limit, names) | {"unit": own_unit(machine, limit.joint, limit.unit)}
             for limit in found.limits
         ],
         "hypotheses": _hypotheses(found.hypotheses, names),
@@ -109,10 +102,7 @@ def _added_law(
     return in_own_units(
         machine,
         {
-            "joint": names[term.joint or 0],
-            "variable": law.variable(names),
-            "times_sign_of_speed": law.signed,
-            "only_while": law.only or None,
+            **_law_place(law, names[term.joint or 0], names),
             **second_variable(law, names),
             "law": law_curve(law, model, model.term_slice(number)),
             "unit": law.unit,
@@ -179,40 +169,34 @@ def _unconfirmed(machine: Machine, item: UnconfirmedLaw) -> dict[str, Any]:
 
 def _rivals(rivals: Sequence[Rival], names: Sequence[str]) -> list[dict[str, Any]]:
     """Effects that explain the same, with their probabilities."""
-    return [
-        {
-            "id": r.id,
-            "title": effect(r.id).title,
-            "joint": None if r.joint is None else names[r.joint],
-            "probability": r.probability,
-        }
-        for r in rivals
-    ]
+    return [_named(rival, names) | {"probability": rival.probability} for rival in rivals]
+
+
+def _named(entry: Candidate | Limit | Rival, names: Sequence[str]) -> dict[str, Any]:
+    """An effect as it is named wherever it stands: id, title and joint."""
+    joint = None if entry.joint is None else names[entry.joint]
+    return {"id": entry.id, "title": effect(entry.id).title, "joint": joint}
 
 
 def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[str, Any]]:
     """Explanations of the efforts, the most probable first; one without effects and laws is "nothing"."""
     result = []
     for hypothesis in found:
-        places = [None if term.joint is None else names[term.joint] for term in hypothesis.terms]
-        both = list(zip(hypothesis.terms, places, strict=True))
-        result.append(
-            {
-                "effects": [{"id": t.id, "joint": place} for t, place in both if not isinstance(t.content, Law)],
-                "laws": [
-                    {
-                        "joint": place,
-                        "variable": t.content.variable(tuple(names)),
-                        "times_sign_of_speed": t.content.signed,
-                        "only_while": t.content.only or None,
-                    }
-                    for t, place in both
-                    if isinstance(t.content, Law)
-                ],
-                "probability": hypothesis.probability,
-            }
-        )
+        effects, laws = list[dict[str, Any]](), list[dict[str, Any]]()
+        for term in hypothesis.terms:
+            place = None if term.joint is None else names[term.joint]
+            if isinstance(term.content, Law):
+                laws.append(_law_place(term.content, place, names))
+            else:
+                effects.append({"id": term.id, "joint": place})
+        result.append({"effects": effects, "laws": laws, "probability": hypothesis.probability})
     return result
+
+
+def _law_place(law: Law, joint: str | None, names: Sequence[str]) -> dict[str, Any]:
+    """What a law is a law of, and where."""
+    variable, only = law.variable(tuple(names)), law.only or None
+    return {"joint": joint, "variable": variable, "times_sign_of_speed": law.signed, "only_while": only}
 
 
 def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
@@ -229,10 +213,13 @@ def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
     return {
         **_head(content, joint),
         "parameters": parameters,
-        "indistinguishable_from": [
-            {"id": rival, "title": effect(rival).title, "joint": joint, "probability": share}
-            for rival, share in zip(finding.rivals, finding.rival_probabilities, strict=True)
-        ],
+        "indistinguishable_from": _rivals(
+            [
+                Rival(rival, first["joint"], 0.0, share)
+                for rival, share in zip(finding.rivals, finding.rival_probabilities, strict=True)
+            ],
+            [own.name for own in machine.joints],
+        ),
         "probability": finding.probability,
         "evidence": {key: getattr(finding, key) for key in ("score", "gain", "gap_before", "gap_after")},
     }

@@ -150,16 +150,6 @@ class OtherBand:
 
 @stored
 @dataclass(frozen=True)
-class Searched:
-    """How much of the recordings the loop searched, s."""
-
-    pieces: int
-    seconds: float
-    of_seconds: float
-
-
-@stored
-@dataclass(frozen=True)
 class Program:
     """A designed motion that closes a set; ``chance`` is that of a single name after its recordings."""
 
@@ -193,7 +183,6 @@ class Attributed:
     hypotheses : explanations of the efforts, the most probable first
     nothing : probability that nothing is missing in the efforts
     unconfirmed, lines, changes, other_bands : what else was seen
-    searched : None where nobody looked
     next_experiment : what would close an ambiguity
     warnings : sentences
     """
@@ -209,7 +198,6 @@ class Attributed:
     lines: tuple[SpectralLine, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
     other_bands: tuple[OtherBand, ...] = ()
-    searched: Searched | None = None
     next_experiment: Designed | None = None
     warnings: tuple[str, ...] = ()
 

@@ -35,6 +35,7 @@ from fitting.regression.flags import mark
 from fitting.regression.identifiability import Telling, statement, tellings
 from fitting.report.drawing_data import friction_curves, scatters, worst_seconds
 from fitting.report.joint_words import in_words_of
+from fitting.report.languages import NAMES
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.terms import Model, Term
@@ -46,13 +47,6 @@ _COVARIANCES = {"whitened": "whitened", "equal": "hac"}
 MOSTLY_PRIOR = 0.5
 #: Times the training error from which on the motion of ``validate`` is said to go beyond what was told.
 BEYOND = 2.0
-_CHANGED = {
-    "1": "the zero of the effort",
-    "f_c": "Coulomb friction",
-    "f_v": "viscous friction",
-    "K": "stiffness",
-    "load": "the load",
-}
 
 
 @dataclass(frozen=True)
@@ -317,9 +311,10 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     if untold:
         warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
     warnings += _beyond_told(session, results)
+    changed = NAMES["parameters"] | NAMES["changed"]
     for change in results[Attributed].changes:
         warnings.append(
-            f"{session.machine.joints[change.joint].name}: {_CHANGED.get(change.column, change.column)} changed "
+            f"{session.machine.joints[change.joint].name}: {changed.get(change.column, change.column)} changed "
             + ("at the beginning of" if change.time < 1.0 else f"{change.time:.1f} s into")
             + (" every recording" if change.recording is None else f" recording {change.recording + 1}")
         )

@@ -176,7 +176,7 @@ class Refitted:
         ``validate``; None where there is none
     independent_rows : effective number of rows by role
     plausibility : what cannot be
-    condition_number, chi_square_per_row : of the fit after
+    condition_number : of the fit after
     drive_residual_std : per joint; None without rows
     errors : sizes ``before`` and ``after``; of the ``joint`` refit beside an estimator that was asked for
     overall : all joints together (:func:`fitting.regression.error_sizes.overall_errors`)
@@ -194,7 +194,6 @@ class Refitted:
     independent_rows: dict[str, float]
     plausibility: Physics
     condition_number: float
-    chi_square_per_row: float
     drive_residual_std: tuple[float | None, ...]
     errors: dict[str, Errors]
     overall: Json

@@ -14,8 +14,9 @@ from daq.console import show_table
 
 def print_summary(report: Mapping[str, Any], output: Path) -> None:
     """Print the table of errors, the verdict and where the report is."""
+    from fitting.report.languages import NAMES
     from fitting.report.text import change, number, percent, share
-    from fitting.report.wording import RELATIVE_OF, readable, resolution, verdict_sentence
+    from fitting.report.wording import readable, resolution, verdict_sentence
 
     console = Console()
     role = "validate" if any(e["after"]["validate"] is not None for e in report["errors"].values()) else "train"
@@ -38,7 +39,7 @@ def print_summary(report: Mapping[str, Any], output: Path) -> None:
     if relative:
         console.print(
             f"relative error of all joints: {share(relative['before'])} before, {share(relative['after'])} after"
-            f" ({RELATIVE_OF[relative['of']]})",
+            f" ({NAMES['relative_of'][relative['of']]})",
             soft_wrap=True,
             highlight=False,
         )

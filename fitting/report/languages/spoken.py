@@ -167,4 +167,13 @@ def language(code: str) -> Language:
 
 def content_of(code: str) -> dict[str, Any]:
     """A language's file: ``page`` and ``report`` are groups of texts, English to that language."""
-    return dict(json.loads(files(__package__).joinpath(_FILES[code]).read_text("utf-8")))
+    return _read(_FILES[code])
+
+
+def _read(name: str) -> dict[str, Any]:
+    return dict(json.loads(files(__package__).joinpath(name).read_text("utf-8")))
+
+
+#: What codes are called in English, by groups: ``verdicts``, ``statuses``, ...; ``drives`` are the words of joints that
+#: no cylinder drives.
+NAMES = _read("english.json")

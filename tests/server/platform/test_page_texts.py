@@ -9,11 +9,11 @@ from collections.abc import Collection, Iterator
 
 import pytest
 
+from fitting.checks.findings import TEXTS
 from fitting.effects import effects
-from fitting.pipeline.plausibility import _CAUSES
 from fitting.pipeline.stage_names import WORDS as STAGES
-from fitting.report.joint_words import _AS_WRITTEN, _SIGNALS, _TEXTS, JointWords
-from fitting.report.languages import content_of, language
+from fitting.report.joint_words import _AS_WRITTEN, MOTOR, JointWords
+from fitting.report.languages import NAMES, content_of, language
 from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
 from tests.server.platform.sentences_in_source import ROOT, every_text, told, trees
@@ -22,13 +22,13 @@ WEB = ROOT / "server" / "web" / "src" / "texts"
 #: What reports say, by groups; the page has a copy, see `test_pages.py`.
 REPORT = content_of("de")["report"]
 KNOWN = {english for group in REPORT.values() for english in group}
-WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(_SIGNALS, _TEXTS, {})}
+WORDS = {"cylinder": _AS_WRITTEN, "direct": JointWords(**MOTOR, units={})}
 
 
 @pytest.mark.parametrize("drive", WORDS)
 def test_titles_places_and_experiments_of_all_effects_have_a_german_text(drive: str) -> None:
     said = [text for one in effects() for text in (one.title, one.look_at, one.experiment) if text]
-    said += _CAUSES.values()
+    said += NAMES["causes"].values()
     assert len(said) > 80
     assert sorted({text for text in map(WORDS[drive].text, said) if text not in KNOWN}) == []
 
@@ -201,7 +201,9 @@ VALUES_ONLY = {"{}: {}: {}"}
 
 
 def _every(*places: str) -> set[str]:
-    return {text for tree in trees(*places) for text in every_text(tree)} - UNSHOWN
+    said = {text for tree in trees(*places) for text in every_text(tree)}
+    data = TEXTS.values() if "fitting/checks" in places else ()
+    return (said | {re.sub(r"(\{[^}]*\})+", "{}", text) for both in data for text in both}) - UNSHOWN
 
 
 GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.ts")

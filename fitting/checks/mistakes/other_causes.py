@@ -1,17 +1,36 @@
-"""Forces that another joint's motion causes at a joint: the other effect that can be most of a small joint's effort.
+"""Effects that can be most of a joint's effort, and are no mistakes: tried before an effort is called unexplained.
 
-It is no mistake either, so before an effort is called unexplained, it is tried: the joint's own model with functions of
+A load that is picked up at some moment: from then on, the last link has further point masses. Forces that another
+joint's motion causes at a joint, which can be most of a small joint's effort: the joint's own model with functions of
 every other joint's position, speed and acceleration beside it.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from fitting.checks.mistakes.physical import Trial, declared, friction, measured_effort, without
+from fitting.checks.mistakes.physical import Physical, Trial, declared, fit, friction, measured_effort, without
 
+#: Moments that are tried, evenly over the longest recording.
+_MOMENTS = 15
 #: Shares of the usual speed and acceleration at which a saturating coupling bends.
 _KNEES = (0.1, 0.3, 1.0)
+
+
+def with_payload(trial: Trial) -> Physical:
+    """The best arm that picks something up (or puts it down) in the course of each recording."""
+    since = trial.samples.since
+    best: tuple[float, Physical] | None = None
+    for moment in np.linspace(0.0, float(since.max()), _MOMENTS + 2)[1:-1]:
+        for carried in (since > moment, since < moment):
+            after = fit(replace(trial, exchange=False, carried=carried.astype(float)))
+            left = float(np.nansum(np.log(after.misfits + 0.02)))
+            if best is None or left < best[0]:
+                best = left, after
+    assert best is not None
+    return best[1]
 
 
 def with_couplings(trial: Trial, number: int) -> float:
