@@ -392,8 +392,9 @@ def test_another_unit_neutral_and_sign_of_the_command_change_nothing() -> None:
     one = axis_of(plain, plain.joints[0], [recording(Bench())])
     other = axis_of(sent, sent.joints[0], [recording(Bench(), machine=sent, u=lambda u: 12.0 - 8.0 * u)])
     np.testing.assert_allclose(other.signals.u, one.signals.u, atol=1e-12)
+    # Without pressures and a lag the damping is free: rounding decides where in a flat valley a search ends.
     assert fitted(one, Structure()).shape["edge.extend"] == pytest.approx(
-        fitted(other, Structure()).shape["edge.extend"], abs=1e-6
+        fitted(other, Structure()).shape["edge.extend"], abs=1e-4
     )
 
 
@@ -480,6 +481,7 @@ def test_a_model_goes_through_json_unchanged() -> None:
         ValveModel.from_json({"schema": "something"})
 
 
+@pytest.mark.slow
 def test_the_report_is_plain_json(tmp_path: Path, identified: Identify) -> None:
     import json
 

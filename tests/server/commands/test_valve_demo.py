@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,15 @@ import can
 import pytest
 
 import fitting.valve.motion
+from daq.machine.machine_file import Machine
+from fitting.valve.motion import Planned
 from server.commands.valve_demo import run_valve_demo
 from sim_backends import SimulatedMachine
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 CONTROLLER = 8  # the node of the crane's own controller, which says what it sends
-COMMANDS = 0x6310
+STEPS = 15
 
 
 @pytest.fixture
@@ -63,8 +66,15 @@ def test_the_whole_job_writes_no_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bus: list[can.Message]
 ) -> None:
     plan = fitting.valve.motion.plan_valve_motions
-    monkeypatch.setattr(fitting.valve.motion, "plan_valve_motions", lambda *of: plan(*of)[-1:])  # all axes together
-    report, acquired, tests = run_valve_demo(tmp_path, ["none"], seconds=20.0)
+
+    def shorter(machine: Machine) -> list[Planned]:
+        """Levels of both axes together, the first of them."""
+        together = plan(machine)[-1]
+        motion = replace(together.motion, steps=together.motion.steps[:STEPS])
+        return [replace(together, motion=motion)]
+
+    monkeypatch.setattr(fitting.valve.motion, "plan_valve_motions", shorter)
+    report, acquired, tests = run_valve_demo(tmp_path, ["none"], seconds=12.0)
 
     identifiers = {message.arbitration_id for message in bus}
     assert 0x080 in identifiers, "SYNC, which hilfit sends, is heard"
