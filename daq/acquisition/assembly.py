@@ -116,7 +116,8 @@ class Assembler:
         quality[refused] = Quality.INVALID
         quality[~new & _NUMBERS[quality]] = Quality.INVALID  # whatever a driver says: what is no number is none
         quality[new & (quality == Quality.FRESH) & (ago > 0)] = Quality.LATE
-        return quality, ago * self._period - (0.0 if self._lockstep else after), interval
+        ages = np.asarray(ago * self._period - (0.0 if self._lockstep else after), dtype=np.float64)
+        return quality, ages, interval
 
     def _judged(self, values: npt.NDArray[np.float64], quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
         """The quality, with what is fresh beyond its range or stands still marked; the same array if nothing is."""

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 
 import can
 
-from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
-from daq.drivers.canopen.profiles import profile_name
+from daq.drivers.canopen.profiles import ask, profile_name
 from daq.errors import BusError, first_line
 
 ASK_EVERY_S = 0.005
@@ -86,7 +85,7 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
 
 
 def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
-    """A node by what it says of itself (:func:`daq.drivers.canopen.identity.ask`)."""
+    """A node by what it says of itself (:func:`daq.drivers.canopen.profiles.ask`)."""
     numbers = {name: value for name, value in told.items() if isinstance(value, int)}
     texts = {name: value for name, value in told.items() if isinstance(value, str)}
     device_type = numbers.get("0x1000:0")

@@ -48,7 +48,6 @@ from daq.machine.joints import (
     Limits,
     ordered,
 )
-from daq.machine.linkages import LINKAGES
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
@@ -296,7 +295,7 @@ def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
         yield from _kinds(kind)
 
 
-_MODELS: tuple[type[BaseModel], ...] = (*_kinds(FileModel), *LINKAGES)
+_MODELS = tuple(_kinds(FileModel))
 _TYPES = [kind.annotation for model in _MODELS if (kind := model.model_fields.get("type")) is not None]
 _TAGS = frozenset(("other", *(str(name) for kind in _TYPES for name in get_args(kind))))  # of alternatives
 _ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

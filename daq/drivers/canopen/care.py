@@ -12,10 +12,10 @@ from dataclasses import replace
 
 from daq.drivers.base import DriverContext
 from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
-from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.link import CanLink, Sdo
 from daq.drivers.canopen.node import Node
+from daq.drivers.canopen.profiles import ask
 from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can.bus_driver import CanDriver
+from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.care import VERIFY_CYCLES, NodeCare, Start
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL
