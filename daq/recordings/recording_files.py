@@ -75,14 +75,16 @@ def read_table(path: Path) -> Table:
     if head.startswith((ARROW_STREAM_MAGIC, JOURNAL_MARK)):
         raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
     if head.startswith(PARQUET_MAGIC):
-        file = _parquet(path)
+        with _whole_parquet(path):
+            file = pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
         if file.metadata.num_rows * file.metadata.num_columns > LONG_VALUES:
             long = _read_long(path, file, digest)
             # A file keeps its last row group, and Arrow what it no longer needs: 150 MB of ten hours.
             del file
             pa.default_memory_pool().release_unused()
             return long
-        table = _moments_counted(_whole(path, file))
+        with _whole_parquet(path):
+            table = _moments_counted(file.read())  # one file: read_table would merge a directory's partitions
     elif path.suffix.lower() == ".parquet":
         raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
     else:
@@ -131,16 +133,6 @@ def _whole_parquet(path: Path) -> Iterator[None]:
         raise RecordingError(
             f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
         ) from None
-
-
-def _parquet(path: Path) -> pa.parquet.ParquetFile:
-    with _whole_parquet(path):
-        return pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
-
-
-def _whole(path: Path, file: pa.parquet.ParquetFile) -> pa.Table:
-    with _whole_parquet(path):
-        return file.read()  # one file: read_table would merge a directory's partitions
 
 
 def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
