@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -52,8 +51,3 @@ def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
         raise InputError(f"{target}: needs {error.name}; run: pip install 'hilfit[export]'") from None
     except OSError as error:
         raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from None
-
-
-def units_in(table: Table) -> dict[str, str]:
-    """Units of the columns, as far as the file says them."""
-    return {str(name): str(unit) for name, unit in json.loads(table.metadata.get("hilfit.units", "{}")).items()}

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.recordings.recording_files import Table, digest_of
+from daq.recordings.recording_files import UNITS, Table, digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
 MAXIMUM_VALUES = 1 << 28
@@ -99,7 +99,7 @@ def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
 def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: str) -> Table:
     if sum(len(values) for values in columns.values()) > MAXIMUM_VALUES:
         raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; export the channels as Parquet")
-    return Table(columns, {"hilfit.units": json.dumps(units)}, digest)
+    return Table(columns, {UNITS: json.dumps(units)}, digest)
 
 
 def _mdf(path: Path, wanted: Wanted) -> list[Table]:

@@ -27,6 +27,7 @@ PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
 JOURNAL_MARK = b"hilfitJ1"  # before every record of a journal
 SUFFIXES = (".parquet", ".csv")
+UNITS = "hilfit.units"  # in the metadata: a JSON object, by column
 #: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
 LONG_VALUES = 4_000_000
 _BATCH_ROWS = 1 << 13
@@ -42,6 +43,14 @@ class Table:
     columns: Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]]
     metadata: Mapping[str, str]
     sha256: str
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of columns, as far as the metadata say them (ValueError where they are damaged)."""
+        units = json.loads(self.metadata.get(UNITS, "{}"))
+        if not isinstance(units, dict):
+            raise ValueError("no units")
+        return {str(name): str(unit) for name, unit in units.items()}
 
     @property
     def rows(self) -> int:
@@ -89,7 +98,7 @@ def read_table(path: Path) -> Table:
         raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
     else:
         table, units = read_csv(path, head)
-        metadata = {"hilfit.units": json.dumps(units)} if units else {}
+        metadata = {UNITS: json.dumps(units)} if units else {}
         columns = {
             name: column.to_numpy() if pa.types.is_string(column.type) else _numeric(path, name, column)
             for name, column in zip(table.column_names, table.columns, strict=True)
@@ -114,9 +123,9 @@ def _moments_counted(table: pa.Table) -> pa.Table:
             kind = pa.timestamp("ns") if pa.types.is_timestamp(entry.type) else pa.duration("ns")
             units[entry.name] = "ns"
             table = table.set_column(number, entry.name, table.column(number).cast(kind).cast(pa.int64()))
-    if not units or b"hilfit.units" in (table.schema.metadata or {}):
+    if not units or UNITS.encode() in (table.schema.metadata or {}):
         return table
-    return table.replace_schema_metadata({**(table.schema.metadata or {}), "hilfit.units": json.dumps(units)})
+    return table.replace_schema_metadata({**(table.schema.metadata or {}), UNITS: json.dumps(units)})
 
 
 def _metadata(schema: pa.Schema) -> dict[str, str]:
