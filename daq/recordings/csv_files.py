@@ -7,9 +7,11 @@ refused with the way out; nothing is guessed.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -261,42 +263,26 @@ def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
     bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
     if bad is not None and int(bad[1]) < len(names):
         column, value = int(bad[1]), bad[2]
-        line = _line_of(body, layout, column, value)
-        where = f" in line {line}" if line else ""
+        where = _where(body, layout, lambda row: column < len(row) and row[column].strip() == value.strip())
         return f"{names[column]}: '{value[:40]}'{where} is no number; columns have to be numeric"
     width = re.search(r"Expected (\d+) columns, got (\d+)", text)
     if width is not None:
-        line = _line_of_width(body, layout, int(width[1]))
-        where = f" in line {line}" if line else ""
+        expected = int(width[1])
+        where = _where(body, layout, lambda row: bool(row) and len(row) != expected)
         commas = layout.separator == "," and int(width[2]) > int(width[1])
         more = "; numbers with a decimal comma need semicolons or tabs between columns" if commas else ""
         return f"is not a table: {width[1]} columns in the header, {width[2]}{where}; every row needs all columns{more}"
     return "is not a table that can be read; write CSV with a header line, commas and points"
 
 
-def _line_of(body: bytes, layout: _Layout, column: int, value: str) -> int | None:
-    """Line of the file in which a column has a value; only for the message of an error."""
-    for number, cells in _rows(body, layout):
-        if column < len(cells) and cells[column].strip() == value.strip():
-            return number
-    return None
-
-
-def _line_of_width(body: bytes, layout: _Layout, width: int) -> int | None:
-    return next((number for number, cells in _rows(body, layout) if cells and len(cells) != width), None)
-
-
-def _rows(body: bytes, layout: _Layout) -> list[tuple[int, list[str]]]:
-    text = io.StringIO(body.decode("utf-8", errors="replace"), newline="")
-    reader = csv.reader(text, delimiter=layout.separator)
-    rows = []
-    try:
-        for cells in reader:
-            if reader.line_num > layout.skipped:
-                rows.append((reader.line_num, cells))
-    except csv.Error:  # an unclosed quote or the like: what came until here is enough for a message
-        pass
-    return rows
+def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> str:
+    """The line of the file of the first row that is wrong, in words; empty where none is found."""
+    reader = csv.reader(io.StringIO(body.decode("utf-8", errors="replace"), newline=""), delimiter=layout.separator)
+    with contextlib.suppress(csv.Error):  # an unclosed quote or the like
+        for row in reader:
+            if reader.line_num > layout.skipped and wrong(row):
+                return f" in line {reader.line_num}"
+    return ""
 
 
 def _cells(line: str, separator: str) -> list[str]:

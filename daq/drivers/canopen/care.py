@@ -13,7 +13,7 @@ from dataclasses import replace
 from daq.drivers.base import DriverContext
 from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen.lead import Lead
-from daq.drivers.canopen.link import CanLink, Sdo
+from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.node import Node
 from daq.drivers.canopen.profiles import ask
 from daq.drivers.canopen.watch import NodeWatch
@@ -150,16 +150,12 @@ class NodeCare:
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._start.under_way else 0.0,
                 keep=lambda found, wrote, identity: self._keep(FoundSetup(found, wrote, identity)),
-                learn=self._learn,
+                learn=node.learn,
             )
         except AcquisitionError as error:
             self.failed(str(error))
             return False
         return True
-
-    def _learn(self, sdo: Sdo) -> None:
-        self.node.learn(sdo)
-        self._watch.limit_ns(self.node)
 
     def _keep(self, setup: FoundSetup) -> None:
         """Before a node is changed: keep what it was like."""

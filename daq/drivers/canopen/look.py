@@ -47,8 +47,9 @@ class Look:
         self._counts = counts
         self._count = count
         self._late_ns = late_ns
-        self._nodes = [(care.node, watch.limit_ns(care.node), care.node.tpdos) for care in cares]
-        tpdos = [tpdo for care in cares for tpdo in care.node.tpdos]
+        self._nodes = [care.node for care in cares]
+        self._tpdos = [(node, tpdo) for node in self._nodes for tpdo in node.tpdos]
+        tpdos = [tpdo for _, tpdo in self._tpdos]
         self._wrong = [0] * len(tpdos)
         self._decoder = PdoDecoder([kind for tpdo in tpdos for kind in tpdo.mapping.decoder.data_types])
         entries = [positions for tpdo in tpdos for positions in tpdo.mapping.positions]
@@ -75,13 +76,10 @@ class Look:
         if np.count_nonzero(np.isfinite(decoded)) != len(decoded):  # quicker than all()
             return None
         told = number % LATENCY_EVERY == 0
-        waiting = iter(arrivals)
-        for node, _, tpdos in self._nodes:
-            for tpdo in tpdos:
-                arrival = next(waiting)
-                tpdo.taken = arrival.ordinal
-                if told:
-                    node.latency.add(arrival.at_ns - arrival.sync_ns)
+        for (node, tpdo), arrival in zip(self._tpdos, arrivals, strict=True):
+            tpdo.taken = arrival.ordinal
+            if told:
+                node.latency.add(arrival.at_ns - arrival.sync_ns)
         return Samples(decoded[self._from], self._fresh, self._no_cycles, self._at_sync, plain=True)
 
     def _arrivals(self, number: int, heard_ns: int) -> list[Arrival] | None:
@@ -90,13 +88,13 @@ class Look:
             return None
         found: list[Arrival] = []
         late_ns, wrong = self._late_ns, self._wrong
-        for node, limit_ns, tpdos in self._nodes:
+        for node in self._nodes:
             if (
                 node.state != "running"
                 or node.errors != node.emergencies_seen
                 or node.boot_ups != node.boot_ups_seen
                 or node.emergency is not None
-                or heard_ns - node.heartbeat_ns > limit_ns
+                or heard_ns - node.heartbeat_ns > node.limit_ns
                 or node.misses
                 or node.late_run
                 or node.slow
@@ -105,7 +103,7 @@ class Look:
                 or node.heartbeat_lost
             ):
                 return None
-            for tpdo in tpdos:
+            for tpdo in node.tpdos:
                 arrival = tpdo.latest
                 if (
                     arrival is None

@@ -12,12 +12,12 @@ from __future__ import annotations
 import struct
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from daq.drivers.base import Spread, by_device
 from daq.drivers.canopen.leadership import BOOT_UP
-from daq.drivers.canopen.link import Sdo, SdoRefusedError
+from daq.drivers.canopen.link import Handler, Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
@@ -32,7 +32,6 @@ SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which 
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
 UNANSWERED = 50  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
 _EMERGENCY = struct.Struct("<HB")
-Handler = Callable[[bytearray, int], None]
 
 
 class Cycle:
@@ -168,6 +167,7 @@ class Node:
         self.away = ""  # short name of why it is not running
         self.cause = ""  # of its last absence, kept when it is back
         self.watched_ns = 0  # since when its heartbeat has been due
+        self.limit_ns = 0.0  # that it may give no sign of life, once it runs
         self.heartbeat_lost = False
         self.operational = False  # whether it was told to answer SYNCs
         self.starting_anew = False

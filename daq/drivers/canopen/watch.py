@@ -36,7 +36,6 @@ class NodeWatch:
         self._context = context
         self._counts = counts
         self.leadership: Leadership | None = None
-        self._limits: dict[int, float] = {}  # ns without a sign of life, by node
 
     def _name(self, node: Node) -> str:
         return f"{self._bus}/node {node.config.node}"
@@ -56,6 +55,8 @@ class NodeWatch:
         """The node is running."""
         node.state, node.detail, node.misses = "running", "", 0
         node.watched_ns = self._context.monotonic_ns()
+        heartbeat_s = WATCHDOG_PERIODS * max((node.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
+        node.limit_ns = max(heartbeat_s, self._context.patience_s) * NS
         if node.away:
             seconds = self._context.events.end(self._name(node), node.away)
             node.cause = f"{node.cause} (it was away for {seconds or 0.0:.1f} s)"
@@ -95,14 +96,8 @@ class NodeWatch:
         text = f"{node.place}: emergency {code}; see its manual"
         self._context.events.note(self._name(node), "emergency", text, new)
 
-    def limit_ns(self, node: Node) -> float:
-        """How long a node may give no sign of life."""
-        heartbeat_s = WATCHDOG_PERIODS * max((node.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
-        limit = self._limits[node.config.node] = max(heartbeat_s, self._context.patience_s) * NS
-        return limit
-
     def _signs_of_life(self, node: Node, now: int) -> bool:
-        limit = self._limits.get(node.config.node) or self.limit_ns(node)
+        limit = node.limit_ns
         if node.state == "running" and now - node.heartbeat_ns <= limit and not (node.misses or node.heartbeat_lost):
             return False  # as nearly always: what follows would find nothing
         alive = max(node.heartbeat_ns, node.last_tpdo_ns())
