@@ -52,7 +52,8 @@ class FrozenDetector:
         self._block = max(CHANGES, round(machine.rate_hz))
         self._least = max(4, round(LEAST_RUN * machine.rate_hz))
         self._tolerance = np.array([_tolerance(machine, channel) for channel in channels])
-        self._device = np.array([_number(channels, channel) for channel in channels])
+        devices = [_device(channel) for channel in channels]
+        self._device = np.array([devices.index(device) for device in devices])
         pairs = [
             (i, j, PLAY * _range(machine, other))
             for i, one in enumerate(channels)
@@ -167,11 +168,6 @@ def _range(machine: Machine, channel: Channel) -> float:
     low, high = joint.limits.position
     ratio = abs(joint.drive.ratio) if channel.quantity == "motor_position" and joint.drive is not None else 1.0
     return ratio * (high - low)
-
-
-def _number(channels: tuple[Channel, ...], channel: Channel) -> int:
-    """The device that a channel comes from, as the number of the first channel of it."""
-    return next(k for k, other in enumerate(channels) if _device(other) == _device(channel))
 
 
 def _device(channel: Channel) -> tuple[str, str]:

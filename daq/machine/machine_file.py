@@ -51,7 +51,7 @@ from daq.machine.joints import (
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
-from daq.units import AS_SENT, SI_UNITS, Conversion, conversion, kept_as_sent
+from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
     "JOINT_QUANTITIES", "SCHEMA", "Bus", "CanBus", "CanNode", "CanSignalsBus", "CanSource", "CanopenBus", "Channel",
@@ -200,10 +200,8 @@ class Machine(FileModel):
         """
         if channel.quantity in SENT_QUANTITIES and channel.unit in AS_SENT:
             return channel.unit
-        si = SI_UNITS[channel.quantity]
-        if channel.joint is not None and self.joint(channel.joint).type == "prismatic":
-            si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"}.get(channel.quantity, si)
-        return si
+        joint = None if channel.joint is None else self.joint(channel.joint)
+        return si_unit(channel.quantity, straight=joint is not None and joint.type == "prismatic")
 
     def conversion(self, channel: Channel) -> Conversion:
         """Conversion from the channel's declared unit to SI."""

@@ -224,7 +224,8 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
         number = names.index("") + 1
         raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
     names_differ(path, names)
-    types = {name: _csv_type(name, number in layout.moments) for number, name in enumerate(names)}
+    counted = {name: pa.int64() if name in ("cycle", "utc_ns") else pa.float64() for name in names}
+    types = counted | {names[number]: pa.string() for number in layout.moments}
     if dropped:
         types["\0"] = pa.null()
     try:
@@ -237,7 +238,8 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
             ),
         )
     except pa.ArrowInvalid as error:
-        if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and _no_rows(body, layout)):
+        empty = not any(line.strip() for line in body.splitlines()[layout.skipped :])
+        if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and empty):
             return pa.table({name: pa.array([], type=kind) for name, kind in types.items() if name != "\0"})
         raise RecordingError(f"{path}: {_problem(str(error), names, layout, body)}") from None
     return table.drop_columns(["\0"]) if dropped else table
@@ -248,14 +250,6 @@ def names_differ(path: Path, names: list[str]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
-
-
-def _no_rows(body: bytes, layout: _Layout) -> bool:
-    return not any(line.strip() for line in body.splitlines()[layout.skipped :])
-
-
-def _csv_type(name: str, moment: bool) -> pa.DataType:
-    return pa.string() if moment else pa.int64() if name in ("cycle", "utc_ns") else pa.float64()
 
 
 def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:

@@ -16,7 +16,6 @@ from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.node import Node
 from daq.drivers.canopen.profiles import ask
-from daq.drivers.canopen.watch import NodeWatch
 from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, first_line
@@ -63,7 +62,7 @@ class NodeCare:
     ----------
     node : whose state it changes
     bus : name of its bus
-    watch, counts, lead, start : of the bus, shared by all its nodes
+    counts, lead, start : of the bus, shared by all its nodes
     """
 
     def __init__(
@@ -71,7 +70,6 @@ class NodeCare:
         node: Node,
         bus: str,
         context: DriverContext,
-        watch: NodeWatch,
         counts: MutableMapping[str, int],
         lead: Lead,
         start: Start,
@@ -79,7 +77,6 @@ class NodeCare:
         self.node = node
         self._bus = bus
         self._context = context
-        self._watch = watch
         self._counts = counts
         self._lead = lead
         self._start = start
@@ -91,7 +88,7 @@ class NodeCare:
         if node.complete():
             self._counts["commissioned"] += 1
             self.keeper.settled()
-            self._watch.back(node)
+            node.back()
             node.to_be_asked = True
             self.keeper.soon()
             return
@@ -105,7 +102,7 @@ class NodeCare:
     def failed(self, detail: str) -> None:
         """The node cannot be used; it is tried again after a while."""
         self.node.operational = False
-        self._watch.away(self.node, "failed", "failed", detail)
+        self.node.gone("failed", "failed", detail)
         self.keeper.later()
 
     def _broke(self, error: Exception) -> None:

@@ -15,8 +15,8 @@ import numpy as np
 from daq.drivers.base import Answers, Samples
 from daq.drivers.canopen.care import NodeCare
 from daq.drivers.canopen.mapping import PdoDecoder
-from daq.drivers.canopen.node import LATE_TOLERATED, SURPLUS_TOLERATED, Arrival, Cycle
-from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.canopen.node import LATE_TOLERATED, SURPLUS_TOLERATED
+from daq.drivers.canopen.tpdo import Arrival, Cycle
 from daq.frames.clock import NS
 from daq.quality import Quality
 
@@ -29,7 +29,7 @@ class Look:
     Parameters
     ----------
     cares : of the nodes, who are told what is to be done
-    watch, counts : of the bus
+    counts : of the bus
     count : channels of the driver
     late_ns : after a SYNC, from which on a TPDO is late
     """
@@ -37,13 +37,11 @@ class Look:
     def __init__(
         self,
         cares: Sequence[NodeCare],
-        watch: NodeWatch,
         counts: MutableMapping[str, int],
         count: int,
         late_ns: float,
     ) -> None:
         self._cares = cares
-        self._watch = watch
         self._counts = counts
         self._count = count
         self._late_ns = late_ns
@@ -126,7 +124,7 @@ class Look:
         answers = Answers(self._count)
         for care in self._cares:
             node = care.node
-            if self._watch.look(node, heard_ns):
+            if node.look(heard_ns):
                 care.keeper.soon()
             elif node.state == "silent":
                 care.keeper.later()
@@ -176,7 +174,7 @@ class Look:
             node.slow = False
         elif node.late_run >= LATE_TOLERATED and current:  # no older SYNC waits: late, and not miscounted
             node.slow = True
-        if self._watch.miscounted(node, brought):
+        if node.miscounted(brought):
             node.starting_anew = True
             care.keeper.soon()
         elif node.surplus_run >= SURPLUS_TOLERATED:
