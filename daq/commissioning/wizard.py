@@ -72,7 +72,11 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
     buses, offers = _gathered(origins, output.absolute().parent)
     draft = Draft(names, lambda offer, proposed: _asked(offer, proposed, names)) if ask else Draft(names)
     draft.add(offers)
-    _valid(draft.channels)
+    for channel in draft.channels:
+        try:
+            Channel.model_validate(channel)
+        except ValidationError as error:
+            raise InputError(f"channel {channel['name']}: {in_words(error.errors()[0])}") from None
     head = _head(draft, whole=bool(whole))
     kept = {key: value for key, value in whole.items() if key not in ("buses", "channels")}
     text = as_text(head, {**kept, "channels": draft.channels, "buses": buses})
@@ -170,14 +174,6 @@ def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
             typer.echo(f"  there is no joint '{words[0]}'; there are {', '.join(joints)}")
         else:
             return Choice(quantity, words[0] if len(words) == 2 else None)
-
-
-def _valid(channels: Sequence[Mapping[str, Any]]) -> None:
-    for channel in channels:
-        try:
-            Channel.model_validate(channel)
-        except ValidationError as error:
-            raise InputError(f"channel {channel['name']}: {in_words(error.errors()[0])}") from None
 
 
 def _head(draft: Draft, *, whole: bool) -> list[str]:
