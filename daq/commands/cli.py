@@ -105,11 +105,7 @@ def record(
         except KeyboardInterrupt:  # what has come until now is worth keeping
             summary, interrupted = recorder.stop(), True
         statistics = acquisition.statistics()
-    restored: list[dict[str, Any]] = []
-    if restore:
-        from daq.drivers.canopen.restore import restore_nodes
-
-        restored = [asdict(result) for result in restore_nodes(described, data_dir)]
+    restored = _restored(described, data_dir) if restore else []
     if json:
         print_json({"recording": asdict(summary), "acquisition": asdict(statistics), "restored": restored})
     else:
@@ -148,6 +144,12 @@ def _let_pass(acquisition: AcquisitionProcess, cycles: float) -> None:
         while reader.written < begin + cycles:
             acquisition.check()
             time.sleep(0.01)
+
+
+def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
+    from daq.drivers.canopen.restore import restore_nodes
+
+    return [asdict(result) for result in restore_nodes(machine, data_directory)]
 
 
 def _told(event: dict[str, Any]) -> str:
