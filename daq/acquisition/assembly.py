@@ -52,6 +52,7 @@ class Assembler:
         self._frozen = frozen
         self._bounded = bool(np.isfinite(table.low).any() or np.isfinite(table.high).any())
         self._covered = sum(len(names) for names in drivers) == count  # else some channel comes from nobody
+        self._in_order = len(drivers) == 1 and tuple(drivers[0]) == table.names
         self._all = np.arange(count)
         self._unknown = np.full(count, np.nan)
         self._last = np.full(count, np.nan)
@@ -78,11 +79,15 @@ class Assembler:
             if lag_s > LATE * self._period or (sent_ns or sync_ns) - sync_ns > UNCERTAIN_NS:
                 samples = [part if part.from_tick else _late(part) for part in samples]
         table = self._table
-        raw = self._unknown.copy()
-        for order, part in zip(self._order, samples, strict=True):
-            raw[order] = part.raw
+        if self._in_order:
+            raw = samples[0].raw.copy()
+        else:
+            raw = self._unknown.copy()
+            for order, part in zip(self._order, samples, strict=True):
+                raw[order] = part.raw
         refused = [channel for channel, sentinel in table.sentinels if raw[channel] == sentinel]
-        raw[refused] = np.nan
+        if refused:
+            raw[refused] = np.nan
         if table.fields or table.turns:
             table.unwrapped(raw)
         values = table.gain * raw + table.bias

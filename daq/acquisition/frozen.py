@@ -83,9 +83,10 @@ class FrozenDetector:
         """Channels whose value of this frame stands still, (n,); only those that are fresh are looked at."""
         fresh = quality == Quality.FRESH if quality.any() else self._all
         step = values - self._last
+        changed = step != 0.0
         if fresh is not self._all:
             step[~fresh] = np.nan
-        changed = np.abs(step) > 0.0  # a step that is no number is none
+            changed &= fresh
         self._steps.append(step)
         if self._running or np.count_nonzero(changed) != len(step):  # else no run goes on that could end
             # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
@@ -94,7 +95,7 @@ class FrozenDetector:
             self._run += step == 0.0
             self._run[changed] = 0
             self._running = bool(self._run.any())
-        np.copyto(self._last, values, where=fresh)
+        self._last = values if fresh is self._all else np.where(fresh, values, self._last)
         if len(self._steps) >= self._block:
             self._learn()
         found = self._by_noise() if self._running and self._some_known else self._none
