@@ -66,21 +66,13 @@ __all__ = [
     "write_recording",
 ]
 
-_HOME = {
-    "errors": (
-        "AcquisitionError", "BusError", "CommissioningError", "DiskFullError", "HilfitError", "InputError",
-        "MachineFileError", "RecordingError", "StorageError",
-    ),
-    "machine.machine_file": (
-        "Channel", "Cylinder", "Joint", "Machine", "load_machine", "machine_to_yaml", "parse_machine",
-    ),
-    "quality": ("Quality",),
-    "recordings.recording": ("ROLES", "Recording", "read_recording", "write_recording"),
-}  # fmt: skip
+#: Where these names are, what loads least first.
+_HOMES = ("errors", "quality", "machine.machine_file", "recordings.recording")
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _HOME.items():
-        if name in names:
-            return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    for home in _HOMES if name in __all__ else ():
+        found = getattr(importlib.import_module(f"{__name__}.{home}"), name, None)
+        if found is not None:
+            return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

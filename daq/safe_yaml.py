@@ -7,6 +7,8 @@ aliases are unfolded by whoever walks the result ("billion laughs"), merges copy
 
 from __future__ import annotations
 
+import re
+from functools import partial
 from typing import Any
 
 import yaml
@@ -94,31 +96,19 @@ class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor
         except ValueError:
             raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark) from None
 
-    def construct_integer(self, node: yaml.Node) -> Any:
-        """An integer."""
-        return self.construct_number(node, yaml.SafeLoader.construct_yaml_int)
 
-    def construct_real(self, node: yaml.Node) -> Any:
-        """A number with a fraction."""
-        return self.construct_number(node, yaml.SafeLoader.construct_yaml_float)
-
-
-def _resolve_numbers() -> None:
-    import re
-
-    integer = r"[-+]?0b[01_]+|[-+]?0[0-7_]+|[-+]?(?:0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+"
-    real = (
-        r"[-+]?(?:[0-9][0-9_]*)\.[0-9_]*(?:[eE][-+][0-9]+)?|\.[0-9][0-9_]*(?:[eE][-+][0-9]+)?"
-        r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
-    )
-    add: Any = _Loader.add_implicit_resolver
-    add("tag:yaml.org,2002:float", re.compile(f"^(?:{real})$"), list("-+0123456789."))
-    add("tag:yaml.org,2002:int", re.compile(f"^(?:{integer})$"), list("-+0123456789"))
-
-
-_resolve_numbers()
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_integer)
-_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_real)
+_INTEGER = r"[-+]?0b[01_]+|[-+]?0[0-7_]+|[-+]?(?:0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+"
+_REAL = (
+    r"[-+]?(?:[0-9][0-9_]*)\.[0-9_]*(?:[eE][-+][0-9]+)?|\.[0-9][0-9_]*(?:[eE][-+][0-9]+)?"
+    r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)"
+)
+_add: Any = _Loader.add_implicit_resolver
+for _kind, _pattern, _first, _read in (
+    ("float", _REAL, "-+0123456789.", yaml.SafeLoader.construct_yaml_float),
+    ("int", _INTEGER, "-+0123456789", yaml.SafeLoader.construct_yaml_int),
+):
+    _add(f"tag:yaml.org,2002:{_kind}", re.compile(f"^(?:{_pattern})$"), list(_first))
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", partial(_Loader.construct_number, read=_read))
 
 
 def read(text: str) -> tuple[yaml.Node | None, Any]:

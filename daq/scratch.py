@@ -12,12 +12,14 @@ import weakref
 from collections.abc import Iterator, MutableMapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.errors import InputError
+
+K = TypeVar("K")
 
 
 @dataclass(frozen=True)
@@ -90,32 +92,43 @@ class Scratch:
         return out
 
 
-class ScratchColumns(MutableMapping[str, npt.NDArray[Any]]):
-    """Named columns in a scratch file; each look reads one of them."""
+class _Kept(MutableMapping[K, npt.NDArray[Any]]):
+    """Arrays in a scratch file; each look reads one. What is put in place of one of its shape takes its room."""
 
     def __init__(self, scratch: Scratch) -> None:
         self.scratch = scratch
-        self._places: dict[str, Place] = {}
+        self._places: dict[K, Place] = {}
 
-    def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        values = self.scratch.read(self._places[name])
-        values.flags.writeable = False
-        return values
+    def __getitem__(self, key: K) -> npt.NDArray[Any]:
+        return self.scratch.read(self._places[key])
 
-    def __setitem__(self, name: str, values: npt.NDArray[Any]) -> None:
-        self._places[name] = self.scratch.put(values)
+    def __setitem__(self, key: K, values: npt.NDArray[Any]) -> None:
+        place = self._places.get(key)
+        if place is not None and place.shape == values.shape and place.dtype == values.dtype:
+            self.scratch.write(place, values)
+        else:
+            self._places[key] = self.scratch.put(values)
 
-    def __delitem__(self, name: str) -> None:
-        del self._places[name]
+    def __delitem__(self, key: K) -> None:
+        del self._places[key]
 
-    def __iter__(self) -> Iterator[str]:
+    def __iter__(self) -> Iterator[K]:
         return iter(self._places)
 
     def __len__(self) -> int:
         return len(self._places)
 
-    def __contains__(self, name: object) -> bool:
-        return name in self._places
+    def __contains__(self, key: object) -> bool:
+        return key in self._places
+
+
+class ScratchColumns(_Kept[str]):
+    """Named columns in a scratch file."""
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        values = super().__getitem__(name)
+        values.flags.writeable = False
+        return values
 
     def reserve(self, name: str, rows: int, dtype: npt.DTypeLike) -> Place:
         """Room for a column that is written bit by bit."""
@@ -127,28 +140,8 @@ class ScratchColumns(MutableMapping[str, npt.NDArray[Any]]):
         return {name: self.scratch.read(place, part) for name, place in self._places.items()}
 
 
-class ScratchArrays(MutableMapping[int | None, npt.NDArray[Any]]):
-    """Arrays by number in a scratch file of their own; what is put in place of one of its shape takes its room."""
+class ScratchArrays(_Kept[int | None]):
+    """Arrays by number in a scratch file of their own."""
 
     def __init__(self) -> None:
-        self._scratch = Scratch()
-        self._places: dict[int | None, Place] = {}
-
-    def __getitem__(self, key: int | None) -> npt.NDArray[Any]:
-        return self._scratch.read(self._places[key])
-
-    def __setitem__(self, key: int | None, values: npt.NDArray[Any]) -> None:
-        place = self._places.get(key)
-        if place is not None and place.shape == values.shape and place.dtype == values.dtype:
-            self._scratch.write(place, values)
-        else:
-            self._places[key] = self._scratch.put(values)
-
-    def __delitem__(self, key: int | None) -> None:
-        del self._places[key]
-
-    def __iter__(self) -> Iterator[int | None]:
-        return iter(self._places)
-
-    def __len__(self) -> int:
-        return len(self._places)
+        super().__init__(Scratch())

@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 SI_UNITS: dict[str, str] = {
-    "joint_position": "rad",  # m for a prismatic joint
-    "joint_velocity": "rad/s",  # m/s for a prismatic joint
+    "joint_position": "rad",
+    "joint_velocity": "rad/s",
     "piston_position": "m",
     "head_pressure": "Pa",
     "rod_pressure": "Pa",
     "cylinder_force": "N",
-    "joint_effort": "N m",  # N for a prismatic joint
+    "joint_effort": "N m",
     "motor_position": "rad",
     "motor_velocity": "rad/s",
     "motor_effort": "N m",
@@ -36,6 +36,8 @@ SI_UNITS: dict[str, str] = {
     "head_port_pressure": "Pa",
     "rod_port_pressure": "Pa",
 }
+#: Of a joint that slides.
+_STRAIGHT = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"}
 #: Units of what is kept as an amplifier takes or gives it: nothing is converted.
 AS_SENT = ("1", "%", "V", "mV", "A", "mA", "mm", "count")
 
@@ -69,6 +71,11 @@ _EXPRESSION = re.compile(
 )
 _OPERATORS = frozenset(("per", "squared", "cubed", "square", "cubic", "sq"))
 _LONGEST = 60
+
+
+def si_unit(quantity: str, *, straight: bool = False) -> str:
+    """The SI unit of a quantity, also of a prismatic (``straight``) joint."""
+    return _STRAIGHT.get(quantity, SI_UNITS[quantity]) if straight else SI_UNITS[quantity]
 
 
 def is_known(unit: str) -> bool:

@@ -65,15 +65,6 @@ def swapped(word: int) -> int:
     return (word & 0xFF) << 8 | word >> 8
 
 
-def to_registers(data_type: str, value: float, word_order: str = "big") -> list[int]:
-    """Modbus registers of a value; bytes inside a register are big endian, words as ``word_order`` says."""
-    data = encode(data_type, value)
-    if len(data) % 2:
-        data += b"\xff" if not data_type.startswith("u") and data[-1] > 127 else b"\x00"
-    words = [int.from_bytes(data[i : i + 2], "little") for i in range(0, len(data), 2)]
-    return words if word_order == "little" else words[::-1]
-
-
 def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
     """The number in Modbus registers; as many words as :func:`registers` says."""
     if byte_order == "little":

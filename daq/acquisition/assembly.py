@@ -78,46 +78,63 @@ class Assembler:
             lag_s = (sync_ns - tick.at_ns) / NS
             if lag_s > LATE * self._period or (sent_ns or sync_ns) - sync_ns > UNCERTAIN_NS:
                 samples = [part if part.from_tick else _late(part) for part in samples]
-        if self._covered and all(part.plain for part in samples):
-            plain = self._plain(tick, sync_ns, utc_ns, samples, lag_s)
-            if plain is not None:
-                return plain
         table = self._table
-        count = len(table.names)
-        raw = self._unknown.copy()
-        quality = np.full(count, Quality.MISSING, dtype=np.uint8)
-        ago = np.zeros(count, dtype=np.int64)
-        after = np.zeros(count)
-        interval = np.ones(count)
-        for order, part in zip(self._order, samples, strict=True):
-            raw[order], quality[order] = part.raw, part.quality
-            ago[order] = part.cycles_ago
-            after[order] = part.after_sync_s if part.from_tick else part.after_sync_s + lag_s
-            if part.interval is not None:
-                interval[order] = part.interval
-        for channel, sentinel in table.sentinels:
-            if raw[channel] == sentinel:
-                raw[channel], quality[channel] = np.nan, Quality.INVALID
+        if self._in_order:
+            raw = samples[0].raw.copy()
+        else:
+            raw = self._unknown.copy()
+            for order, part in zip(self._order, samples, strict=True):
+                raw[order] = part.raw
+        refused = [channel for channel, sentinel in table.sentinels if raw[channel] == sentinel]
+        if refused:
+            raw[refused] = np.nan
         if table.fields or table.turns:
             table.unwrapped(raw)
         values = table.gain * raw + table.bias
-        ages: npt.NDArray[np.float64] = np.asarray(ago * self._period, dtype=np.float64)
-        if not self._lockstep:
-            ages = np.asarray(ages - after, dtype=np.float64)
         new = np.isfinite(values)
-        # Whatever a driver says: what is no number is no measurement.
-        if not new.all():
-            quality[~new & _NUMBERS[quality]] = Quality.INVALID
-        if ago.any():
-            quality[new & (quality == Quality.FRESH) & (ago > 0)] = Quality.LATE
-        beyond = (values <= table.low) | (values >= table.high)
-        if beyond.any():
-            quality[beyond & (quality == Quality.FRESH)] = Quality.OUT_OF_RANGE
-        if self._frozen is not None:
-            quality[self._frozen.frozen(values, quality)] = Quality.FROZEN
-        self._hold(tick.cycle, new, values, ages, quality, interval)
-        self._counts[quality, self._all] += 1
+        plain = self._covered and all(part.plain for part in samples) and np.count_nonzero(new) == len(new)
+        if plain:
+            quality, ages = self._judged(values, self._fresh), self._no_age - lag_s if lag_s else self._no_age
+            self._newest = (values, tick.cycle, -lag_s)
+        else:
+            quality, ages, interval = self._told(samples, new, refused, lag_s)
+            quality = self._judged(values, quality)
+            self._hold(tick.cycle, new, values, ages, quality, interval)
+        if quality is self._fresh:
+            self._plain_frames += 1
+        else:
+            self._counts[quality, self._all] += 1
         return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
+
+    def _told(
+        self, samples: Sequence[Samples], new: npt.NDArray[np.bool_], refused: list[int], lag_s: float
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Quality, age and interval (n,) of values of which some are ``new``, others ``refused`` by a sentinel."""
+        count = len(new)
+        quality = np.full(count, Quality.MISSING, dtype=np.uint8)
+        ago, after, interval = np.zeros(count, dtype=np.int64), np.zeros(count), np.ones(count)
+        for order, part in zip(self._order, samples, strict=True):
+            quality[order], ago[order] = part.quality, part.cycles_ago
+            after[order] = part.after_sync_s if part.from_tick else part.after_sync_s + lag_s
+            if part.interval is not None:
+                interval[order] = part.interval
+        quality[refused] = Quality.INVALID
+        quality[~new & _NUMBERS[quality]] = Quality.INVALID  # whatever a driver says: what is no number is none
+        quality[new & (quality == Quality.FRESH) & (ago > 0)] = Quality.LATE
+        ages = np.asarray(ago * self._period - (0.0 if self._lockstep else after), dtype=np.float64)
+        return quality, ages, interval
+
+    def _judged(self, values: npt.NDArray[np.float64], quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """The quality, with what is fresh beyond its range or stands still marked; the same array if nothing is."""
+        if self._bounded:
+            beyond = (values <= self._table.low) | (values >= self._table.high)
+            if np.count_nonzero(beyond):  # quicker than any()
+                quality = np.where(beyond & (quality == Quality.FRESH), np.uint8(Quality.OUT_OF_RANGE), quality)
+        if self._frozen is not None:
+            frozen = self._frozen.frozen(values, quality)
+            if np.count_nonzero(frozen):
+                quality = np.where(frozen, np.uint8(Quality.FROZEN), quality)
+        return quality
 
     @property
     def counts(self) -> npt.NDArray[np.int64]:
@@ -125,41 +142,6 @@ class Assembler:
         self._counts[Quality.FRESH] += self._plain_frames
         self._plain_frames = 0
         return self._counts
-
-    def _plain(self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples], lag_s: float) -> Frame | None:
-        """What :meth:`frame` makes of samples that are all plain; None if some value is no measurement after all."""
-        table = self._table
-        if self._in_order:
-            raw = samples[0].raw
-        else:
-            raw = self._unknown.copy()
-            for order, part in zip(self._order, samples, strict=True):
-                raw[order] = part.raw
-        for channel, sentinel in table.sentinels:
-            if raw[channel] == sentinel:
-                return None
-        if table.fields or table.turns:
-            raw = raw.copy()
-            table.unwrapped(raw)
-        values = table.gain * raw + table.bias
-        if np.count_nonzero(np.isfinite(values)) != len(values):  # quicker than all()
-            return None
-        quality = self._fresh
-        if self._bounded:
-            beyond = (values <= table.low) | (values >= table.high)
-            if np.count_nonzero(beyond):
-                quality = np.where(beyond, np.uint8(Quality.OUT_OF_RANGE), quality)
-        if self._frozen is not None:
-            frozen = self._frozen.frozen(values, quality)
-            if np.count_nonzero(frozen):
-                quality = np.where(frozen, np.uint8(Quality.FROZEN), quality)
-        self._newest = (values, tick.cycle, -lag_s)
-        if quality is self._fresh:
-            self._plain_frames += 1
-        else:
-            self._counts[quality, self._all] += 1
-        ages = self._no_age - lag_s if lag_s else self._no_age
-        return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
 
     def _hold(
         self,

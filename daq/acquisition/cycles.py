@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from daq.acquisition.assembly import Assembler
@@ -24,11 +24,12 @@ from daq.quality import Quality
 INFO_SECONDS = 0.5
 #: Upper bounds of the histogram of lateness, in ms.
 LATENESS_MS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
+_BOUNDS = tuple(f"{bound:g}" for bound in (*LATENESS_MS, math.inf))
 _QUALITIES = [quality.name.lower() for quality in Quality]
 UTC_JUMP_NS = 50_000_000  # of the computer's clock against the monotonic one; what is smaller is its being steered
 
 
-@dataclass(frozen=True)
+@dataclass
 class AcquisitionStatistics:
     """How acquisition has been doing since it started.
 
@@ -96,9 +97,7 @@ class Cycles:
         self.clock = clock
         self.table = table
         self._period_ns = 1e9 / (machine.rate_hz * (machine.simulation.speed if machine.simulation else 1.0))
-        self.cycles = self.skipped = self.late = self.utc_jumps = 0
-        self.worst_late_ns = self.late_ns = 0
-        self._lateness = [0] * (len(LATENESS_MS) + 1)
+        self._counted = AcquisitionStatistics(lateness=dict.fromkeys(_BOUNDS, 0))
         self._utc_offset_ns: int | None = None
 
     def once(self, ring: RingWriter) -> None:
@@ -110,12 +109,16 @@ class Cycles:
         sent_ns = self.clock.monotonic_ns()
         samples = [driver.collect(tick.collect_until_ns) for driver in self.drivers]
         ring.write_frame(self.assembler.frame(tick, sync_ns, utc_ns, samples, sent_ns))
-        self.cycles += 1
-        self.skipped += tick.skipped
-        self.late += tick.late_ns >= self._period_ns * (1.0 if self.lockstep else 0.1)
-        self.worst_late_ns = max(self.worst_late_ns, tick.late_ns)
-        self.late_ns += tick.late_ns
-        self._lateness[bisect_left(LATENESS_MS, tick.late_ns / 1e6)] += 1
+        counted, late_ms = self._counted, tick.late_ns / 1e6
+        counted.cycles += 1
+        counted.skipped += tick.skipped
+        if self.lockstep:
+            counted.slipped += tick.late_ns >= self._period_ns
+        else:
+            counted.late += tick.late_ns >= 0.1 * self._period_ns
+        counted.worst_late_ms = max(counted.worst_late_ms, late_ms)
+        counted.lateness_ms += late_ms
+        counted.lateness[_BOUNDS[bisect_left(LATENESS_MS, late_ms)]] += 1
         self._look_at_utc(utc_ns - sync_ns)
 
     def _look_at_utc(self, offset_ns: int) -> None:
@@ -129,7 +132,7 @@ class Cycles:
             self._utc_offset_ns = known  # we were kept from running between the two clocks; the next cycle looks again
             return
         self._utc_offset_ns = offset_ns
-        self.utc_jumps += 1
+        self._counted.utc_jumps += 1
         seconds = (offset_ns - known) / 1e9
         text = f"the computer's clock was set by {seconds:+.3f} s; machine time goes on unchanged"
         self.events.note("clock", "utc_jump", text)
@@ -141,16 +144,10 @@ class Cycles:
             name: {word: count for word, count in zip(_QUALITIES, own, strict=True) if count}
             for name, own in zip(self.table.names, counts, strict=True)
         }
-        return AcquisitionStatistics(
+        return replace(
+            self._counted,
             state=state,
-            cycles=self.cycles,
-            skipped=self.skipped,
-            late=0 if self.lockstep else self.late,
-            slipped=self.late if self.lockstep else 0,
-            worst_late_ms=self.worst_late_ns / 1e6,
-            lateness={f"{bound:g}": n for bound, n in zip((*LATENESS_MS, math.inf), self._lateness, strict=True)},
-            lateness_ms=self.late_ns / 1e6,
-            utc_jumps=self.utc_jumps,
+            lateness=dict(self._counted.lateness),
             quality=quality,
             buses=[_as_dict(driver.statistics()) for driver in self.drivers],
             events=self.events.published(),

@@ -52,7 +52,8 @@ class FrozenDetector:
         self._block = max(CHANGES, round(machine.rate_hz))
         self._least = max(4, round(LEAST_RUN * machine.rate_hz))
         self._tolerance = np.array([_tolerance(machine, channel) for channel in channels])
-        self._device = np.array([_number(channels, channel) for channel in channels])
+        devices = [_device(channel) for channel in channels]
+        self._device = np.array([devices.index(device) for device in devices])
         pairs = [
             (i, j, PLAY * _range(machine, other))
             for i, one in enumerate(channels)
@@ -63,17 +64,13 @@ class FrozenDetector:
         self._other = np.array([j for _, j, _ in pairs], dtype=np.intp)
         self._play = np.array([play for _, _, play in pairs])  # that may be between them, in the other's SI unit
         self._last = np.full(n, np.nan)
-        self._whole = False  # whether a last value is known of every channel
         self._running = True  # whether some run may go on
         self._all, self._none = np.ones(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         self._step = np.zeros(n)  # the last change that was one
-        self._steps: list[FloatArray] = []  # since then, of frames that were all fresh
+        self._steps: list[FloatArray] = []  # since then; NaN where nothing fresh came
         self._run = np.zeros(n, dtype=np.int64)  # values equal to the one before, until now
         self._longest = np.zeros(n, dtype=np.int64)
         self._found = np.zeros(n, dtype=np.bool_)  # whether the run that goes on was called frozen
-        self._in_block = 0
-        self._changes = np.zeros(n, dtype=np.int64)
-        self._turns = np.zeros(n, dtype=np.int64)
         self._noisy = np.zeros(n, dtype=np.int64)
         self._known = np.zeros(n, dtype=np.bool_)  # seen to tremble often enough to be judged by it
         self._some_known = False
@@ -84,85 +81,45 @@ class FrozenDetector:
 
     def frozen(self, values: FloatArray, quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
         """Channels whose value of this frame stands still, (n,); only those that are fresh are looked at."""
-        if not quality.any() and self._whole:  # all are fresh, as nearly always
-            return self._of_fresh(values)
-        self._learn()
-        fresh = quality == Quality.FRESH
+        fresh = quality == Quality.FRESH if quality.any() else self._all
         step = values - self._last
-        if not fresh.all():
-            step[~fresh] = np.nan
-        same = step == 0.0
-        changed = np.abs(step) > 0.0  # a step that is no number is none
-        # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
-        np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
-        self._found[changed] = False
-        self._run += same
-        self._run[changed] = 0
-        self._changes += changed
-        self._turns += step * self._step < 0.0
-        np.copyto(self._step, step, where=changed)
-        np.copyto(self._last, values, where=fresh)
-        self._whole = bool(np.isfinite(self._last).all())
-        self._running = True
-        self._next_block()
-        found = self._by_noise()
-        if len(self._one):
-            found |= self._by_other(values, fresh)
-        found &= fresh
-        self._found |= found
-        return found
-
-    def _of_fresh(self, values: FloatArray) -> npt.NDArray[np.bool_]:
-        """What :meth:`frozen` does where all values are fresh and finite, and all of the last ones were known.
-
-        What is learnt of the noise is needed once in a block: the steps wait until then (:meth:`_learn`).
-        """
-        step = values - self._last
-        self._steps.append(step)
         changed = step != 0.0
-        changes = np.count_nonzero(changed)  # quicker than any() and all()
-        if not changes:
-            self._run += 1
-            self._running = True
-        elif self._running or changes != len(step):  # else no run goes on that could end
+        if fresh is not self._all:
+            step[~fresh] = np.nan
+            changed &= fresh
+        self._steps.append(step)
+        if self._running or np.count_nonzero(changed) != len(step):  # else no run goes on that could end
+            # A run that was called frozen says nothing about what is normal: the next one has to be found as well.
             np.maximum(self._longest, self._run, out=self._longest, where=changed & ~self._found)
             self._found[changed] = False
-            self._run += 1
+            self._run += step == 0.0
             self._run[changed] = 0
             self._running = bool(self._run.any())
-        self._last[:] = values
-        self._next_block()
-        judged = self._running and self._some_known
-        found = self._by_noise() if judged else self._none
+        self._last = values if fresh is self._all else np.where(fresh, values, self._last)
+        if len(self._steps) >= self._block:
+            self._learn()
+        found = self._by_noise() if self._running and self._some_known else self._none
         if len(self._one):
-            found = found | self._by_other(values, self._all)
+            found = found | self._by_other(values, fresh)
         if found is not self._none:
+            found &= fresh
             self._found |= found
         return found
 
     def _learn(self) -> None:
-        """Count the changes of the steps that wait, and those that turn back against the change before them."""
-        if not self._steps:
-            return
+        """Once in a block: in which channels enough of the changes turn back against the change before them."""
         steps = np.stack([self._step, *self._steps])
         self._steps.clear()
         rows = np.arange(len(steps))[:, None]
-        change = steps != 0.0
+        change = np.abs(steps) > 0.0
         change[0] = True
         # The newest change at or before each row: a value that repeats itself is none.
         newest = np.take_along_axis(steps, np.maximum.accumulate(np.where(change, rows, 0), axis=0), axis=0)
-        self._changes += change[1:].sum(axis=0)
-        self._turns += (steps[1:] * newest[:-1] < 0.0).sum(axis=0)
+        changes, turns = change[1:].sum(axis=0), (steps[1:] * newest[:-1] < 0.0).sum(axis=0)
         self._step = newest[-1]
-
-    def _next_block(self) -> None:
-        self._in_block += 1
-        if self._in_block >= self._block:
-            self._learn()
-            self._noisy += (self._changes >= CHANGES) & (3 * self._turns >= self._changes)
-            self._changes[:], self._turns[:], self._in_block = 0, 0, 0
-            self._known = self._noisy >= NOISY_BLOCKS
-            self._some_known = bool(self._known.any())
+        self._noisy += (changes >= CHANGES) & (3 * turns >= changes)
+        self._known = self._noisy >= NOISY_BLOCKS
+        self._some_known = bool(self._known.any())
 
     def _by_noise(self) -> npt.NDArray[np.bool_]:
         noisy = self._known
@@ -212,11 +169,6 @@ def _range(machine: Machine, channel: Channel) -> float:
     low, high = joint.limits.position
     ratio = abs(joint.drive.ratio) if channel.quantity == "motor_position" and joint.drive is not None else 1.0
     return ratio * (high - low)
-
-
-def _number(channels: tuple[Channel, ...], channel: Channel) -> int:
-    """The device that a channel comes from, as the number of the first channel of it."""
-    return next(k for k, other in enumerate(channels) if _device(other) == _device(channel))
 
 
 def _device(channel: Channel) -> tuple[str, str]:

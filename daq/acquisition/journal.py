@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import itertools
 import json
 import mmap
 import os
@@ -238,7 +239,9 @@ def _recover_one(journal: Path) -> Recovered:
         return Recovered(journal, None, 0)
     # Killed between the rename and the removal of the journal, or another recording took the name since.
     if not (path.exists() and _same(path, found.table)):
-        path = _free(path) if path.exists() else path
+        taken = path
+        if path.exists():
+            path = _free(lambda number: taken.with_name(f"{taken.stem}.recovered{number}{taken.suffix}"))
         _seal(path, found.table, _noted(found), journal)
     _put_away(journal)
     return Recovered(journal, path, found.table.num_rows, found.damaged)
@@ -260,21 +263,15 @@ def _noted(found: _Found) -> dict[str, str]:
     return noted
 
 
-def _free(path: Path) -> Path:
-    """A name beside ``path`` that nobody has."""
-    for number in range(1, 1000):
-        name = f"{path.stem}.recovered{'' if number == 1 else number}{path.suffix}"
-        if not path.with_name(name).exists():
-            return path.with_name(name)
-    raise StorageError(f"{path}: was recovered a thousand times; move some of the files away", "rename")
+def _free(name: Callable[[str], Path]) -> Path:
+    """The first name that nobody has; ``name`` makes one from its number, which the first does not show."""
+    return next(
+        path for number in itertools.count(1) if not (path := name("" if number == 1 else str(number))).exists()
+    )
 
 
 def _put_away(journal: Path) -> None:
-    done = journal.with_name(journal.name + DONE_SUFFIX)
-    number = 2
-    while done.exists():
-        done = journal.with_name(f"{journal.name}{DONE_SUFFIX}{number}")
-        number += 1
+    done = _free(lambda number: journal.with_name(f"{journal.name}{DONE_SUFFIX}{number}"))
     try:
         journal.rename(done)
     except OSError as error:

@@ -18,29 +18,26 @@ import json
 import os
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing import resource_tracker, shared_memory
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 import orjson
 
 from daq.errors import AcquisitionError
+from daq.frames.frame import Frame, frame_from_row, row_dtype
 
-if TYPE_CHECKING:
-    from daq.frames.frame import Frame
-
-MAGIC = b"hilfit/ring/1"
+MAGIC = b"hilfit/ring/2"
 INFO_BYTES = 65536
 _HEADER = np.dtype(
     [
         ("magic", "S16"),
         ("slots", np.uint64),
-        ("row_bytes", np.uint64),
-        ("layout_bytes", np.uint64),  # length of the JSON description of a row, behind the info text
+        ("channels", np.uint64),  # of a row (:func:`daq.frames.frame.row_dtype`)
         ("written", np.uint64),
         ("closed", np.uint64),
         ("writer_pid", np.uint64),
@@ -49,6 +46,7 @@ _HEADER = np.dtype(
         ("info_after", np.uint64),
     ]
 )
+_START = (_HEADER.itemsize + INFO_BYTES + 63) // 64 * 64  # of the first slot
 _ATTACHING = threading.Lock()
 
 
@@ -72,12 +70,9 @@ class _Ring:
             raise AcquisitionError(f"shared memory '{memory.name}' is no ring buffer of this version")
         self._written = self._header["written"]
         self._slots = int(self._header["slots"][0])
-        start = _HEADER.itemsize + INFO_BYTES
-        layout = bytes(buffer[start : start + int(self._header["layout_bytes"][0])])
-        self.dtype = _dtype(json.loads(layout))
-        slot = _slot_dtype(self.dtype)
+        self.dtype = row_dtype(int(self._header["channels"][0]))
         self._slot: npt.NDArray[np.void] = np.ndarray(
-            (self._slots,), dtype=slot, buffer=buffer, offset=_aligned(start + len(layout))
+            (self._slots,), dtype=_slot_dtype(self.dtype), buffer=buffer, offset=_START
         )
         self._before = self._slot["before"]
         self._after = self._slot["after"]
@@ -157,16 +152,10 @@ class RingWriter(_Ring):
 
     def write(self, row: npt.NDArray[np.void]) -> None:
         """Append one row (shape (1,) of the ring's dtype); the oldest one goes if the ring is full."""
-        sequence = self._next + 1
-        slot = self._next % self._slots
-        self._before[slot] = sequence
-        self._row[slot] = row[0]
-        self._after[slot] = sequence
-        self._written[0] = sequence
-        self._next = sequence
+        self.write_frame(frame_from_row(row[0]))
 
     def write_frame(self, frame: Frame) -> None:
-        """Append a frame, without making a row of it first; the ring's dtype is :func:`daq.frames.frame.row_dtype`."""
+        """Append a frame, without making a row of it first."""
         sequence = self._next + 1
         slot = self._next % self._slots
         column = self._columns
@@ -266,16 +255,14 @@ class RingReader(_Ring):
 
 @contextlib.contextmanager
 def ring_buffer(dtype: np.dtype[np.void], slots: int, name: str | None = None) -> Iterator[str]:
-    """Make a ring for rows of ``dtype`` and yield its name; it is gone when the block ends.
+    """Make a ring for rows of ``dtype`` (:func:`daq.frames.frame.row_dtype`) and yield its name; gone with the block.
 
     Raises
     ------
     AcquisitionError
         If a ring of that name is there already.
     """
-    layout = json.dumps(_description(dtype)).encode()
-    start = _aligned(_HEADER.itemsize + INFO_BYTES + len(layout))
-    size = start + slots * _slot_dtype(dtype).itemsize
+    size = _START + slots * _slot_dtype(dtype).itemsize
     try:
         memory = shared_memory.SharedMemory(name, create=True, size=size)
     except FileExistsError:
@@ -283,10 +270,8 @@ def ring_buffer(dtype: np.dtype[np.void], slots: int, name: str | None = None) -
             f"ring buffer '{name}' is there already: this machine is being acquired by another process; stop that one"
         ) from None
     try:
-        at = _HEADER.itemsize + INFO_BYTES
-        _buffer(memory)[at : at + len(layout)] = layout
         header = np.ndarray((1,), dtype=_HEADER, buffer=_buffer(memory))
-        header["slots"], header["row_bytes"], header["layout_bytes"] = slots, dtype.itemsize, len(layout)
+        header["slots"], header["channels"] = slots, dtype["values"].shape[0]
         header["magic"] = MAGIC
         del header  # a view that is alive would keep the memory from being closed
         yield memory.name
@@ -316,10 +301,6 @@ def _buffer(memory: shared_memory.SharedMemory) -> memoryview:
     return memory.buf
 
 
-def _aligned(offset: int) -> int:
-    return (offset + 63) // 64 * 64
-
-
 def _slot_dtype(row: np.dtype[np.void]) -> np.dtype[np.void]:
     size = (row.itemsize + 7) // 8 * 8
     return np.dtype(
@@ -330,12 +311,3 @@ def _slot_dtype(row: np.dtype[np.void]) -> np.dtype[np.void]:
             "itemsize": 16 + size,
         }
     )
-
-
-def _description(dtype: np.dtype[np.void]) -> list[list[Any]]:
-    fields: Mapping[str, Any] = dtype.fields or {}
-    return [[name, fields[name][0].base.str, list(fields[name][0].shape)] for name in dtype.names or ()]
-
-
-def _dtype(description: list[list[Any]]) -> np.dtype[np.void]:
-    return np.dtype([(name, kind, tuple(shape)) for name, kind, shape in description])

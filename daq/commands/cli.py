@@ -238,7 +238,7 @@ def export(
     _writable(output, force, formats.SUFFIXES)
     with working(f"writing {output.name}", show=not json):
         table = read_table(file)
-        formats.export(table, output, formats.units_in(table))
+        formats.export(table, output, table.units)
     if json:
         print_json({"file": str(output), "rows": table.rows, "columns": list(table.columns)})
     else:

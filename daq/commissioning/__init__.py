@@ -3,11 +3,10 @@
 ==============  ====================================================================================================
 ``can_scan``    who is on a CAN bus: listening first, asking only where that is allowed
 ``modbus_scan`` which units answer in a given range
-``check``       every device of a machine: identity, units, mapping, latency, jitter, noise, zero, drift
+``check``       every device of a machine: identity, units, mapping, latency, jitter, noise, zero, drift; to print, too
 ``delays``      how much later one bus is than another, estimated from what both of them see
-``page``        the check as one page to print
 ``monitor``     values, ages and devices as they come
-``draft``       the ``buses`` and ``channels`` part of a machine file, from a scan, EDS and DBC files
+``wizard``      the ``buses`` and ``channels`` part of a machine file, from a scan, EDS and DBC files
 ==============  ====================================================================================================
 """
 

@@ -5,29 +5,19 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import can
 
-from daq.drivers.canopen.identity import ask
+from daq.drivers.canopen.eds import Pdo, pdos_of
 from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError
-from daq.drivers.canopen.profiles import profile_name
+from daq.drivers.canopen.mapping import TPDO_COUNT
+from daq.drivers.canopen.profiles import ask, profile_name
 from daq.errors import BusError, first_line
 
 ASK_EVERY_S = 0.005
 ANSWERS_S = 0.4  # for the last one that was asked
 _DEVICE_TYPE = bytes((0x40, 0, 0x10, 0, 0, 0, 0, 0))  # upload of 0x1000
-_PDO_OFF = 0x8000_0000
-
-
-@dataclass(frozen=True)
-class Pdo:
-    """A TPDO as it is set up: transmission type, event timer (ms), and (index, subindex, bits) of what it carries."""
-
-    number: int
-    cob_id: int
-    transmission: int
-    event_ms: int
-    entries: tuple[tuple[int, int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -86,7 +76,7 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
 
 
 def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
-    """A node by what it says of itself (:func:`daq.drivers.canopen.identity.ask`)."""
+    """A node by what it says of itself (:func:`daq.drivers.canopen.profiles.ask`)."""
     numbers = {name: value for name, value in told.items() if isinstance(value, int)}
     texts = {name: value for name, value in told.items() if isinstance(value, str)}
     device_type = numbers.get("0x1000:0")
@@ -104,28 +94,10 @@ def asked(link: CanLink, node: FoundNode) -> FoundNode:
     sdo = link.sdo(node.node)
     try:
         answered = said(node.node, ask(sdo))
-        heartbeat_ms, pdos = _number(sdo, 0x1017), tuple(_pdos(sdo))
+        heartbeat_ms, pdos = _number(sdo, 0x1017), tuple(pdos_of(partial(_number, sdo), TPDO_COUNT))
         return replace(answered, state=node.state, answers=node.answers, heartbeat_ms=heartbeat_ms, pdos=pdos)
     except NoAnswerError:  # it went away, or answers one question in two
         return node
-
-
-def _pdos(sdo: Sdo) -> list[Pdo]:
-    found = []
-    for number in range(4):
-        cob_id = _number(sdo, 0x1800 + number, 1)
-        if cob_id is None or cob_id & _PDO_OFF:
-            continue
-        entries = []
-        for entry in range(1, min(_number(sdo, 0x1A00 + number) or 0, 8) + 1):
-            mapped = _number(sdo, 0x1A00 + number, entry) or 0
-            entries.append((mapped >> 16, mapped >> 8 & 0xFF, mapped & 0xFF))
-        transmission = _number(sdo, 0x1800 + number, 2)
-        event_ms = _number(sdo, 0x1800 + number, 5) or 0
-        found.append(
-            Pdo(number + 1, cob_id & 0x7FF, 255 if transmission is None else transmission, event_ms, tuple(entries))
-        )
-    return found
 
 
 def _number(sdo: Sdo, index: int, subindex: int = 0) -> int | None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -285,3 +286,18 @@ def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) ->
             f"{name}: shows {rest.mean:.4g} {unit} without pressure; if there is none, write offset: "
             f"{channel.source.offset - rest.mean:.6g} in its source"
         )
+
+
+def check_page(check: MachineCheck) -> str:
+    """The check as one page to print: a self-contained HTML file."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("check_page.html.j2").render(check=check, number=number)
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number with so many digits; empty where there is none."""
+    return "" if math.isnan(value) else f"{value:.{digits}g}"

@@ -27,6 +27,7 @@ from scipy.signal import savgol_filter
 
 from daq.commissioning.loads import load_columns
 from daq.machine.machine_file import Channel, Machine
+from daq.recordings.recording_checks import runs
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -155,7 +156,8 @@ def _signals(
 
 def _delay(motion: _Motion, y: FloatArray, rate_hz: float) -> tuple[float, float, float] | None:
     """Delay of ``y`` behind the motion, s, its deviation, and what the motion explains; None where it does not."""
-    part = _longest(np.isfinite(y) & np.isfinite(motion.q).all(axis=1))
+    whole = runs(np.isfinite(y) & np.isfinite(motion.q).all(axis=1))
+    part = max(whole, key=lambda run: run.stop - run.start, default=slice(0, 0))
     if part.stop - part.start < LEAST_S * rate_hz:
         return None
     y, q = y[part], motion.q[part]
@@ -183,16 +185,6 @@ def _delay(motion: _Motion, y: FloatArray, rate_hz: float) -> tuple[float, float
         return None
     std = float(np.sqrt((BLOCKS - 1) / BLOCKS * ((estimates - estimates.mean()) ** 2).sum()))
     return best, std, r2
-
-
-def _longest(there: npt.NDArray[np.bool_]) -> slice:
-    """The longest part without a gap."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], there, [False])).astype(int)))
-    if not len(edges):
-        return slice(0, 0)
-    starts, stops = edges[::2], edges[1::2]
-    longest = int(np.argmax(stops - starts))
-    return slice(int(starts[longest]), int(stops[longest]))
 
 
 def _polynomial(q: FloatArray) -> FloatArray:

@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from daq.kinematics.chain import about
 from daq.machine.machine_file import Machine
+from daq.machine.travel import lever_arm
 
 FloatArray = npt.NDArray[np.float64]
-
-_STEP = 1e-5  # rad or m
 
 
 def load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
@@ -26,9 +26,7 @@ def load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a:
     joint = machine.joints[number]
     torque = np.column_stack([_gravity(machine, number, q), a])
     if joint.cylinder is not None:
-        law = joint.cylinder.linkage.piston_position
-        lever = (law(q[:, number] + _STEP) - law(q[:, number] - _STEP)) / (2 * _STEP)
-        torque = torque / lever[:, None]
+        torque = torque / lever_arm(joint.cylinder.linkage, q[:, number])[:, None]
     own = v[:, number] / (v[:, number].std() or 1.0)
     columns = np.column_stack([torque, own, np.tanh(own / 0.1)])
     columns = columns - columns.mean(axis=0)
@@ -59,21 +57,7 @@ def _poses(machine: Machine, q: FloatArray) -> list[FloatArray]:
         row, turns = joint.dh, joint.type == "revolute"
         theta = row.theta + (q[:, number] if turns else 0.0 * q[:, number])
         d = row.d + (0.0 * q[:, number] if turns else q[:, number])
-        about_z, about_x = _about_z(theta, d), _about_x(row.alpha, row.a)
+        about_z, about_x = about(2, theta, d), about(0, row.alpha, row.a)
         step = about_z @ about_x if machine.convention == "standard" else about_x @ about_z
         poses.append(poses[-1] @ step)
     return poses
-
-
-def _about_z(theta: FloatArray, d: FloatArray) -> FloatArray:
-    made = np.zeros((len(theta), 4, 4))
-    c, s = np.cos(theta), np.sin(theta)
-    made[:, 0, 0], made[:, 0, 1], made[:, 1, 0], made[:, 1, 1] = c, -s, s, c
-    made[:, 2, 2] = made[:, 3, 3] = 1.0
-    made[:, 2, 3] = d
-    return made
-
-
-def _about_x(alpha: float, a: float) -> FloatArray:
-    c, s = np.cos(alpha), np.sin(alpha)
-    return np.array([[1.0, 0.0, 0.0, a], [0.0, c, -s, 0.0], [0.0, s, c, 0.0], [0.0, 0.0, 0.0, 1.0]])

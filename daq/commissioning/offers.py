@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import accumulate
 from typing import Any
 
 from canopen import objectdictionary
 
-from daq.drivers.canopen.eds import Place, pdo_places, read_eds, value_of, variable_of
+from daq.drivers.canopen.eds import Pdo, Place, pdo_places, read_eds, value_of, variable_of
 from daq.drivers.canopen.profiles import ASKED, Measured, measured, profile_of
 from daq.machine.buses import CanSignalsBus, object_of
 from daq.machine.can_database import read_database
@@ -53,18 +52,10 @@ def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) ->
         if node.get("device_type") is None:
             continue
         objects = {object_of(text): value for text, value in node["objects"].items()}
-        places = {
-            (index, sub): Place(pdo["cob_id"], bit, bits, pdo["transmission"] <= 240, pdo["event_ms"])
-            for pdo in node["pdos"]
-            for (index, sub, bits), bit in zip(
-                pdo["entries"], accumulate((e[2] for e in pdo["entries"]), initial=0), strict=False
-            )
-        }
+        places = {key: place for pdo in node["pdos"] for key, place in Pdo(**pdo).places().items()}
         for own in measured(node["device_type"], objects):
             place = places.get((own.index, own.subindex)) if listen_only else None
-            found.append(
-                _of_object(bus, node["node"], node.get("name") or node["profile"], own, place if listen_only else None)
-            )
+            found.append(_of_object(bus, node["node"], node.get("name") or node["profile"], own, place))
     return found
 
 

@@ -98,7 +98,10 @@ class FoundSetups:
         """What is kept of a node; None if nothing is, or nothing that can be used."""
         try:
             content = json.loads(self.path(bus, node).read_text(encoding="utf-8"))
-            found, wrote, identity = (_objects(content[name]) for name in ("found", "wrote", "identity"))
+            found, wrote, identity = (
+                {object_of(key): bytes.fromhex(value) for key, value in content[name].items()}
+                for name in ("found", "wrote", "identity")
+            )
             return FoundSetup(found, wrote, identity, int(content["state"]))
         except FileNotFoundError:
             return None
@@ -122,7 +125,3 @@ def _content(setup: FoundSetup) -> dict[str, object]:
             for name, objects in parts.items()
         },
     }
-
-
-def _objects(content: Mapping[str, str]) -> dict[tuple[int, int], bytes]:
-    return {object_of(key): bytes.fromhex(value) for key, value in content.items()}

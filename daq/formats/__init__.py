@@ -8,15 +8,16 @@
 
 from __future__ import annotations
 
-import json
+import importlib
 from collections.abc import Mapping
 from pathlib import Path
 
 from daq.errors import InputError, RecordingError
 from daq.recordings.recording_files import Table, replacing, write_columns
 
+_MODULES = {".mf4": "mdf4", ".mcap": "mcap_file", ".mat": "mat"}
 #: Of the forms that :func:`export` writes.
-SUFFIXES = (".parquet", ".csv", ".mf4", ".mcap", ".mat")
+SUFFIXES = (".parquet", ".csv", *_MODULES)
 
 
 def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
@@ -36,7 +37,7 @@ def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise RecordingError(f"{target}: unknown kind of file '{suffix}'; use {', '.join(SUFFIXES)}")
-    if suffix in (".parquet", ".csv"):
+    if suffix not in _MODULES:
         write_columns(target, table)
         return
     if "time" not in table.columns:
@@ -45,28 +46,8 @@ def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
         )
     try:
         with replacing(target) as temporary:
-            _write(table, dict(units), temporary, suffix)
+            importlib.import_module(f"daq.formats.{_MODULES[suffix]}").write(table, dict(units), temporary)
     except ModuleNotFoundError as error:
         raise InputError(f"{target}: needs {error.name}; run: pip install 'hilfit[export]'") from None
     except OSError as error:
         raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from None
-
-
-def _write(table: Table, units: dict[str, str], target: Path, suffix: str) -> None:
-    if suffix == ".mf4":
-        from daq.formats import mdf4
-
-        mdf4.write(table, units, target)
-    elif suffix == ".mcap":
-        from daq.formats import mcap_file
-
-        mcap_file.write(table, units, target)
-    else:
-        from daq.formats import mat
-
-        mat.write(table, units, target)
-
-
-def units_in(table: Table) -> dict[str, str]:
-    """Units of the columns, as far as the file says them."""
-    return {str(name): str(unit) for name, unit in json.loads(table.metadata.get("hilfit.units", "{}")).items()}

@@ -78,3 +78,16 @@ def turning(direction: FloatArray, angle: float) -> FloatArray:
     x, y, z = direction
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def about(axis: int, angle: npt.ArrayLike, way: npt.ArrayLike) -> FloatArray:
+    """Motions (..., 4, 4) about a frame's axis (0 is x) by ``angle`` (...), rad, and along it by ``way`` (...), m."""
+    angle, way = np.broadcast_arrays(angle, way)
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    made = np.zeros((*angle.shape, 4, 4))
+    made[..., second, second] = made[..., third, third] = np.cos(angle)
+    made[..., third, second] = np.sin(angle)
+    made[..., second, third] = -made[..., third, second]
+    made[..., axis, axis] = made[..., 3, 3] = 1.0
+    made[..., axis, 3] = way
+    return made

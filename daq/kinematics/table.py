@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from daq.kinematics.chain import Chain
+from daq.kinematics.chain import Chain, about
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -71,10 +71,7 @@ def table_of(chain: Chain) -> Table:
 
 def _row(a: float, alpha: float, d: float, theta: float) -> FloatArray:
     """``Rz(theta) Tz(d) Tx(a) Rx(alpha)``."""
-    ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array(
-        [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
-    )
+    return np.asarray(about(2, theta, d) @ about(0, alpha, a))
 
 
 def _squared_up(directions: list[FloatArray]) -> list[FloatArray]:

@@ -11,18 +11,16 @@ from typing import Annotated, Literal
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from daq.machine.buses import FileModel
 
 FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]  # m, in the plane that the joint's axis is perpendicular to
 Length = Annotated[float, Field(gt=0)]  # m
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ThreePin(_Model):
+class ThreePin(FileModel):
     """Cylinder between two pins, seen from the joint axis: the law of cosines.
 
     ``length^2 = a^2 + b^2 - 2 a b cos(q + offset)``; ``x = length - retracted``.
@@ -45,7 +43,7 @@ class ThreePin(_Model):
         return self.length(q) - self.retracted
 
 
-class Rack(_Model):
+class Rack(FileModel):
     """Rack and pinion: ``x = radius (q - zero)``."""
 
     type: Literal["rack"]
@@ -57,7 +55,7 @@ class Rack(_Model):
         return np.asarray(self.radius * (np.asanyarray(q) * 1.0 - self.zero))
 
 
-class Direct(_Model):
+class Direct(FileModel):
     """The cylinder is the (prismatic) joint: ``x = q``."""
 
     type: Literal["direct"]
@@ -67,7 +65,7 @@ class Direct(_Model):
         return np.asarray(np.asanyarray(q) * 1.0)
 
 
-class Polynomial(_Model):
+class Polynomial(FileModel):
     """Any linkage as a polynomial over the joint's limits: ``x = sum c_k q^k``."""
 
     type: Literal["polynomial"]
@@ -78,7 +76,7 @@ class Polynomial(_Model):
         return np.asarray(np.polynomial.polynomial.polyval(np.asanyarray(q) * 1.0, self.coefficients))
 
 
-class Pins(_Model):
+class Pins(FileModel):
     """Cylinder between two pins whose coordinates were measured: a three-pin linkage in other words.
 
     All points lie in the plane that the joint's axis is perpendicular to, drawn so that positive joint positions turn
@@ -114,7 +112,7 @@ class Pins(_Model):
         return self.three_pin.piston_position(q)
 
 
-class FourBar(_Model):
+class FourBar(FileModel):
     """Cylinder on a rocker, from which a coupler drives the link: a bucket's linkage.
 
     Points, plane and ``angle`` as in :class:`Pins`. The rocker turns about ``rocker_pivot`` on the parent. One of its
@@ -194,5 +192,3 @@ def reduced(linkage: Linkage) -> ThreePin | Rack | Direct | Polynomial | FourBar
 
 
 Linkage = Annotated[ThreePin | Pins | FourBar | Rack | Direct | Polynomial, Field(discriminator="type")]
-#: Every kind of linkage, for whoever needs their keys.
-LINKAGES: tuple[type[BaseModel], ...] = (ThreePin, Pins, FourBar, Rack, Direct, Polynomial)

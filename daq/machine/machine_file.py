@@ -48,11 +48,10 @@ from daq.machine.joints import (
     Limits,
     ordered,
 )
-from daq.machine.linkages import LINKAGES
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
-from daq.units import AS_SENT, SI_UNITS, Conversion, conversion, kept_as_sent
+from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
     "JOINT_QUANTITIES", "SCHEMA", "Bus", "CanBus", "CanNode", "CanSignalsBus", "CanSource", "CanopenBus", "Channel",
@@ -201,10 +200,8 @@ class Machine(FileModel):
         """
         if channel.quantity in SENT_QUANTITIES and channel.unit in AS_SENT:
             return channel.unit
-        si = SI_UNITS[channel.quantity]
-        if channel.joint is not None and self.joint(channel.joint).type == "prismatic":
-            si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"}.get(channel.quantity, si)
-        return si
+        joint = None if channel.joint is None else self.joint(channel.joint)
+        return si_unit(channel.quantity, straight=joint is not None and joint.type == "prismatic")
 
     def conversion(self, channel: Channel) -> Conversion:
         """Conversion from the channel's declared unit to SI."""
@@ -296,7 +293,7 @@ def _kinds(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
         yield from _kinds(kind)
 
 
-_MODELS: tuple[type[BaseModel], ...] = (*_kinds(FileModel), *LINKAGES)
+_MODELS = tuple(_kinds(FileModel))
 _TYPES = [kind.annotation for model in _MODELS if (kind := model.model_fields.get("type")) is not None]
 _TAGS = frozenset(("other", *(str(name) for kind in _TYPES for name in get_args(kind))))  # of alternatives
 _ALL_KEYS = sorted({field.alias or key for model in _MODELS for key, field in model.model_fields.items()})

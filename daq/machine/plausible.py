@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
 from daq.machine.travel import Travel, travel_of
-from daq.units import SI_UNITS, conversion
+from daq.units import SI_UNITS, conversion, si_unit
 
 Place = tuple[str | int, ...]
 
@@ -95,27 +95,31 @@ def doubts(content: Mapping[str, Any]) -> Iterator[Doubt]:
             yield from _of_a_channel(("channels", index), channel, joints if isinstance(joints, list) else [])
 
 
-def _number(tree: object, *keys: str) -> float | None:
+def _at(tree: object, keys: tuple[str, ...]) -> object:
     for key in keys:
-        if not isinstance(tree, dict):
-            return None
-        tree = tree.get(key)
-    usable = isinstance(tree, int | float) and not isinstance(tree, bool) and np.isfinite(tree)
-    return float(tree) if usable else None  # type: ignore[arg-type]
+        tree = tree.get(key) if isinstance(tree, dict) else None
+    return tree
 
 
-def _numbers(value: object, count: int) -> list[float] | None:
-    if not isinstance(value, list) or len(value) != count:
+def _number(tree: object, *keys: str) -> float | None:
+    found = _at(tree, keys)
+    usable = isinstance(found, int | float) and not isinstance(found, bool) and np.isfinite(found)
+    return float(found) if usable else None  # type: ignore[arg-type]
+
+
+def _numbers(count: int, tree: object, *keys: str) -> list[float] | None:
+    found = _at(tree, keys)
+    if not isinstance(found, list) or len(found) != count:
         return None
-    found = [_number({"value": entry}, "value") for entry in value]
-    return None if None in found else [entry for entry in found if entry is not None]
+    numbers = [_number(entry) for entry in found]
+    return None if None in numbers else [entry for entry in numbers if entry is not None]
 
 
 def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
     rate = _number(content, "rate_hz")
     if rate is not None and rate > 0 and not 5.0 <= rate <= 5000.0:
         yield Doubt(("rate_hz",), f"a rate of {rate:g} Hz is unusual", "write samples per second (50 is usual)")
-    gravity = _numbers(content.get("gravity"), 3)
+    gravity = _numbers(3, content, "gravity")
     if gravity is not None:
         size = float(np.linalg.norm(gravity))
         if size > 0 and not any(abs(size - known) <= 0.01 * known for known in _GRAVITIES.values()):
@@ -139,7 +143,7 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
         yield from _turn((*place, "dh", key), value)
         if value is not None and abs(value) <= 2 * np.pi:
             yield from _angle((*place, "dh", key), value)
-    limits = _numbers((joint.get("limits") or {}).get("position") if isinstance(joint.get("limits"), dict) else None, 2)
+    limits = _numbers(2, joint, "limits", "position")
     if limits is not None:
         yield from _limits((*place, "limits", "position"), limits, revolute)
     cylinder = joint.get("cylinder")
@@ -230,7 +234,7 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]
     for key in ("a", "b", "retracted", "rod_arm", "coupler_arm", "coupler", "radius"):
         yield from _PIN.doubts((*place, "linkage", key), _number(linkage, key) or None, "a length of")
     for key in ("base_pin", "base_pivot", "rod_pin", "link_pivot", "rocker_pivot", "coupler_pin"):
-        point = _numbers(linkage.get(key), 2)
+        point = _numbers(2, linkage, key)
         if point is not None:
             yield from _LINK.doubts((*place, "linkage", key), max(point, key=abs), "a coordinate of")
     for key in ("offset", "angle", "arms_angle", "zero"):
@@ -306,14 +310,12 @@ def _among_joints(joints: Sequence[Any]) -> Iterator[Doubt]:
 
 
 def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any]) -> Iterator[Doubt]:
-    quantity, unit, bounds = channel.get("quantity"), channel.get("unit"), _numbers(channel.get("range"), 2)
+    quantity, unit, bounds = channel.get("quantity"), channel.get("unit"), _numbers(2, channel, "range")
     if not isinstance(quantity, str) or quantity not in SI_UNITS or not isinstance(unit, str):
         return
     joint = next((j for j in joints if isinstance(j, dict) and j.get("name") == channel.get("joint")), {})
-    straight = joint.get("type") == "prismatic"
-    si = {"joint_position": "m", "joint_velocity": "m/s", "joint_effort": "N"} if straight else {}
     try:
-        there = conversion(unit, si.get(quantity, SI_UNITS[quantity]))
+        there = conversion(unit, si_unit(quantity, straight=joint.get("type") == "prismatic"))
     except ValueError:
         return
     noise = _number(channel, "noise_std")
@@ -333,7 +335,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
             f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",
             f"write the range in {unit}, or correct the unit",
         )
-    limits = _numbers((joint.get("limits") or {}).get("position") if isinstance(joint.get("limits"), dict) else None, 2)
+    limits = _numbers(2, joint, "limits", "position")
     if quantity == "joint_position" and limits is not None and limits[0] < limits[1]:
         shared = min(high, limits[1]) - max(low, limits[0])
         if shared < 0.5 * (limits[1] - limits[0]):

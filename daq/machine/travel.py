@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.joints import Joint
+from daq.machine.linkages import Linkage
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -64,8 +65,13 @@ def travel_of(joint: Joint) -> Travel:
     q = np.linspace(*joint.limits.position, _POINTS)
     if joint.cylinder is None:
         return Travel(joint, q, None, None)
-    law = joint.cylinder.linkage.piston_position
-    return Travel(joint, q, law(q), (law(q + _STEP) - law(q - _STEP)) / (2 * _STEP))
+    linkage = joint.cylinder.linkage
+    return Travel(joint, q, linkage.piston_position(q), lever_arm(linkage, q))
+
+
+def lever_arm(linkage: Linkage, q: FloatArray) -> FloatArray:
+    """Lever arm ``dx/dq`` at joint positions (N,), m/rad (1)."""
+    return (linkage.piston_position(q + _STEP) - linkage.piston_position(q - _STEP)) / (2 * _STEP)
 
 
 def _range(values: FloatArray) -> list[float]:

@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq import safe_yaml
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Channel, Machine
-from daq.recordings.recording_files import Table
+from daq.recordings.recording_files import UNITS, Table
 from daq.recordings.time_columns import seconds
 from daq.units import conversion
 from daq.validation_words import in_words
@@ -144,13 +144,8 @@ def wanted_columns(machine: Machine, columns: ColumnMap | None = None) -> Callab
     return wanted
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A column that belongs to a channel (or ``time``): its name in the file, and the unit its header states."""
-
-    column: str
-    unit: str | None
-    exact: bool
+#: A column that belongs to a channel (or ``time``): its name in the file, and the unit that its header states.
+_Found = tuple[str, str | None]
 
 
 def in_channels(
@@ -176,7 +171,7 @@ def in_channels(
         return table
     mapped = {} if columns is None else dict(columns.sources)
     found = _found(path, [n for n in names if n not in {s.column for s in mapped.values()}], machine, own, aside)
-    stated: dict[str, str] = _stated(table)
+    stated = _stated(table)
     result: dict[str, Any] = {}
     units: dict[str, str] = {}
     used: set[str] = set()
@@ -192,7 +187,7 @@ def in_channels(
             if (source.scale, source.offset) != (1.0, 0.0):
                 values = source.scale * np.asarray(values, dtype=np.float64) + source.offset
         elif channel in found:
-            column, unit = found[channel].column, found[channel].unit
+            column, unit = found[channel]
             values = table.columns[column]
         else:
             continue
@@ -211,22 +206,16 @@ def in_channels(
     for name in names:
         if name not in used and (name in aside or (all_known and columns is None)):
             result[name] = table.columns[name]
-    return Table(
-        result, {**table.metadata, "hilfit.units": json.dumps({**_kept(stated, result), **units})}, table.sha256
-    )
-
-
-def _kept(stated: Mapping[str, str], result: Mapping[str, Any]) -> dict[str, str]:
-    return {name: unit for name, unit in stated.items() if name in result and name != "time"}
+    kept = {name: unit for name, unit in stated.items() if name in result and name != "time"}
+    return Table(result, {**table.metadata, UNITS: json.dumps(kept | units)}, table.sha256)
 
 
 def _stated(table: Table) -> dict[str, str]:
     """Units of columns that the file itself carries."""
     try:
-        units = json.loads(table.metadata.get("hilfit.units", "{}"))
+        return table.units
     except ValueError:
         return {}  # said where the units are used
-    return {str(k): str(v) for k, v in units.items()} if isinstance(units, dict) else {}
 
 
 def _is_seconds(table: Table) -> bool:
@@ -274,7 +263,7 @@ def named_columns(names: Sequence[str], machine: Machine) -> dict[str, str]:
     keys = {_key(name): name for name in ("time", *(channel.name for channel in machine.channels))}
     matches = [match for match in (_channel_of(name, keys, machine) for name in names) if match is not None]
     all_of = [channel for channel, _ in matches]
-    return {channel: found.column for channel, found in matches if all_of.count(channel) == 1}
+    return {channel: column for channel, (column, _) in matches if all_of.count(channel) == 1}
 
 
 def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], aside: set[str]) -> dict[str, _Found]:
@@ -291,7 +280,7 @@ def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], as
             found.setdefault(match[0], []).append(match[1])
     for channel, several in found.items():
         if len(several) > 1:
-            listed = " and ".join(f"'{each.column}'" for each in several)
+            listed = " and ".join(f"'{column}'" for column, _ in several)
             raise RecordingError(
                 f"{path}: {channel}: columns {listed} may both be it; remove one, or say which with --map"
             )
@@ -301,11 +290,11 @@ def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], as
 def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[str, _Found] | None:
     """The channel that a header names, and its unit."""
     if name in keys.values():
-        return name, _Found(name, None, True)
+        return name, (name, None)
     bare, unit = _split(name)
     channel = keys.get(_key(bare)) or keys.get(bare) or ("time" if _key(bare) in _TIME else None)
     if channel is not None:
-        return channel, _Found(name, unit, False)
+        return channel, (name, unit)
     if bare != name or "_" not in name:
         return None
     bare, _, ending = name.rpartition("_")  # t_ms, j1_angle_deg: only where the ending measures what the channel does
@@ -317,7 +306,7 @@ def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[s
         conversion(_spelt(ending), "s" if spec is None else machine.si_unit(spec))
     except ValueError:
         return None
-    return channel, _Found(name, ending, False)
+    return channel, (name, ending)
 
 
 def _split(header: str) -> tuple[str, str | None]:

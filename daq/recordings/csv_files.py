@@ -7,9 +7,11 @@ refused with the way out; nothing is guessed.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -222,7 +224,8 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
         number = names.index("") + 1
         raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
     names_differ(path, names)
-    types = {name: _csv_type(name, number in layout.moments) for number, name in enumerate(names)}
+    counted = {name: pa.int64() if name in ("cycle", "utc_ns") else pa.float64() for name in names}
+    types = counted | {names[number]: pa.string() for number in layout.moments}
     if dropped:
         types["\0"] = pa.null()
     try:
@@ -235,7 +238,8 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
             ),
         )
     except pa.ArrowInvalid as error:
-        if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and _no_rows(body, layout)):
+        empty = not any(line.strip() for line in body.splitlines()[layout.skipped :])
+        if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and empty):
             return pa.table({name: pa.array([], type=kind) for name, kind in types.items() if name != "\0"})
         raise RecordingError(f"{path}: {_problem(str(error), names, layout, body)}") from None
     return table.drop_columns(["\0"]) if dropped else table
@@ -248,55 +252,31 @@ def names_differ(path: Path, names: list[str]) -> None:
             raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
 
 
-def _no_rows(body: bytes, layout: _Layout) -> bool:
-    return not any(line.strip() for line in body.splitlines()[layout.skipped :])
-
-
-def _csv_type(name: str, moment: bool) -> pa.DataType:
-    return pa.string() if moment else pa.int64() if name in ("cycle", "utc_ns") else pa.float64()
-
-
 def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
     """What is wrong with a row, in words, with the line of the file."""
     bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
     if bad is not None and int(bad[1]) < len(names):
         column, value = int(bad[1]), bad[2]
-        line = _line_of(body, layout, column, value)
-        where = f" in line {line}" if line else ""
+        where = _where(body, layout, lambda row: column < len(row) and row[column].strip() == value.strip())
         return f"{names[column]}: '{value[:40]}'{where} is no number; columns have to be numeric"
     width = re.search(r"Expected (\d+) columns, got (\d+)", text)
     if width is not None:
-        line = _line_of_width(body, layout, int(width[1]))
-        where = f" in line {line}" if line else ""
+        expected = int(width[1])
+        where = _where(body, layout, lambda row: bool(row) and len(row) != expected)
         commas = layout.separator == "," and int(width[2]) > int(width[1])
         more = "; numbers with a decimal comma need semicolons or tabs between columns" if commas else ""
         return f"is not a table: {width[1]} columns in the header, {width[2]}{where}; every row needs all columns{more}"
     return "is not a table that can be read; write CSV with a header line, commas and points"
 
 
-def _line_of(body: bytes, layout: _Layout, column: int, value: str) -> int | None:
-    """Line of the file in which a column has a value; only for the message of an error."""
-    for number, cells in _rows(body, layout):
-        if column < len(cells) and cells[column].strip() == value.strip():
-            return number
-    return None
-
-
-def _line_of_width(body: bytes, layout: _Layout, width: int) -> int | None:
-    return next((number for number, cells in _rows(body, layout) if cells and len(cells) != width), None)
-
-
-def _rows(body: bytes, layout: _Layout) -> list[tuple[int, list[str]]]:
-    text = io.StringIO(body.decode("utf-8", errors="replace"), newline="")
-    reader = csv.reader(text, delimiter=layout.separator)
-    rows = []
-    try:
-        for cells in reader:
-            if reader.line_num > layout.skipped:
-                rows.append((reader.line_num, cells))
-    except csv.Error:  # an unclosed quote or the like: what came until here is enough for a message
-        pass
-    return rows
+def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> str:
+    """The line of the file of the first row that is wrong, in words; empty where none is found."""
+    reader = csv.reader(io.StringIO(body.decode("utf-8", errors="replace"), newline=""), delimiter=layout.separator)
+    with contextlib.suppress(csv.Error):  # an unclosed quote or the like
+        for row in reader:
+            if reader.line_num > layout.skipped and wrong(row):
+                return f" in line {reader.line_num}"
+    return ""
 
 
 def _cells(line: str, separator: str) -> list[str]:

@@ -15,13 +15,13 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
-from daq.recordings.recording_files import Table, digest_of
+from daq.recordings.recording_files import UNITS, Table, digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
 MAXIMUM_VALUES = 1 << 28
@@ -30,12 +30,20 @@ _MDF = b"MDF     "
 _MESSAGES = ("sensor_msgs/msg/JointState", "std_msgs/msg/Float64")
 
 Wanted = Callable[[str], bool]
-T = TypeVar("T")
+_Raster = tuple[dict[str, Any], dict[str, str]]  # columns, and units of some
+
+
+class _Kind(NamedTuple):
+    """A kind of file: in words, the package that reads it, and how."""
+
+    what: str
+    package: str
+    read: Callable[[Path, Wanted], list[_Raster]]
 
 
 def is_foreign(path: Path) -> bool:
     """Whether a file or folder is one of these, by content (a bag also by what lies in the folder)."""
-    return _reader(path) is not None
+    return _kind(path) is not None
 
 
 def read_rasters(path: Path, wanted: Wanted) -> list[Table]:
@@ -50,46 +58,48 @@ def read_rasters(path: Path, wanted: Wanted) -> list[Table]:
     RecordingError
         One line: what the file is, and what to do.
     """
-    reader = _reader(path)
-    if reader is None:
+    kind = _kind(path)
+    if kind is None:
         raise RecordingError(f"{path}: is none of MDF4, MAT and a ROS 2 bag; give one of them")
-    return reader(path, wanted)
+    rasters = _guarded(path, kind, wanted)
+    digest = digest_of(path) if path.is_file() else _digest_of_folder(path)
+    return [_table(path, columns, units, digest) for columns, units in rasters]
 
 
-def _reader(path: Path) -> Callable[[Path, Wanted], list[Table]] | None:
+def _kind(path: Path) -> _Kind | None:
     if path.is_dir():
-        return _bag if (path / "metadata.yaml").is_file() else None
+        return _BAG if (path / "metadata.yaml").is_file() else None
     try:
         with path.open("rb") as file:
             head = file.read(128)
     except OSError:
         return None
     if head.startswith(_MDF):
-        return _mdf
+        return _MDF4
     if head.startswith((b"MATLAB 5.0 MAT-file", _MAT_73)):
-        return _mat
+        return _MAT
     if head.startswith((b"SQLite format 3\0", b"\x89MCAP0\r\n")):
-        return _bag
+        return _BAG
     return None
 
 
-def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
-    """What ``read`` gives; what goes wrong in its library is said as people need it, in one line.
+def _guarded(path: Path, kind: _Kind, wanted: Wanted) -> list[_Raster]:
+    """The rasters of a file; what goes wrong in its library is said as people need it, in one line.
 
     A library that dies half-way may complain once more when its objects are taken down; nobody has use for that.
     """
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         try:
-            return read()
+            return kind.read(path, wanted)
         except (MemoryError, RecordingError):
             raise
         except ModuleNotFoundError as error:
-            if (error.name or "").partition(".")[0] != package:
+            if (error.name or "").partition(".")[0] != kind.package:
                 raise
-            problem = f"is {what}; to read it run: pip install 'hilfit[export]', or export CSV or Parquet"
+            problem = f"is {kind.what}; to read it run: pip install 'hilfit[export]', or export CSV or Parquet"
         except Exception:  # a library that reads any bytes as offsets raises anything
-            problem = f"is {what} that cannot be read, or is damaged; export it again"
+            problem = f"is {kind.what} that cannot be read, or is damaged; export it again"
         gc.collect()
         raise RecordingError(f"{path}: {problem}")
     finally:
@@ -99,24 +109,14 @@ def _guarded(path: Path, what: str, package: str, read: Callable[[], T]) -> T:
 def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: str) -> Table:
     if sum(len(values) for values in columns.values()) > MAXIMUM_VALUES:
         raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; export the channels as Parquet")
-    return Table(columns, {"hilfit.units": json.dumps(units)}, digest)
+    return Table(columns, {UNITS: json.dumps(units)}, digest)
 
 
-def _mdf(path: Path, wanted: Wanted) -> list[Table]:
-    """One table per time base of an MDF file."""
-    rasters = _guarded(path, "an MDF file", "asammdf", lambda: _mdf_rasters(path, wanted))
-    digest = digest_of(path)
-    return [_table(path, columns, units, digest) for _, columns, units in rasters]
-
-
-_Raster = tuple[npt.NDArray[np.float64], dict[str, Any], dict[str, str]]
-
-
-def _mdf_rasters(path: Path, wanted: Wanted) -> list[_Raster]:
+def _mdf(path: Path, wanted: Wanted) -> list[_Raster]:
+    """One raster per time base of an MDF file."""
     from asammdf import MDF
 
     rasters: list[_Raster] = []
-
     # It copies a file that was not closed properly, and forgets the copy if it cannot be read.
     with TemporaryDirectory(prefix="hilfit-") as scratch, MDF(path, temporary_folder=scratch) as file:
         for name, places in file.channels_db.items():
@@ -129,11 +129,11 @@ def _mdf_rasters(path: Path, wanted: Wanted) -> list[_Raster]:
             signal = file.get(name, ignore_invalidation_bits=True)
             _numbers_only(path, name, signal.samples)
             stamps = np.asarray(signal.timestamps, dtype=np.float64)
-            same = [raster for raster in rasters if np.array_equal(raster[0], stamps)]
+            same = [raster for raster in rasters if np.array_equal(raster[0]["time"], stamps)]
             if not same:
-                same = [(stamps, {"time": stamps}, {})]
+                same = [({"time": stamps}, {})]
                 rasters += same
-            _, columns, units = same[0]
+            columns, units = same[0]
             columns[name] = np.asarray(signal.samples)
             if signal.unit:
                 units[name] = str(signal.unit)
@@ -146,28 +146,24 @@ def _numbers_only(path: Path, name: str, samples: Any) -> None:
         raise RecordingError(f"{path}: {name}: is no channel of numbers; export the measured values")
 
 
-def _mat(path: Path, wanted: Wanted) -> list[Table]:
+def _mat(path: Path, wanted: Wanted) -> list[_Raster]:
     """The vectors of a MAT file (also inside structures, ``data.q``, and columns of matrices, ``q(:,1)``)."""
     with path.open("rb") as file:
         if file.read(len(_MAT_73)) == _MAT_73:
             raise RecordingError(
                 f"{path}: is a MAT file of version 7.3; save it in MATLAB with save(..., '-v7'), or export CSV"
             )
-    content = _guarded(path, "a MAT file", "scipy", lambda: _mat_content(path))
+    from scipy.io import loadmat, whosmat
+
+    if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > MAXIMUM_VALUES:  # known before a byte is unpacked
+        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; save the channels as Parquet or CSV")
+    content = loadmat(path, simplify_cells=True)
     columns = {name: values for name, values in _vectors(content, "") if wanted(name)}
     lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} ({len(values)})" for name, values in list(columns.items())[:4])
         raise RecordingError(f"{path}: vectors differ in length: {listed}; save them on one time base")
-    return [_table(path, columns, {}, digest_of(path))] if columns else []
-
-
-def _mat_content(path: Path) -> dict[str, Any]:
-    from scipy.io import loadmat, whosmat
-
-    if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > MAXIMUM_VALUES:  # known before a byte is unpacked
-        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; save the channels as Parquet or CSV")
-    return dict(loadmat(path, simplify_cells=True))
+    return [(columns, {})] if columns else []
 
 
 def _vectors(content: dict[str, Any], prefix: str) -> Iterator[tuple[str, npt.NDArray[Any]]]:
@@ -185,26 +181,15 @@ def _vectors(content: dict[str, Any], prefix: str) -> Iterator[tuple[str, npt.ND
                     yield f"{prefix}{name}(:,{number + 1})", squeezed[:, number]
 
 
-def _bag(path: Path, wanted: Wanted) -> list[Table]:
-    """A table per topic: ``/topic/joint/position`` (velocity, effort) of a JointState, ``/topic`` of a Float64."""
-    found = _guarded(path, "a ROS 2 bag", "rosbags", lambda: _bag_topics(path, wanted))
-    rasters = {topic: (times, columns) for topic, (times, columns) in found.items() if columns}
-    if not rasters:
-        return []
-    begin = min(min(times) for times, _ in rasters.values())
-    digest = digest_of(path) if path.is_file() else _digest_of_folder(path)
-    return [
-        _table(
-            path,
-            {
-                "time": 1e-9 * (np.array(times, dtype=np.int64) - begin).astype(np.float64),
-                **{name: np.array(values) for name, values in columns.items()},
-            },
-            {},
-            digest,
-        )
-        for times, columns in rasters.values()
-    ]
+def _bag(path: Path, wanted: Wanted) -> list[_Raster]:
+    """A raster per topic: ``/topic/joint/position`` (velocity, effort) of a JointState, ``/topic`` of a Float64."""
+    found = [(times, columns) for times, columns in _bag_topics(path, wanted).values() if columns]
+    begin = min((min(times) for times, _ in found), default=0)
+    rasters: list[_Raster] = []
+    for times, columns in found:
+        time = 1e-9 * (np.array(times, dtype=np.int64) - begin).astype(np.float64)
+        rasters.append(({"time": time, **{name: np.array(values) for name, values in columns.items()}}, {}))
+    return rasters
 
 
 def _bag_topics(path: Path, wanted: Wanted) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
@@ -246,3 +231,8 @@ def _digest_of_folder(path: Path) -> str:
     for file in sorted(entry for entry in path.iterdir() if entry.is_file()):
         whole.update(file.name.encode() + b"\0" + bytes.fromhex(digest_of(file)))
     return whole.hexdigest()
+
+
+_MDF4 = _Kind("an MDF file", "asammdf", _mdf)
+_MAT = _Kind("a MAT file", "scipy", _mat)
+_BAG = _Kind("a ROS 2 bag", "rosbags", _bag)

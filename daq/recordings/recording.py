@@ -29,7 +29,6 @@ from daq.recordings.recording_source import (
     load_table,
     recording_metadata,
     stored_notes,
-    units_on_disk,
 )
 from daq.scratch import ScratchColumns
 
@@ -155,13 +154,12 @@ def read_recording(
         raise RecordingError(f"{path}: has a header but no rows; record at least {minimum_seconds:g} s")
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
-    units = units_on_disk(path, table, machine)
     values: MutableMapping[str, FloatArray] = _shelf(table)
     quality: MutableMapping[str, QualityArray] = _shelf(table)
     age: MutableMapping[str, FloatArray] = _shelf(table)
-    for channel, raw, flags in channel_columns(path, table, machine, time):
+    for channel, raw, flags, to_si in channel_columns(path, table, machine, time):
         name = channel.name
-        value = units[name].to_si(raw)
+        value = to_si.to_si(raw)
         if flags is not None:
             quality[name] = _frozen(flags, np.uint8)
             value = np.where(np.isin(flags, MEASURED), value, np.nan)

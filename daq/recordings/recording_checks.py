@@ -293,11 +293,10 @@ def noise_covers_steps(values: FloatArray) -> bool:
 
 def cut_off(values: FloatArray, extreme: float) -> bool:
     """Whether a signal arrives at a value (or leaves it) as fast as it usually moves; where it rests it slows down."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values == extreme).astype(np.int8), [0]])))
-    runs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= KEPT]
+    kept = [(run.start, run.stop) for run in runs(values == extreme) if run.stop - run.start >= KEPT]
     usual = float(np.median(np.abs(values[KEPT:] - values[:-KEPT])))
-    before = [abs(extreme - values[a - KEPT]) for a, _ in runs if a >= KEPT]
-    behind = [abs(extreme - values[b + KEPT - 1]) for _, b in runs if b + KEPT <= len(values)]
+    before = [abs(extreme - values[a - KEPT]) for a, _ in kept if a >= KEPT]
+    behind = [abs(extreme - values[b + KEPT - 1]) for _, b in kept if b + KEPT <= len(values)]
     steps = [*before, *behind]
     return bool(steps) and float(np.median(steps)) > AS_FAST * usual
 

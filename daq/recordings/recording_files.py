@@ -27,6 +27,7 @@ PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
 JOURNAL_MARK = b"hilfitJ1"  # before every record of a journal
 SUFFIXES = (".parquet", ".csv")
+UNITS = "hilfit.units"  # in the metadata: a JSON object, by column
 #: Values of a Parquet file above which its columns are not kept in memory (32 MB; half an hour of six joints at 50 Hz).
 LONG_VALUES = 4_000_000
 _BATCH_ROWS = 1 << 13
@@ -42,6 +43,14 @@ class Table:
     columns: Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]]
     metadata: Mapping[str, str]
     sha256: str
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of columns, as far as the metadata say them (ValueError where they are damaged)."""
+        units = json.loads(self.metadata.get(UNITS, "{}"))
+        if not isinstance(units, dict):
+            raise ValueError("no units")
+        return {str(name): str(unit) for name, unit in units.items()}
 
     @property
     def rows(self) -> int:
@@ -75,19 +84,21 @@ def read_table(path: Path) -> Table:
     if head.startswith((ARROW_STREAM_MAGIC, JOURNAL_MARK)):
         raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
     if head.startswith(PARQUET_MAGIC):
-        file = _parquet(path)
+        with _whole_parquet(path):
+            file = pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
         if file.metadata.num_rows * file.metadata.num_columns > LONG_VALUES:
             long = _read_long(path, file, digest)
             # A file keeps its last row group, and Arrow what it no longer needs: 150 MB of ten hours.
             del file
             pa.default_memory_pool().release_unused()
             return long
-        table = _moments_counted(_whole(path, file))
+        with _whole_parquet(path):
+            table = _moments_counted(file.read())  # one file: read_table would merge a directory's partitions
     elif path.suffix.lower() == ".parquet":
         raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
     else:
         table, units = read_csv(path, head)
-        metadata = {"hilfit.units": json.dumps(units)} if units else {}
+        metadata = {UNITS: json.dumps(units)} if units else {}
         columns = {
             name: column.to_numpy() if pa.types.is_string(column.type) else _numeric(path, name, column)
             for name, column in zip(table.column_names, table.columns, strict=True)
@@ -112,9 +123,9 @@ def _moments_counted(table: pa.Table) -> pa.Table:
             kind = pa.timestamp("ns") if pa.types.is_timestamp(entry.type) else pa.duration("ns")
             units[entry.name] = "ns"
             table = table.set_column(number, entry.name, table.column(number).cast(kind).cast(pa.int64()))
-    if not units or b"hilfit.units" in (table.schema.metadata or {}):
+    if not units or UNITS.encode() in (table.schema.metadata or {}):
         return table
-    return table.replace_schema_metadata({**(table.schema.metadata or {}), "hilfit.units": json.dumps(units)})
+    return table.replace_schema_metadata({**(table.schema.metadata or {}), UNITS: json.dumps(units)})
 
 
 def _metadata(schema: pa.Schema) -> dict[str, str]:
@@ -131,16 +142,6 @@ def _whole_parquet(path: Path) -> Iterator[None]:
         raise RecordingError(
             f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
         ) from None
-
-
-def _parquet(path: Path) -> pa.parquet.ParquetFile:
-    with _whole_parquet(path):
-        return pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
-
-
-def _whole(path: Path, file: pa.parquet.ParquetFile) -> pa.Table:
-    with _whole_parquet(path):
-        return file.read()  # one file: read_table would merge a directory's partitions
 
 
 def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:

@@ -8,7 +8,7 @@ silently.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from daq.quality import MEASURED, Quality
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap, in_channels, mapped_columns_are_there, wanted_columns
 from daq.recordings.foreign_files import is_foreign, read_rasters
-from daq.recordings.recording_files import Table, read_table, write_table
+from daq.recordings.recording_files import UNITS, Table, read_table, write_table
 from daq.recordings.resampling import PASSBAND, Resampled, grid, resample
 from daq.units import Conversion, conversion
 
@@ -123,9 +123,8 @@ def _merged(rasters: Sequence[Table]) -> list[Table]:
             result.append(raster)
             continue
         first = result[same[0]]
-        units = json.loads(first.metadata["hilfit.units"]) | json.loads(raster.metadata["hilfit.units"])
-        columns = {**raster.columns, **first.columns}
-        result[same[0]] = Table(columns, {**first.metadata, "hilfit.units": json.dumps(units)}, first.sha256)
+        columns, units = {**raster.columns, **first.columns}, json.dumps(first.units | raster.units)
+        result[same[0]] = Table(columns, {**first.metadata, UNITS: units}, first.sha256)
     return result
 
 
@@ -163,45 +162,51 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
             result[f"{channel.name}.quality"] = np.where(
                 np.isfinite(column), int(Quality.FRESH), int(Quality.MISSING)
             ).astype(np.int64)
-    units: dict[str, str] = {}
-    for table in tables:
-        units |= json.loads(table.metadata.get("hilfit.units", "{}"))
-    metadata = {**tables[0].metadata, "hilfit.units": json.dumps(units)}
+    units = {name: unit for table in tables for name, unit in table.units.items()}
+    metadata = {**tables[0].metadata, UNITS: json.dumps(units)}
     return Table(result, metadata, tables[0].sha256), (_said(path, machine, done),)
 
 
 def channel_columns(
     path: Path, table: Table, machine: Machine, time: FloatArray
-) -> Iterator[tuple[Channel, FloatArray, npt.NDArray[np.uint8] | None]]:
-    """Each channel that a table has, its (N,) values as on disk, and its (N,) qualities where there are any.
+) -> Iterator[tuple[Channel, FloatArray, npt.NDArray[np.uint8] | None, Conversion]]:
+    """Each channel that a table has, its (N,) values as on disk, its (N,) qualities where there are any, and its unit.
+
+    The unit is the one that the file carries, else the one that the machine file declares.
 
     Raises
     ------
     RecordingError
-        If one holds what cannot be.
+        If one holds what cannot be, or has a unit of something else.
     """
+    try:
+        units = table.units
+    except ValueError:
+        raise RecordingError(f"{path}: metadata 'hilfit.units' is damaged; record or export it again") from None
     for channel in machine.channels:
-        if channel.name not in table.columns:
+        name = channel.name
+        if name not in table.columns:
             continue
-        values = np.asarray(table.columns[channel.name], dtype=np.float64)
-        found, flags = table.columns.get(f"{channel.name}.quality"), None
+        try:
+            to_si = conversion(units.get(name, channel.unit), machine.si_unit(channel))
+        except ValueError as error:
+            raise RecordingError(f"{path}: {name}: {error}; correct the file's metadata 'hilfit.units'") from None
+        values = np.asarray(table.columns[name], dtype=np.float64)
+        found, flags = table.columns.get(f"{name}.quality"), None
         if found is not None:
             if not np.all(np.isfinite(found)) or np.any((found < 0) | (found > 255)) or np.any(found % 1 != 0):
-                raise RecordingError(
-                    f"{path}: {channel.name}.quality: holds something that is no quality; export it again"
-                )
+                raise RecordingError(f"{path}: {name}.quality: holds something that is no quality; export it again")
             flags = np.asarray(found).astype(np.uint8)
-        checks.values_are_numbers(path, channel.name, values, time, flags)
-        yield channel, values, flags
+        checks.values_are_numbers(path, name, values, time, flags)
+        yield channel, values, flags, to_si
 
 
 def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> dict[str, FloatArray]:
     """The channels of a table as measured, NaN where they were not; what a low pass would hide is looked at first."""
     found = {}
-    units = units_on_disk(path, table, machine)
-    for channel, raw, flags in channel_columns(path, table, machine, time):
+    for channel, raw, flags, to_si in channel_columns(path, table, machine, time):
         values = raw if flags is None else np.where(np.isin(flags, MEASURED), raw, np.nan)
-        checks.not_saturated(path, channel, machine, units[channel.name].to_si(values), time)
+        checks.not_saturated(path, channel, machine, to_si.to_si(values), time)
         found[channel.name] = values
     return found
 
@@ -249,10 +254,9 @@ def import_file(
         raise RecordingError(f"{path}: has a header but no rows; export it again")
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
-    units = units_on_disk(path, table, machine)
     arrays: dict[str, npt.NDArray[np.generic]] = {"time": time}
-    for channel, values, _ in channel_columns(path, table, machine, time):
-        arrays[channel.name] = machine.conversion(channel).from_si(units[channel.name].to_si(values))
+    for channel, values, _, to_si in channel_columns(path, table, machine, time):
+        arrays[channel.name] = machine.conversion(channel).from_si(to_si.to_si(values))
     for name in table.columns:
         if name not in arrays:
             kind = np.int64 if name in ("cycle", "utc_ns") else np.uint8 if name.endswith(".quality") else np.float64
@@ -269,7 +273,7 @@ def recording_metadata(machine: Machine, role: str | None) -> dict[str, str]:
         "hilfit.machine": machine.name,
         **({} if role is None else {"hilfit.role": role}),
         "hilfit.rate_hz": repr(machine.rate_hz),
-        "hilfit.units": json.dumps({channel.name: channel.unit for channel in machine.channels}),
+        UNITS: json.dumps({channel.name: channel.unit for channel in machine.channels}),
     }
 
 
@@ -281,23 +285,3 @@ def stored_notes(table: Table) -> tuple[str, ...]:
         return ()
     texts = [note for note in notes if isinstance(note, str)] if isinstance(notes, list) else []
     return tuple(" ".join(note.split())[:400] for note in texts[:8])
-
-
-def units_on_disk(path: Path, table: Table, machine: Machine) -> dict[str, Conversion]:
-    """Conversions of the file's columns: by the units that it carries, else by those that the machine file declares."""
-    text = table.metadata.get("hilfit.units")
-    try:
-        units = json.loads(text) if text is not None else {}
-    except ValueError:
-        units = None
-    if not isinstance(units, dict):
-        raise RecordingError(f"{path}: metadata 'hilfit.units' is damaged; record or export it again")
-    return {channel.name: _conversion(path, machine, channel, units) for channel in machine.channels}
-
-
-def _conversion(path: Path, machine: Machine, channel: Channel, units: Mapping[str, object]) -> Conversion:
-    unit = str(units.get(channel.name, channel.unit))
-    try:
-        return conversion(unit, machine.si_unit(channel))
-    except ValueError as error:
-        raise RecordingError(f"{path}: {channel.name}: {error}; correct the file's metadata 'hilfit.units'") from None

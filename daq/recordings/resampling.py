@@ -11,11 +11,13 @@ not there (half its length beside a gap, and at both ends) nothing is said.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from daq.recordings.recording_checks import runs, same_rate
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -30,8 +32,6 @@ GAP_STEPS = 2.5
 #: Of the median step: samples as far as this from an even grid are on it. A signal of a tenth of the rate is then wrong
 #: by at most 2 pi 0.1 0.001 = 6e-4 of its amplitude.
 EVEN = 0.001
-#: Of the nominal period: rates that differ by less are the same.
-SAME_RATE = 0.01
 _DEGREE = 7
 _MOST_VALUES = 1 << 22  # of kernel weights that are made at once: 32 MB
 
@@ -90,7 +90,9 @@ def resample(time: FloatArray, columns: Mapping[str, FloatArray], rate_hz: float
         by_mask.setdefault(np.packbits(np.isfinite(column)).tobytes(), []).append(name)
     for names in by_mask.values():
         known = np.isfinite(columns[names[0]])
-        for rows in _runs(time[known], rate):
+        at_known = time[known]
+        # Stretches that lack no more than single samples.
+        for rows in runs(np.ones(len(at_known), dtype=bool), np.diff(at_known) * rate <= GAP_STEPS):
             run = np.flatnonzero(known)[rows]
             here = np.flatnonzero((at >= time[run[0]] - 1e-9) & (at <= time[run[-1]] + 1e-9))
             if len(run) < 4 or len(here) == 0:
@@ -98,21 +100,13 @@ def resample(time: FloatArray, columns: Mapping[str, FloatArray], rate_hz: float
             stacked = np.stack([np.asarray(columns[name], dtype=np.float64)[run] for name in names], axis=1)
             even, start, step, stretched = _even(time[run], stacked, rate)
             uneven |= stretched
-            if abs(rate / rate_hz - 1.0) <= SAME_RATE:  # nothing is above the new band
+            if same_rate(rate_hz, rate):  # nothing is above the new band
                 out = _through(time[run], stacked, at[here])
             else:
                 out = _low_passed(even, start, step, at[here], rate_hz)
             for number, name in enumerate(names):
                 values[name][here] = out[:, number]
     return Resampled(at, values, rate, uneven)
-
-
-def _runs(time: FloatArray, rate: float) -> Iterator[slice]:
-    """Stretches that lack no more than single samples."""
-    ends = np.flatnonzero(np.diff(time) * rate > GAP_STEPS) + 1
-    for start, stop in zip([0, *ends.tolist()], [*ends.tolist(), len(time)], strict=True):
-        if stop > start:
-            yield slice(start, stop)
 
 
 def _even(time: FloatArray, values: FloatArray, rate: float) -> tuple[FloatArray, float, float, bool]:

@@ -17,7 +17,7 @@ from canopen_test_node import FakeNode
 
 from daq import Machine, Quality, parse_machine
 from daq.drivers import DriverContext, Samples
-from daq.drivers.can.receive_queue import lengthen
+from daq.drivers.can.port import lengthen
 from daq.drivers.canopen.driver import CanopenDriver
 
 PERIOD = 0.02

@@ -14,6 +14,8 @@ import socket
 import struct
 import tempfile
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -38,7 +40,8 @@ from daq.drivers.canopen import link as canopen_link
 from daq.drivers.canopen.eds import pdo_places
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.mapping import Mapping
-from daq.drivers.canopen.node import Cycle, Node
+from daq.drivers.canopen.node import Node
+from daq.drivers.canopen.tpdo import Cycle
 from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import AcquisitionError, HilfitError
 from daq.machine.can_database import decoded, read_database
@@ -104,7 +107,8 @@ def simply(check: Check) -> Callable[[], AbstractContextManager[Check]]:
 
 def node() -> Node:
     mapping = Mapping(1, 0x185, (), 6, struct.Struct("<Ih"), ((0,), (1,)))
-    return Node(CanNode(node=5), "node 5", (mapping,), Cycle())
+    context = DriverContext(0.02, 0.0, time.monotonic_ns)
+    return Node(CanNode(node=5), "can0", "node 5", (mapping,), Cycle(), context, Counter())
 
 
 def emcy_is_counted_by_code(frames: list[bytes]) -> None:

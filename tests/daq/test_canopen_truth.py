@@ -23,8 +23,8 @@ from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.driver import COUNTS, CanopenDriver
 from daq.drivers.canopen.mapping import Mapping
-from daq.drivers.canopen.node import UNANSWERED, Cycle, Node, Tpdo
-from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.canopen.node import Node
+from daq.drivers.canopen.tpdo import UNANSWERED, Cycle, Tpdo
 from daq.drivers.keeper import Keeper
 from daq.frames.events import EventLog
 from daq.machine.machine_file import CanNode
@@ -385,26 +385,24 @@ def test_silence_is_told_from_a_lost_heartbeat_by_the_clock_alone() -> None:
     log = EventLog(lambda: now[0], lambda: now[0])
     context = DriverContext(0.02, 0.0, lambda: now[0], events=log)
     counts = dict.fromkeys(COUNTS, 0)
-    node = Node(
-        CanNode(node=6, heartbeat_ms=100), "node 6", (Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)),), Cycle()
-    )
-    watch = NodeWatch("can0", context, counts)
-    watch.back(node)
+    mappings = (Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)),)
+    node = Node(CanNode(node=6, heartbeat_ms=100), "can0", "node 6", mappings, Cycle(), context, counts)
+    node.back()
     node.heartbeat_ns = node.tpdos[0].arrived_ns = now[0]
     now[0] += 240_000_000  # 2.5 heartbeats are 250 ms
-    watch.look(node, now[0])
+    node.look(now[0])
     assert counts["heartbeat_lost"] == counts["silent"] == 0
     node.tpdos[0].arrived_ns = now[0]
     now[0] += 20_000_000
-    watch.look(node, now[0])
+    node.look(now[0])
     assert counts["heartbeat_lost"] == 1 and node.state == "running"
     now[0] += 300_000_000
-    watch.look(node, now[0])
+    node.look(now[0])
     assert counts["silent"] == 1 and node.state == "silent"
     node.heartbeat_ns, node.heartbeat_state = now[0], 5
-    watch.look(node, now[0])
-    watch.look(node, now[0])  # and with it its heartbeat is back
-    assert node.state == "running" and "it was away for" in watch.line(node)
+    node.look(now[0])
+    node.look(now[0])  # and with it its heartbeat is back
+    assert node.state == "running" and "it was away for" in node.line()
     lasted = next(event for event in log.published() if event["what"] == "silent")
     assert lasted["seconds"] == 0.0 and lasted["device"] == "can0/node 6"
 
@@ -480,7 +478,7 @@ def test_dead_nodes_do_not_keep_the_others_waiting() -> None:
 
 def test_an_answer_that_comes_after_it_was_given_up_never_passes_for_fresh() -> None:
     """In lockstep a TPDO is waited for, then taken for lost; one that was only slow answers an older SYNC."""
-    tpdo = Node(CanNode(node=6), "node 6", (Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)),), Cycle()).tpdos[0]
+    tpdo = Tpdo(Mapping(1, 0x186, (), 4, struct.Struct("<I"), ((0,),)), Cycle())
     tpdo.asked(1, 10)
     tpdo.give_up()
     tpdo.asked(2, 20)

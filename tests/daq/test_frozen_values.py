@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from daq import Machine, Quality, parse_machine
 from daq.acquisition.assembly import Assembler
 from daq.acquisition.frozen import FrozenDetector
+from daq.acquisition.recorder import backdated
 from daq.drivers.base import Samples
 from daq.frames.channels import channel_table
 from daq.frames.clock import Tick
-from daq.recordings.frozen_runs import backdated
 
 PLAIN = parse_machine(plain())  # angle, piston, head, rod, oil; all of one device as far as the file says
 CAN = parse_machine(can("x"))  # angle of node 5; head and rod of node 6
@@ -194,17 +194,3 @@ def test_a_finished_recording_is_marked_from_where_the_value_stood_still(
     assert "".join(str(mark) for mark in made.column("a.quality").to_pylist()) == expected
     assert added.get("a", 0) == sum(a != b for a, b in zip(marks, expected, strict=True))
     assert made.schema == table.schema and made.column("a").equals(table.column("a"))
-
-
-@pytest.mark.slow
-@given(seed=st.integers(0, 2**32 - 1), coarse=st.sampled_from([1e3, 3e3, 12e3]))
-@settings(max_examples=10, deadline=None)
-def test_the_short_way_of_frames_that_are_all_fresh_finds_the_same(seed: int, coarse: float) -> None:
-    values = pressures(800, seed)
-    values[:, 1:] = np.round(values[:, 1:] / coarse) * coarse
-    values[500:650, 1] = values[500, 1]
-    short, long = FrozenDetector(CAN), FrozenDetector(CAN)
-    fresh = np.zeros(3, dtype=np.uint8)
-    for row in values:
-        long._whole = False  # so that it looks at every value
-        np.testing.assert_array_equal(short.frozen(row, fresh), long.frozen(row, fresh))

@@ -1,4 +1,4 @@
-"""State of a CAN controller, from the error frames that its driver hands up.
+"""State of a CAN controller, from the error frames that its driver hands up; what drivers of CAN buses do about it.
 
 SocketCAN (``linux/can/error.h``) says in an error frame's identifier which kinds of error it is about, and in its data
 more about each::
@@ -14,8 +14,14 @@ frame, so at 50 SYNCs a second the 32 counts between warning and a sound bus are
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from daq.drivers.base import DriverContext, DriverStatistics
+from daq.drivers.bus_driver import BusDriver
 from daq.frames.clock import NS
 from daq.frames.events import EventLog
+from daq.machine.machine_file import CanBus
 
 QUIET_S = 2.0
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
@@ -87,3 +93,29 @@ class BusHealth:
 
 def _event(state: str) -> str:
     return state if state == "bus_off" else f"bus_{state}"
+
+
+class CanDriver(BusDriver):
+    """Keeps one CAN bus open.
+
+    Attributes
+    ----------
+    health : of its controller, through all ports
+    """
+
+    def __init__(self, config: CanBus, names: Sequence[str], context: DriverContext, counts: Iterable[str]) -> None:
+        super().__init__(config, names, context, counts)
+        self.health = BusHealth(config.name, context.events)
+
+    def opened(self) -> None:
+        """The controller was reset."""
+        self.health.opened()
+
+    def condition(self) -> tuple[str, str]:
+        """As error frames say."""
+        return self.health.state, self.health.line
+
+    def statistics(self) -> DriverStatistics:
+        """State of the bus and of every device, and counters since the start."""
+        found = super().statistics()
+        return replace(found, counts={**found.counts, "error_frames": self.health.error_frames})

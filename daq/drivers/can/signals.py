@@ -13,8 +13,7 @@ from typing import Any
 import can
 
 from daq.drivers.base import Answers, DriverContext
-from daq.drivers.can.bus_driver import CanDriver
-from daq.drivers.can.health import BusHealth
+from daq.drivers.can.health import BusHealth, CanDriver
 from daq.drivers.can.port import CanPort
 from daq.drivers.listening import INBOX, Inbox, Listener, Stream
 from daq.errors import MachineFileError

@@ -12,11 +12,10 @@ from dataclasses import replace
 
 from daq.drivers.base import DriverContext
 from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
-from daq.drivers.canopen.identity import ask
 from daq.drivers.canopen.lead import Lead
-from daq.drivers.canopen.link import CanLink, Sdo
+from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.node import Node
-from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.canopen.profiles import ask
 from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, first_line
@@ -63,7 +62,7 @@ class NodeCare:
     ----------
     node : whose state it changes
     bus : name of its bus
-    watch, counts, lead, start : of the bus, shared by all its nodes
+    counts, lead, start : of the bus, shared by all its nodes
     """
 
     def __init__(
@@ -71,7 +70,6 @@ class NodeCare:
         node: Node,
         bus: str,
         context: DriverContext,
-        watch: NodeWatch,
         counts: MutableMapping[str, int],
         lead: Lead,
         start: Start,
@@ -79,7 +77,6 @@ class NodeCare:
         self.node = node
         self._bus = bus
         self._context = context
-        self._watch = watch
         self._counts = counts
         self._lead = lead
         self._start = start
@@ -91,7 +88,7 @@ class NodeCare:
         if node.complete():
             self._counts["commissioned"] += 1
             self.keeper.settled()
-            self._watch.back(node)
+            node.back()
             node.to_be_asked = True
             self.keeper.soon()
             return
@@ -105,7 +102,7 @@ class NodeCare:
     def failed(self, detail: str) -> None:
         """The node cannot be used; it is tried again after a while."""
         self.node.operational = False
-        self._watch.away(self.node, "failed", "failed", detail)
+        self.node.gone("failed", "failed", detail)
         self.keeper.later()
 
     def _broke(self, error: Exception) -> None:
@@ -150,16 +147,12 @@ class NodeCare:
                 answered=node.accept_boot_ups,
                 boot_up_s=node.config.boot_up_s if self._start.under_way else 0.0,
                 keep=lambda found, wrote, identity: self._keep(FoundSetup(found, wrote, identity)),
-                learn=self._learn,
+                learn=node.learn,
             )
         except AcquisitionError as error:
             self.failed(str(error))
             return False
         return True
-
-    def _learn(self, sdo: Sdo) -> None:
-        self.node.learn(sdo)
-        self._watch.limit_ns(self.node)
 
     def _keep(self, setup: FoundSetup) -> None:
         """Before a node is changed: keep what it was like."""

@@ -6,11 +6,12 @@ Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
-from daq.drivers.can.bus_driver import CanDriver
+from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.care import VERIFY_CYCLES, NodeCare, Start
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL
@@ -19,8 +20,8 @@ from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.listening import Guest, ListeningDriver
 from daq.drivers.canopen.look import Look
-from daq.drivers.canopen.node import MISSES_TOLERATED, Cycle, Node, make_nodes
-from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.canopen.node import MISSES_TOLERATED, Node, make_nodes
+from daq.drivers.canopen.tpdo import Cycle
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, Channel
@@ -50,22 +51,22 @@ class CanopenDriver(CanDriver):
         self._bus = bus
         self._declared = tuple(channels)
         cycle = Cycle()
-        self._nodes = make_nodes(bus, channels, cycle)
+        self._nodes = make_nodes(bus, channels, cycle, context, self.counts)
         self._all_ids = frozenset().union(*(node.cob_ids for node in self._nodes.values()))
-        self._watch = NodeWatch(bus.name, context, self.counts)
         self._lead = Lead(self._nodes.values(), cycle, context)
         self._start = Start()
         self._cares = {
-            number: NodeCare(node, bus.name, context, self._watch, self.counts, self._lead, self._start)
+            number: NodeCare(node, bus.name, context, self.counts, self._lead, self._start)
             for number, node in self._nodes.items()
         }
         count, late_ns = len(channels), context.late_ns
-        self._look = Look(tuple(self._cares.values()), self._watch, self.counts, count, late_ns)
+        self._look = Look(tuple(self._cares.values()), self.counts, count, late_ns)
         started = context.found.started(bus.name) if context.found is not None else frozenset()
         for number in started & self._nodes.keys():
             self._nodes[number].found_state = -1  # as an earlier run of ours left it, not as it was found
         self._leadership = Leadership(bus, context, self._nodes, started)
-        self._watch.leadership = self._leadership
+        for node in self._nodes.values():
+            node.leadership = self._leadership
         self._guest: Guest | None = None
 
     # Start
@@ -152,7 +153,7 @@ class CanopenDriver(CanDriver):
         self._lead.link = None
         for node in self._nodes.values():
             node.operational = False
-            self._watch.away(node, "failed", "bus_down", self.failure)
+            node.gone("failed", "bus_down", self.failure)
 
     def _hand_over(self) -> Guest:
         """Another master was heard while we led, or before: go on without sending."""
@@ -227,7 +228,7 @@ class CanopenDriver(CanDriver):
             yield from self._guest.devices(failure)
             return
         for number, node in self._nodes.items():
-            line = failure or self._watch.line(node)
+            line = failure or node.line()
             yield DeviceStatus(
                 f"node {number}", "failed" if failure else node.state, line, node.latency.told(), node.objects
             )
@@ -235,7 +236,7 @@ class CanopenDriver(CanDriver):
     def statistics(self) -> DriverStatistics:
         """State of the bus and of every node, and counters since the start."""
         told = super().statistics()
-        codes = self._watch.emergency_codes(self._nodes.values(), EMERGENCY_CODES)
+        codes = _emergency_codes(self._nodes.values())
         guest = {} if self._guest is None else {name: n for name, n in self._guest.counts.items() if n}
         foreign = {"foreign_sync": self._leadership.count("SYNC"), "foreign_nmt": self._leadership.count("NMT")}
         return replace(told, counts={**told.counts, **foreign, **codes, **guest})
@@ -252,6 +253,17 @@ class CanopenDriver(CanDriver):
             if self.context.found is not None:
                 self.context.found.left(self._bus.name)
         super().stop()
+
+
+def _emergency_codes(nodes: Iterable[Node]) -> dict[str, int]:
+    """How often each error code came, the most frequent ones by name."""
+    found: Counter[int] = Counter()
+    for node in nodes:
+        found.update({code: count for code, count in list(node.emergencies.items()) if code})
+    named = found.most_common(EMERGENCY_CODES)
+    counts = {f"emergency 0x{code:04X}": count for code, count in named}
+    rest = sum(found.values()) - sum(count for _, count in named)
+    return counts | ({"emergency, other codes": rest} if rest else {})
 
 
 def canopen_driver(bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> Driver:

@@ -13,7 +13,9 @@ from __future__ import annotations
 import configparser
 import io
 import re
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +55,28 @@ class Place:
     length: int = 0
 
 
+@dataclass(frozen=True)
+class Pdo:
+    """A TPDO as it is set up: transmission type, event timer (ms), and (index, subindex, bits) of what it carries."""
+
+    number: int
+    cob_id: int
+    transmission: int
+    event_ms: int
+    entries: tuple[tuple[int, int, int], ...]
+
+    def places(self) -> dict[tuple[int, int], Place]:
+        """For every object (index, subindex) in it, its first place."""
+        found: dict[tuple[int, int], Place] = {}
+        synchronous, length = self.transmission <= SYNCHRONOUS, (sum(bits for *_, bits in self.entries) + 7) // 8
+        bit = 0
+        for index, subindex, bits in self.entries:
+            place = Place(self.cob_id, bit, bits, synchronous, 0 if synchronous else self.event_ms, length)
+            found.setdefault((index, subindex), place)
+            bit += bits
+        return found
+
+
 def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
     """For every object (index, subindex) that a node sends, its first place.
 
@@ -63,20 +87,28 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
     """
     dictionary = read_eds(path, node, f"bus '{bus}' node {node}: {path}")
     found: dict[tuple[int, int], Place] = {}
-    for number in range(_PDOS):
-        cob_id = value_of(dictionary, 0x1800 + number, 1)
+    for pdo in pdos_of(partial(value_of, dictionary), _PDOS):
+        for key, place in pdo.places().items():
+            found.setdefault(key, place)
+    return found
+
+
+def pdos_of(value: Callable[[int, int], int | None], most: int) -> Iterator[Pdo]:
+    """Of the first ``most`` TPDOs of a device those that are in use.
+
+    Parameters
+    ----------
+    value : what an object (index, subindex) holds; None where it is not there
+    """
+    for number in range(most):
+        parameters, mapping = 0x1800 + number, 0x1A00 + number
+        cob_id = value(parameters, 1)
         if cob_id is None or cob_id & _NOT_USED or not cob_id & 0x7FF:
             continue
-        transmission = value_of(dictionary, 0x1800 + number, 2)
-        event_ms = value_of(dictionary, 0x1800 + number, 5) or 0
-        synchronous = transmission is not None and transmission <= SYNCHRONOUS
-        count = min(value_of(dictionary, 0x1A00 + number, 0) or 0, _ENTRIES)
-        entries = [value_of(dictionary, 0x1A00 + number, entry) or 0 for entry in range(1, count + 1)]
-        length = (sum(mapped & 0xFF for mapped in entries) + 7) // 8
-        for index, subindex, bit, bits in laid_out(entries):
-            place = Place(cob_id & 0x7FF, bit, bits, synchronous, 0 if synchronous else event_ms, length)
-            found.setdefault((index, subindex), place)
-    return found
+        transmission, event_ms = value(parameters, 2), value(parameters, 5) or 0
+        mapped = [value(mapping, k) or 0 for k in range(1, min(value(mapping, 0) or 0, _ENTRIES) + 1)]
+        entries = tuple((index, sub, bits) for index, sub, _, bits in laid_out(mapped))
+        yield Pdo(number + 1, cob_id & 0x7FF, 255 if transmission is None else transmission, event_ms, entries)
 
 
 def read_eds(path: str, node: int, place: str) -> Any:

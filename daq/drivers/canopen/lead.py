@@ -1,7 +1,7 @@
 """What a bus that we lead is told: SYNC to all, NMT commands to nodes of ours.
 
 They go one after the other, because which SYNCs a node answers has to be known: each SYNC waits in a queue of every
-TPDO of the nodes that were operational when it was sent (:mod:`daq.drivers.canopen.node`).
+TPDO of the nodes that were operational when it was sent (:mod:`daq.drivers.canopen.tpdo`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from daq.drivers.base import DriverContext
 from daq.drivers.canopen.commissioning import OPERATIONAL
 from daq.drivers.canopen.leadership import State
 from daq.drivers.canopen.link import CanLink
-from daq.drivers.canopen.node import Cycle, Node
+from daq.drivers.canopen.node import Node
+from daq.drivers.canopen.tpdo import Cycle
 
 
 class Lead:

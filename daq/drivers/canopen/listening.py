@@ -19,7 +19,7 @@ import numpy as np
 
 from daq import wire
 from daq.drivers.base import Answers, DriverContext, Problem, Samples, by_device
-from daq.drivers.can.bus_driver import CanDriver
+from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.eds import Place, pdo_places
 from daq.drivers.canopen.leadership import SYNC_ID

@@ -15,8 +15,8 @@ import numpy as np
 from daq.drivers.base import Answers, Samples
 from daq.drivers.canopen.care import NodeCare
 from daq.drivers.canopen.mapping import PdoDecoder
-from daq.drivers.canopen.node import LATE_TOLERATED, SURPLUS_TOLERATED, Arrival, Cycle
-from daq.drivers.canopen.watch import NodeWatch
+from daq.drivers.canopen.node import LATE_TOLERATED, SURPLUS_TOLERATED
+from daq.drivers.canopen.tpdo import Arrival, Cycle
 from daq.frames.clock import NS
 from daq.quality import Quality
 
@@ -29,7 +29,7 @@ class Look:
     Parameters
     ----------
     cares : of the nodes, who are told what is to be done
-    watch, counts : of the bus
+    counts : of the bus
     count : channels of the driver
     late_ns : after a SYNC, from which on a TPDO is late
     """
@@ -37,18 +37,17 @@ class Look:
     def __init__(
         self,
         cares: Sequence[NodeCare],
-        watch: NodeWatch,
         counts: MutableMapping[str, int],
         count: int,
         late_ns: float,
     ) -> None:
         self._cares = cares
-        self._watch = watch
         self._counts = counts
         self._count = count
         self._late_ns = late_ns
-        self._nodes = [(care.node, watch.limit_ns(care.node), care.node.tpdos) for care in cares]
-        tpdos = [tpdo for care in cares for tpdo in care.node.tpdos]
+        self._nodes = [care.node for care in cares]
+        self._tpdos = [(node, tpdo) for node in self._nodes for tpdo in node.tpdos]
+        tpdos = [tpdo for _, tpdo in self._tpdos]
         self._wrong = [0] * len(tpdos)
         self._decoder = PdoDecoder([kind for tpdo in tpdos for kind in tpdo.mapping.decoder.data_types])
         entries = [positions for tpdo in tpdos for positions in tpdo.mapping.positions]
@@ -75,13 +74,10 @@ class Look:
         if np.count_nonzero(np.isfinite(decoded)) != len(decoded):  # quicker than all()
             return None
         told = number % LATENCY_EVERY == 0
-        waiting = iter(arrivals)
-        for node, _, tpdos in self._nodes:
-            for tpdo in tpdos:
-                arrival = next(waiting)
-                tpdo.taken = arrival.ordinal
-                if told:
-                    node.latency.add(arrival.at_ns - arrival.sync_ns)
+        for (node, tpdo), arrival in zip(self._tpdos, arrivals, strict=True):
+            tpdo.taken = arrival.ordinal
+            if told:
+                node.latency.add(arrival.at_ns - arrival.sync_ns)
         return Samples(decoded[self._from], self._fresh, self._no_cycles, self._at_sync, plain=True)
 
     def _arrivals(self, number: int, heard_ns: int) -> list[Arrival] | None:
@@ -90,13 +86,13 @@ class Look:
             return None
         found: list[Arrival] = []
         late_ns, wrong = self._late_ns, self._wrong
-        for node, limit_ns, tpdos in self._nodes:
+        for node in self._nodes:
             if (
                 node.state != "running"
                 or node.errors != node.emergencies_seen
                 or node.boot_ups != node.boot_ups_seen
                 or node.emergency is not None
-                or heard_ns - node.heartbeat_ns > limit_ns
+                or heard_ns - node.heartbeat_ns > node.limit_ns
                 or node.misses
                 or node.late_run
                 or node.slow
@@ -105,7 +101,7 @@ class Look:
                 or node.heartbeat_lost
             ):
                 return None
-            for tpdo in tpdos:
+            for tpdo in node.tpdos:
                 arrival = tpdo.latest
                 if (
                     arrival is None
@@ -128,7 +124,7 @@ class Look:
         answers = Answers(self._count)
         for care in self._cares:
             node = care.node
-            if self._watch.look(node, heard_ns):
+            if node.look(heard_ns):
                 care.keeper.soon()
             elif node.state == "silent":
                 care.keeper.later()
@@ -178,7 +174,7 @@ class Look:
             node.slow = False
         elif node.late_run >= LATE_TOLERATED and current:  # no older SYNC waits: late, and not miscounted
             node.slow = True
-        if self._watch.miscounted(node, brought):
+        if node.miscounted(brought):
             node.starting_anew = True
             care.keeper.soon()
         elif node.surplus_run >= SURPLUS_TOLERATED:

@@ -1,26 +1,23 @@
-"""What the driver knows of one CANopen node: its TPDOs as they arrive, its heartbeat, its emergencies.
+"""A CANopen node that we lead: what is known of it, and what is noticed about it once per cycle.
 
-A TPDO does not say which SYNC it answers, and one that is a whole period late arrives when the next one is due: by its
-time alone it looks fresh. But a node sends each synchronous TPDO once per SYNC, and a bus keeps the order of one
-identifier. So every SYNC that a node has been told to answer waits in a queue of each of its TPDOs, and what arrives is
-credited to the oldest one (:class:`Tpdo`). A frame that is lost makes the next ones look late, never fresh; the driver
-then starts the node anew (pre-operational and back), after which queue and node agree again.
+Boot-ups, emergencies, wrong lengths, surplus TPDOs and silence are noticed and said; what is to be done about them the
+driver hands to the node's keeper.
 """
 
 from __future__ import annotations
 
 import struct
-import threading
-from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections import Counter
+from collections.abc import MutableMapping, Sequence
 
-from daq.drivers.base import Spread, by_device
-from daq.drivers.canopen.leadership import BOOT_UP
-from daq.drivers.canopen.link import Sdo, SdoRefusedError
+from daq.drivers.base import DriverContext, Spread, by_device
+from daq.drivers.canopen.leadership import BOOT_UP, OPERATIONAL, PRE_OPERATIONAL, STOPPED, Leadership
+from daq.drivers.canopen.link import Handler, Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
+from daq.drivers.canopen.tpdo import Cycle, Tpdo
 from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
+from daq.frames.clock import NS
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
 
@@ -30,118 +27,8 @@ LATE_TOLERATED = 10  # cycles in a row with TPDOs of older SYNCs only after whic
 WRONG_TOLERATED = 3  # TPDOs of a wrong length after which a node's mapping is taken for lost
 SURPLUS_TOLERATED = 3  # cycles in a row with more TPDOs than SYNCs after which two devices share the node-ID
 WATCHDOG_PERIODS = 2.5  # heartbeat periods without a sign of life
-UNANSWERED = 50  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
 _EMERGENCY = struct.Struct("<HB")
-Handler = Callable[[bytearray, int], None]
-
-
-class Cycle:
-    """The cycle that is under way, shared by the receive thread and the one that collects."""
-
-    def __init__(self) -> None:
-        self.number = 0
-        self.sync_ns = 0
-        self._lock = threading.Lock()
-        self._pending: set[int] = set()
-        self._whole = threading.Lock()  # held while something is pending; an Event takes three times as long
-
-    def begin(self, number: int, sync_ns: int, expected: set[int]) -> None:
-        """Start cycle ``number`` in which TPDOs of the COB-IDs ``expected`` are waited for."""
-        with self._lock:
-            self.number, self.sync_ns, self._pending = number, sync_ns, expected
-            self._whole.acquire(blocking=False)
-            if not expected:
-                self._whole.release()
-
-    def arrived(self, cob_id: int, number: int) -> None:
-        """A TPDO of cycle ``number`` came."""
-        with self._lock:
-            if number == self.number and self._pending:
-                self._pending.discard(cob_id)
-                if not self._pending:
-                    self._whole.release()
-
-    def whole(self, seconds: float) -> bool:
-        """Wait until all that is expected came; whether it did. For one thread at a time."""
-        if not self._whole.acquire(timeout=max(0.0, seconds)):
-            return False
-        self._whole.release()
-        return True
-
-
-class Arrival(NamedTuple):
-    """A TPDO's data, when it was on the bus, and the SYNC that it is credited to."""
-
-    data: bytes
-    at_ns: int
-    cycle: int
-    sync_ns: int
-    ordinal: int  # of its TPDO, counted from 1
-    during: int  # the cycle that was under way when it came
-
-
-class Tpdo:
-    """The last frame of one TPDO; :meth:`receive` runs in the receive thread.
-
-    Attributes
-    ----------
-    latest : the newest one that a SYNC asked for
-    count : how many of them came; the cycle has looked at those up to ``taken``
-    surplus : frames that no SYNC asked for
-    in_doubt : whether an unanswered SYNC was given up, so that the count may be wrong until the node is started anew
-    """
-
-    def __init__(self, mapping: Mapping, of: Cycle) -> None:
-        self.mapping = mapping
-        self.latest: Arrival | None = None
-        self.count = 0
-        self.taken = 0
-        self.surplus = 0
-        self.surplus_seen = 0
-        self.wrong = 0
-        self.wrong_length = 0
-        self.in_doubt = False
-        self.arrived_ns = 0
-        self._of = of
-        self._unanswered: deque[tuple[int, int]] = deque()
-
-    def asked(self, number: int, sync_ns: int) -> None:
-        """A SYNC is about to be sent that the node will answer."""
-        if len(self._unanswered) >= UNANSWERED:
-            self._unanswered.popleft()
-            self.in_doubt = True
-        self._unanswered.append((number, sync_ns))
-
-    def give_up(self) -> None:
-        """What is still due is taken for lost; should it come all the same, it must not pass for fresh."""
-        if self._unanswered:
-            self._unanswered.clear()
-            self.in_doubt = True
-
-    def receive(self, data: bytearray, now_ns: int) -> None:
-        """Keep the bytes and the time, if the length is right; canopen itself accepts a short PDO without a word."""
-        if len(data) != self.mapping.length:
-            self.wrong_length = len(data)
-            self.wrong += 1
-            return
-        self.arrived_ns = now_ns
-        try:
-            number, sync_ns = self._unanswered.popleft()
-        except IndexError:
-            self.surplus += 1
-            return
-        self.count += 1
-        self.latest = Arrival(bytes(data), now_ns, number, sync_ns, self.count, self._of.number)
-        self._of.arrived(self.mapping.cob_id, number)
-
-    def forget(self) -> None:
-        """What came and what was asked does not count."""
-        self._unanswered.clear()
-        self.latest = None
-        self.count = self.taken = 0
-        self.surplus_seen = self.surplus
-        self.wrong_length = 0
-        self.in_doubt = False
+NO_HEARTBEAT_MS = 100  # that takes its place for a node whose TPDOs alone say that it lives
 
 
 class Node:
@@ -149,11 +36,30 @@ class Node:
 
     ``state`` is ``commissioning``, ``running``, ``silent`` or ``failed``; it changes in the driver's threads, never in
     the receive thread, which only leaves time stamps, counts and bytes behind.
+
+    Parameters
+    ----------
+    config : what it must be
+    bus, place : names of its bus, and of itself in errors
+    counts : the driver's counters, which it adds to
     """
 
-    def __init__(self, config: CanNode, place: str, mappings: tuple[Mapping, ...], cycle: Cycle) -> None:
+    def __init__(
+        self,
+        config: CanNode,
+        bus: str,
+        place: str,
+        mappings: tuple[Mapping, ...],
+        cycle: Cycle,
+        context: DriverContext,
+        counts: MutableMapping[str, int],
+    ) -> None:
         self.config = config
         self.place = place
+        self._name = f"{bus}/node {config.node}"
+        self._context = context
+        self._counts = counts
+        self.leadership: Leadership | None = None  # of its bus
         self.mappings = mappings
         self.tpdos = tuple(Tpdo(mapping, cycle) for mapping in mappings)
         self.cob_ids = frozenset(mapping.cob_id for mapping in mappings)
@@ -168,6 +74,7 @@ class Node:
         self.away = ""  # short name of why it is not running
         self.cause = ""  # of its last absence, kept when it is back
         self.watched_ns = 0  # since when its heartbeat has been due
+        self.limit_ns = 0.0  # that it may give no sign of life, once it runs
         self.heartbeat_lost = False
         self.operational = False  # whether it was told to answer SYNCs
         self.starting_anew = False
@@ -289,15 +196,145 @@ class Node:
         """Whether every TPDO came at least once since :meth:`forget`."""
         return all(tpdo.count > 0 for tpdo in self.tpdos)
 
+    # What is noticed
 
-def make_nodes(bus: CanopenBus, channels: Sequence[Channel], cycle: Cycle) -> dict[int, Node]:
+    def gone(self, state: str, what: str, detail: str) -> None:
+        """It is not running any more (or still not), and why."""
+        self.state, self.detail = state, detail
+        if not self.away:
+            self.away = what
+            self.cause = detail
+            self._context.events.begin(self._name, what, detail)
+        elif what != self.away:
+            self.cause = detail
+            self._context.events.note(self._name, what, detail)
+
+    def back(self) -> None:
+        """It is running."""
+        self.state, self.detail, self.misses = "running", "", 0
+        self.watched_ns = self._context.monotonic_ns()
+        heartbeat_s = WATCHDOG_PERIODS * max((self.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
+        self.limit_ns = max(heartbeat_s, self._context.patience_s) * NS
+        if self.away:
+            seconds = self._context.events.end(self._name, self.away)
+            self.cause = f"{self.cause} (it was away for {seconds or 0.0:.1f} s)"
+            self.away = ""
+
+    def look(self, heard_ns: int) -> bool:
+        """Notice what happened to it until ``heard_ns``; whether its keeper has to see to it at once."""
+        if self.errors != self.emergencies_seen:
+            self._emergencies()
+        if self.boot_ups != self.boot_ups_seen and self.state != "commissioning":
+            self.boot_ups_seen = self.boot_ups
+            self._counts["boot_up"] += 1
+            self.operational = False
+            self.gone("commissioning", "boot_up", f"{self.place}: booted; it is being commissioned again")
+            return True
+        if self.state not in ("running", "silent"):
+            return False
+        surplus = self.take_surplus()
+        self._counts["surplus"] += surplus
+        self.surplus_run = self.surplus_run + 1 if surplus else 0
+        wrong = self.wrong_lengths() - self.wrong_seen
+        if wrong:
+            self._counts["short_pdo"] += wrong
+            self.wrong_seen += wrong
+            self.wrong_run += wrong
+            if self.wrong_run >= WRONG_TOLERATED:
+                self.gone("commissioning", "short_pdo", self.short() or f"{self.place}: TPDOs of a wrong length")
+                return True
+        return self._signs_of_life(heard_ns)
+
+    def _emergencies(self) -> None:
+        errors = self.errors
+        new = errors - self.emergencies_seen
+        self.emergencies_seen = errors
+        self._counts["emergency"] += new
+        code = "reset since" if self.emergency is None else f"0x{self.emergency:04X}"
+        text = f"{self.place}: emergency {code}; see its manual"
+        self._context.events.note(self._name, "emergency", text, new)
+
+    def _signs_of_life(self, now: int) -> bool:
+        limit = self.limit_ns
+        if self.state == "running" and now - self.heartbeat_ns <= limit and not (self.misses or self.heartbeat_lost):
+            return False  # as nearly always: what follows would find nothing
+        alive = max(self.heartbeat_ns, self.last_tpdo_ns())
+        if self.state == "running" and now - alive > limit:
+            self._counts["silent"] += 1
+            self.gone(
+                "silent",
+                "silent",
+                f"{self.place}: no heartbeat for {(now - alive) / NS:.2f} s; check its power and cable",
+            )
+            return False
+        if self.state == "silent":
+            if now - alive <= limit and self.heartbeat_state == OPERATIONAL:
+                self.back()  # only the cable was out: its mapping is still there
+            return False
+        self._heartbeat(now - max(self.heartbeat_ns, self.watched_ns), limit)
+        if self._out_of_step():
+            self.gone("commissioning", "no_tpdos", f"{self.place}: sends no TPDOs; it is being commissioned again")
+            return True
+        return False
+
+    def _heartbeat(self, since_ns: int, limit_ns: float) -> None:
+        """Its TPDOs come; whether its heartbeat does as well."""
+        lost = since_ns > limit_ns and self.heartbeat_ms > 0
+        if lost and not self.heartbeat_lost:
+            self._counts["heartbeat_lost"] += 1
+            self._context.events.begin(self._name, "heartbeat_lost", self._no_heartbeat())
+        elif self.heartbeat_lost and not lost:
+            self._context.events.end(self._name, "heartbeat_lost")
+        self.heartbeat_lost = lost
+
+    def _no_heartbeat(self) -> str:
+        return f"{self.place}: TPDOs come, but no heartbeat; check what else writes to it (0x1017)"
+
+    def _out_of_step(self) -> bool:
+        """Alive, but no longer doing what it was commissioned for, by its own doing and not another master's."""
+        if self.starting_anew:
+            return False
+        if self.heartbeat_state in (PRE_OPERATIONAL, STOPPED):
+            by_itself = self.leadership is None or self.leadership.excused(self.config.node)
+            return by_itself and self.misses >= MISSES_TOLERATED
+        return self.misses >= MISSES_LOST
+
+    def miscounted(self, brought: int) -> bool:
+        """Whether its TPDOs may be credited to wrong SYNCs, so that it has to be started anew."""
+        if not brought:
+            return False
+        return self.in_doubt() or (self.behind_run >= LATE_TOLERATED and not self.slow)
+
+    def line(self) -> str:
+        """What there is to say about it, also while it runs."""
+        if self.detail:
+            return self.detail
+        if self.emergency is not None:
+            return f"emergency 0x{self.emergency:04X}"
+        if self.heartbeat_lost:
+            return self._no_heartbeat()
+        if self.slow:
+            arrivals = [tpdo.latest for tpdo in self.tpdos if tpdo.latest is not None]
+            worst = max(((a.at_ns - a.sync_ns) / 1e6 for a in arrivals), default=0.0)
+            return f"{self.place}: its TPDOs come {worst:.0f} ms after SYNC, so they are marked late"
+        return self.cause
+
+
+def make_nodes(
+    bus: CanopenBus,
+    channels: Sequence[Channel],
+    cycle: Cycle,
+    context: DriverContext,
+    counts: MutableMapping[str, int],
+) -> dict[int, Node]:
     """The nodes that the channels of a bus come from, by node-ID, each with its mapping."""
     known = {node.node: node for node in bus.nodes}
     nodes = {}
     for number, members in by_device(channels, lambda source: source.node).items():
         place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
         config = known.get(number) or CanNode(node=number)
-        node = nodes[number] = Node(config, place, map_node(number, members, place), cycle)
+        mappings = map_node(number, members, place)
+        node = nodes[number] = Node(config, bus.name, place, mappings, cycle, context, counts)
         for position, channel in members:
             assert isinstance(channel.source, CanSource)
             if channel.source.decimals_object is not None:

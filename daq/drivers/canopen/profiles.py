@@ -1,15 +1,19 @@
-"""What a CANopen device measures, by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
+"""What a CANopen device is and measures, by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
 
 The low half of the device type (0x1000) is the profile's number. A few objects say how a value is scaled; they are
-read by SDO, and what they hold becomes a source.
+read by SDO, as is its identity, when the node runs, so that nothing waits for it; nothing is ever written. What they
+hold becomes a source.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+from daq.drivers.canopen.link import Sdo, SdoRefusedError
 
 Objects = Mapping[tuple[int, int], int]
 
@@ -104,3 +108,41 @@ def _encoder(objects: Objects) -> list[Measured]:
     whole = objects.get((0x6002, 0)) or steps
     more = {} if whole >= _TWO_TO_THE else {"modulo": whole}
     return [Measured(0x6004, 0, "uint32", "rad", 2 * math.pi / steps, "angle", more)]
+
+
+DEVICE_TYPE = "0x1000:0"
+TEXTS = ((0x1008, 0), (0x1009, 0), (0x100A, 0))  # name, hardware, firmware (CiA 301, 7.5.2)
+NUMBERS = ((0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))  # vendor, product, revision, serial number
+LONGEST = 60  # characters of a text
+
+Told = dict[str, int | str]
+
+
+def key(index: int, subindex: int) -> str:
+    """How an object is called: ``0x1018:4``."""
+    return f"0x{index:04X}:{subindex}"
+
+
+def ask(sdo: Sdo) -> Told:
+    """Objects that the node has, by :func:`key`: numbers, and texts of at most 60 characters.
+
+    Raises
+    ------
+    CommissioningError
+        If it stops answering.
+    """
+    found: Told = {}
+    for asked in ((0x1000, 0), *NUMBERS):
+        _ask(sdo, asked, found)
+    for asked in ASKED.get(profile_of(int(found.get(DEVICE_TYPE, 0))), ()):
+        _ask(sdo, asked, found)
+    for index, subindex in TEXTS:
+        with contextlib.suppress(SdoRefusedError):
+            text = sdo.read(index, subindex).rstrip(b"\0 ").decode("latin-1")
+            found[key(index, subindex)] = "".join(c for c in text if c.isprintable())[:LONGEST]
+    return found
+
+
+def _ask(sdo: Sdo, place: tuple[int, int], found: Told) -> None:
+    with contextlib.suppress(SdoRefusedError):
+        found[key(*place)] = sdo.read_unsigned(*place)

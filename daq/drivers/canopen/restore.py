@@ -10,7 +10,7 @@ from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL, identity_of, write_objects
 from daq.drivers.canopen.leadership import Leadership
-from daq.drivers.canopen.link import CanLink, Sdo
+from daq.drivers.canopen.link import CanLink
 from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
@@ -61,7 +61,12 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
         for node, setup in setups.items():
             link.send_nmt(PRE_OPERATIONAL, node)
             try:
-                _restore(link.sdo(node), setup, f"bus '{bus.name}' node {node}")
+                sdo, place = link.sdo(node), f"bus '{bus.name}' node {node}"
+                if identity_of(sdo) != dict(setup.identity):
+                    raise CommissioningError(
+                        f"{place}: is another device than the one that was changed; connect that one"
+                    )
+                write_objects(sdo, setup.found, place)
             except AcquisitionError as error:
                 done.append(Restored(bus.name, node, str(error)))
                 continue
@@ -71,10 +76,3 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
         return done
     finally:
         link.close()
-
-
-def _restore(sdo: Sdo, setup: FoundSetup, place: str) -> None:
-    found = identity_of(sdo)
-    if found != dict(setup.identity):
-        raise CommissioningError(f"{place}: is another device than the one that was changed; connect that one")
-    write_objects(sdo, setup.found, place)

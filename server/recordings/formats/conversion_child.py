@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq import InputError, load_machine
-from daq.formats import mcap_file, mdf4, units_in
+from daq.formats import mcap_file, mdf4
 from daq.machine.machine_file import Machine
 from daq.recordings.column_map import load_map
 from daq.recordings.recording_files import Table, read_table, write_columns
@@ -52,7 +52,7 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
 
 def units_of(table: Table, machine: Machine) -> dict[str, str]:
     """Units of the columns: what the file says, else what the machine file declares."""
-    return {**{c.name: c.unit for c in machine.channels}, **units_in(table)}
+    return {**{c.name: c.unit for c in machine.channels}, **table.units}
 
 
 def main(arguments: Sequence[str]) -> int:

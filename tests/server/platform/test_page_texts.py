@@ -151,7 +151,7 @@ FINDING = (
     *(f"daq/commissioning/{name}.py" for name in ("check", "identities")),
     "server/bus_checks/running_check.py",
     "daq/drivers/bus_driver.py",
-    *(f"daq/drivers/canopen/{name}.py" for name in ("watch", "driver", "care", "lead", "look", "node")),
+    *(f"daq/drivers/canopen/{name}.py" for name in ("driver", "care", "lead", "look", "node")),
     *(f"daq/drivers/modbus/{name}.py" for name in ("unit", "driver")),
 )
 #: Fitting, as far as jobs and the live model come to it; the command line and exports speak to no page.
