@@ -83,7 +83,9 @@ def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
 @router.get("/devices", responses=problems(422), dependencies=ADMIN)
 def list_devices(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List paired devices."""
-    return HolderList.of(service[Access].holders.list("device", limit, cursor, between), partial(_resource, service))
+    return HolderList.of(
+        service[Access].holders.list(limit, cursor, kind="device", between=between), partial(_resource, service)
+    )
 
 
 @router.delete("/devices/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
@@ -95,13 +97,15 @@ def remove_device(id: str, service: ServiceDep) -> None:
 @router.get("/keys", responses=problems(422), dependencies=ADMIN)
 def list_keys(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
     """List API keys."""
-    return HolderList.of(service[Access].holders.list("key", limit, cursor, between), partial(_resource, service))
+    return HolderList.of(
+        service[Access].holders.list(limit, cursor, kind="key", between=between), partial(_resource, service)
+    )
 
 
 @router.get("/keys/{id}", responses=problems(404, 422), dependencies=ADMIN)
 def get_key(id: str, service: ServiceDep) -> HolderResource:
     """Read an API key, without its secret."""
-    return _resource(service, service[Access].holders.get(id, "key"))
+    return _resource(service, service[Access].holders.known_as("key", id))
 
 
 @router.post("/keys", status_code=201, responses=problems(409, 422), dependencies=ADMIN)

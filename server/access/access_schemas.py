@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
+from server.access.holder_store import Holder
 from server.platform.authorization.principals import Role
 from server.platform.http.bodies import PLAIN, Body, Listed, Shown
 
@@ -73,21 +74,13 @@ class KeyOrder(Body, json_schema_extra={"examples": [{"name": "history of the pl
     days: Days | None = None
 
 
-class HolderResource(Shown):
+class HolderResource(Holder):
     """A paired device or an API key.
 
     ``expires`` null: never. ``seen``, ``address``: its last request since the service started; ``streams``: that it
     has open now.
     """
 
-    id: str
-    kind: Literal["device", "key"]
-    name: str
-    role: Role
-    machines: list[str] | None
-    created: str
-    created_by: str
-    expires: str | None
     seen: str | None
     address: str | None
     streams: int

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from server.audit.audit_log import Audit
+from server.audit.audit_log import Audit, audit_log
 from server.audit.audit_routes import router
-from server.audit.audit_tables import audit_log
 from server.platform.database.engine import Database
 from server.platform.parts import TROUBLES, Parts
 from server.platform.resource import Phase, Resource, Running

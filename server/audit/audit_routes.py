@@ -6,15 +6,19 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 
-from server.audit.audit_log import Audit
-from server.audit.audit_schemas import EntryList, VerificationResource
+from server.audit.audit_log import Audit, EntryResource, VerificationResource
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.bodies import Listed
 from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, ServiceDep, problems
 
 router = APIRouter(
     prefix="/audit", tags=["audit"], dependencies=[require("admin", every_machine=True)], route_class=TypedRoute
 )
+
+
+class EntryList(Listed[EntryResource]):
+    """A page of the audit log, newest first."""
 
 
 @router.get("", responses=problems(422))
@@ -32,4 +36,4 @@ def list_entries(
 @router.get("/verification")
 async def verify(service: ServiceDep, principal: PrincipalDep) -> VerificationResource:
     """Compute the chain of hashes again: whether the log is as it was written."""
-    return VerificationResource.of(await service.heavy.run(principal.id, service[Audit].verify))
+    return await service.heavy.run(principal.id, service[Audit].verify)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
@@ -15,7 +15,7 @@ from server.calibrations.calibration_schemas import (
     Decision,
     Proposal,
 )
-from server.calibrations.calibration_store import Calibration
+from server.calibrations.calibration_store import Calibration, State
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.named_things import Names
@@ -57,7 +57,7 @@ def list_calibrations(
     principal: PrincipalDep,
     between: BetweenDep,
     machine: MachineQuery = None,
-    state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
+    state: State | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> CalibrationList:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, Field
 
-from server.calibrations.calibration_comparison import compare_errors, compare_parameters
+from server.calibrations.calibration_comparison import ShiftResource, compare_errors, compare_parameters
 from server.calibrations.calibration_store import Calibration
 from server.platform.authorization.named_things import IdentificationId
-from server.platform.http.bodies import Body, Label, Listed, Shown
+from server.platform.http.bodies import Body, Label, Listed
 
 
 class Proposal(
@@ -27,63 +27,16 @@ class Decision(Body, json_schema_extra={"examples": [{"note": "fits better than 
     note: Annotated[str, Field(max_length=2000)] = ""
 
 
-class Parameter(BaseModel):
-    """A parameter in the unit that it has in the report."""
-
-    name: str
-    value: float | None
-    std: float | None
-    unit: str | None
-
-
-class StepResource(Shown):
-    """Who did what to a calibration, when."""
-
-    time: str
-    action: Literal["proposed", "approved", "rejected", "activated", "retired"]
-    by: str
-    note: str
-
-
-class CalibrationResource(Shown):
+class CalibrationResource(Calibration):
     """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop.
 
     ``proposed_by_id``: the principal that may not approve it, where the policy asks for a second person. ``history``:
     who did what, when, oldest first.
     """
 
-    id: str
-    machine: str
-    identification: str
-    label: str
-    state: Literal["proposed", "approved", "rejected", "active", "retired"]
-    proposed_by: str
-    proposed_by_id: str
-    approved_by: str | None
-    created: str
-    activated: str | None
-    verdict: str
-    overall: dict[str, Any]
-    errors: dict[str, Any]
-    parameters: list[Parameter]
-    note: str
-    history: list[StepResource]
-
 
 class CalibrationList(Listed[CalibrationResource]):
     """A page of calibrations."""
-
-
-class ShiftResource(Shown):
-    """A parameter in both; ``sigmas`` is how far b is from a in standard deviations of the difference."""
-
-    name: str
-    unit: str | None
-    a: float | None
-    a_std: float | None
-    b: float | None
-    b_std: float | None
-    sigmas: float | None
 
 
 class JointErrors(BaseModel):
@@ -108,6 +61,6 @@ class ComparisonResource(BaseModel):
         return cls(
             a=CalibrationResource.of(a),
             b=CalibrationResource.of(b),
-            parameters=[ShiftResource.of(shift) for shift in compare_parameters(a.parameters, b.parameters)],
+            parameters=compare_parameters(a.parameters, b.parameters),
             errors={joint: JointErrors(**entry) for joint, entry in compare_errors(a.errors, b.errors).items()},
         )

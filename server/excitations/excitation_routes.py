@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 
@@ -12,7 +10,6 @@ from server.excitations.excitation_schemas import ExcitationList, ExcitationOrde
 from server.excitations.excitation_store import Excitation, Excitations
 from server.excitations.motion_delivery import MotionDelivery
 from server.jobs.job_runner import JobRunner
-from server.jobs.job_store import Jobs
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
@@ -25,7 +22,6 @@ from server.platform.http.route_parameters import (
     ServiceDep,
     problems,
 )
-from server.platform.service import Service
 
 router = APIRouter(prefix="/excitations", tags=["excitations"], route_class=TypedRoute)
 
@@ -42,7 +38,7 @@ def order(
     excitation = service[ExcitationKind].order(body.machine, options, body.label, idempotency_key)
     service[JobRunner].enqueue(excitation.job)
     response.headers["Location"] = f"/api/v1/jobs/{excitation.job}"
-    return _resource(service, excitation)
+    return _resource(excitation)
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -56,13 +52,13 @@ def list_excitations(
 ) -> ExcitationList:
     """List excitations, newest first."""
     page = service[Excitations].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    return ExcitationList.of(page, partial(_resource, service))
+    return ExcitationList.of(page, _resource)
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> ExcitationResource:
     """Read an excitation."""
-    return _resource(service, service[Excitations].get(id))
+    return _resource(service[Excitations].get(id))
 
 
 @router.get(
@@ -76,8 +72,7 @@ def motion(id: str, service: ServiceDep) -> FileResponse:
     excitation = service[Excitations].get(id)
     path = service[ExcitationKind].motion(id)
     if excitation.result is None or not path.is_file():
-        state = service[Jobs].get(excitation.job).state
-        raise ConflictError(f"excitation '{id}' has no motion: its job {excitation.job} is {state}")
+        raise ConflictError(f"excitation '{id}' has no motion: its job {excitation.job} is {excitation.state}")
     return FileResponse(path, media_type="text/csv", filename=f"{excitation.machine}-{id}.csv")
 
 
@@ -88,5 +83,5 @@ def send(id: str, service: ServiceDep) -> Sent:
     return Sent(name=id)
 
 
-def _resource(service: Service, value: Excitation) -> ExcitationResource:
-    return ExcitationResource.of(value, state=service[Jobs].get(value.job).state, **(value.result or {}))
+def _resource(value: Excitation) -> ExcitationResource:
+    return ExcitationResource.of(value, **(value.result or {}))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
+from server.excitations.excitation_store import Excitation
 from server.platform.authorization.named_things import MachineName
-from server.platform.http.bodies import Label, Listed, Shown
+from server.platform.http.bodies import Body, Label, Listed
 
 
 class ExcitationOrder(
-    BaseModel,
+    Body,
     json_schema_extra={"examples": [{"machine": "folding-arm", "rods": "pinned", "duration_s": 60, "use": 0.8}]},
 ):
     """What motion to design.
@@ -19,8 +20,6 @@ class ExcitationOrder(
     ``rods``: ``pinned`` moves the arm, ``unpinned`` the free cylinders (stage 1). ``joints``: only these move.
     ``use``: share of every limit that may be used. Limits that are not given are those of the machine file.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     machine: MachineName
     label: Label = ""
@@ -35,20 +34,12 @@ class ExcitationOrder(
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
 
 
-class ExcitationResource(Shown):
+class ExcitationResource(Excitation):
     """An excitation; what its design found is there once its job is done.
 
     ``not_told``: parameters that the motion tells nothing about. ``limits``: how much of each is used.
     """
 
-    id: str
-    machine: str
-    machine_version: int
-    label: str
-    job: str
-    state: Literal["queued", "running", "done", "failed", "cancelled"]
-    options: dict[str, Any]
-    created: str
     condition_number: float | None = None
     seconds: float | None = None
     rods: Literal["pinned", "unpinned"] | None = None

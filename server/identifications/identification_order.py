@@ -69,7 +69,6 @@ class IdentificationOrders:
     def _stored(self, wish: Wish, key: str | None) -> Identification:
         database = self._database
         machine = Machines(database).get(wish.machine)
-        jobs = Jobs(database)
         identification = Identification(
             id=f"idn-{secrets.token_hex(8)}",
             job=f"job-{secrets.token_hex(8)}",
@@ -81,18 +80,8 @@ class IdentificationOrders:
             created=database.now(),
         )
         content = [wish.machine, [list(entry) for entry in wish.recordings], wish.options, wish.label]
-        return Identifications(database).add(
-            identification,
-            lambda connection: jobs.insert(
-                connection,
-                id=identification.job,
-                kind="identification",
-                label=identification.label,
-                subject=identification.id,
-                stages=self._stages(),
-            ),
-            IdempotencyKey.of(key, *content),
-        )
+        known = IdempotencyKey.of(key, *content)
+        return Jobs(database).order(Identifications(database), identification, "identification", self._stages(), known)
 
 
 def _chosen(database: Database, wish: Wish) -> tuple[tuple[str, str], ...]:

@@ -11,8 +11,11 @@ from server.identifications.identification_job import IdentificationKind
 from server.identifications.identification_order import IdentificationOrders
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_routes import router
-from server.identifications.identification_store import Identifications
-from server.identifications.identification_tables import identification_recordings, identifications
+from server.identifications.identification_store import (
+    Identifications,
+    identification_recordings,
+    identifications,
+)
 from server.identifications.stage_request import StageProgram, fitting_program
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner

@@ -2,107 +2,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Unpack
+from collections.abc import Sequence
+from typing import Annotated, Any
 
 import sqlalchemy as sa
+from pydantic import PlainSerializer
 
-from server.identifications.identification_tables import identification_recordings, identifications
 from server.jobs.job_store import Result
-from server.platform.database.engine import Database, Page
-from server.platform.database.idempotency import IdempotencyKey, earlier, remember
-from server.platform.database.lists import Narrowing, rows_of
-from server.platform.errors import ConflictError, NotFoundError
-from server.recordings.recording_tables import recordings
+from server.platform.authorization.named_things import RecordingId
+from server.platform.database.repository import Repository
+from server.platform.database.schema import metadata
+from server.platform.database.stored import BESIDE, Id, OfJob, OfMachine, Stored
+from server.platform.errors import ConflictError
+from server.platform.http.bodies import Body
+from server.recordings.recording_store import RecordingRole, recordings
 
 
-@dataclass(frozen=True)
-class Identification:
+class RecordingChoice(Body):
+    """A recording to identify from, by default in the role that it was recorded in."""
+
+    id: RecordingId
+    role: RecordingRole | None = None
+
+
+def _shown(chosen: tuple[tuple[str, str], ...]) -> list[RecordingChoice]:
+    return [RecordingChoice.model_validate({"id": id, "role": role}) for id, role in chosen]
+
+
+class Identification(Stored, table="identifications", noun="identification"):
     """One identification; ``recordings`` are (id, role), ``verdict`` and ``overall`` the report's."""
 
-    id: str
-    job: str
-    machine: str
+    id: Id
+    job: OfJob
+    machine: OfMachine
     machine_version: int
     label: str
-    recordings: tuple[tuple[str, str], ...]
+    recordings: Annotated[
+        tuple[tuple[str, str], ...], BESIDE, PlainSerializer(_shown, return_type=list[RecordingChoice])
+    ]
     options: dict[str, Any]
     created: str
     verdict: str | None = None
     overall: dict[str, Any] | None = None
 
 
-class Identifications:
+identifications = Identification.table
+identification_recordings = sa.Table(
+    "identification_recordings",
+    metadata,
+    sa.Column("identification", sa.String, sa.ForeignKey("identifications.id"), primary_key=True),
+    sa.Column("position", sa.Integer, primary_key=True),
+    sa.Column("recording", sa.String, sa.ForeignKey("recordings.id"), nullable=False, index=True),
+    sa.Column("role", sa.String, nullable=False),
+)
+
+
+class Identifications(Repository[Identification]):
     """Repository of identifications."""
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    of = Identification
 
-    def add(
-        self,
-        new: Identification,
-        insert_job: Callable[[sa.Connection], None],
-        key: IdempotencyKey | None = None,
-    ) -> Identification:
-        """Store an identification and its job in one transaction.
-
-        Parameters
-        ----------
-        insert_job : makes the job's row in the transaction that it is given
-        key : if the same key came before with the same request, the identification made then is returned and
-            nothing is stored
+    def put(self, connection: sa.Connection, new: Identification) -> None:
+        """Store an identification, in the transaction that also stores its job.
 
         Raises
         ------
         ConflictError
-            If the key came before with another request, or a recording was deleted meanwhile.
+            If a recording was deleted meanwhile.
         """
-        with self._database.write("identifications", "jobs") as connection:
-            made = earlier(connection, key)
-            if made is not None:
-                return _get(connection, made)
-            insert_job(connection)
-            columns = {name: value for name, value in new.__dict__.items() if name != "recordings"}
-            connection.execute(identifications.insert().values(**columns))
-            for position, (recording, role) in enumerate(new.recordings):
-                state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
-                if state != "sealed":
-                    raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
-                connection.execute(
-                    identification_recordings.insert().values(
-                        identification=new.id, position=position, recording=recording, role=role
-                    )
-                )
-            remember(connection, key, new.id, self._database.now())
-        return new
+        super().put(connection, new)
+        for position, (recording, role) in enumerate(new.recordings):
+            state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
+            if state != "sealed":
+                raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
+            used = {"identification": new.id, "position": position, "recording": recording, "role": role}
+            connection.execute(identification_recordings.insert().values(**used))
 
-    def get(self, id: str) -> Identification:
-        """The identification; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            return _get(connection, id)
-
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Identification]:
-        """Newest first, narrowed to what is given."""
-        with self._database.read() as connection:
-            rows, cursor = rows_of(connection, identifications, limit, after, **narrowed)
-            return Page(tuple(_get(connection, row.id) for row in rows), cursor)
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Identification, ...]:
+        """What rows hold, with the recordings that each was made of."""
+        used = identification_recordings.c
+        query = sa.select(used.identification, used.recording, used.role).order_by(used.position)
+        chosen: dict[str, list[tuple[str, str]]] = {row.id: [] for row in rows}
+        for identification, recording, role in connection.execute(query.where(used.identification.in_(chosen))):
+            chosen[identification].append((recording, role))
+        return tuple(Identification.read(row, recordings=chosen[row.id]) for row in rows)
 
     @staticmethod
     def result(id: str, verdict: str, overall: dict[str, Any]) -> Result:
         """What the report says, to be stored with the end of the job."""
         change = identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
         return Result("identifications", change)
-
-
-def _get(connection: sa.Connection, id: str) -> Identification:
-    row = connection.execute(sa.select(identifications).where(identifications.c.id == id)).first()
-    if row is None:
-        raise NotFoundError(f"there is no identification '{id}'", identification=id)
-    used = connection.execute(
-        sa.select(identification_recordings)
-        .where(identification_recordings.c.identification == id)
-        .order_by(identification_recordings.c.position)
-    ).all()
-    values = {key: value for key, value in row._mapping.items() if key != "number"}
-    return Identification(**values, recordings=tuple((entry.recording, entry.role) for entry in used))

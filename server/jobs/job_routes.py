@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator
-from dataclasses import asdict
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query
 from fastapi.concurrency import run_in_threadpool
@@ -14,7 +13,7 @@ from fastapi.responses import StreamingResponse
 
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_schemas import JobList, JobResource
-from server.jobs.job_store import FINAL, Job, Jobs
+from server.jobs.job_store import FINAL, Job, Jobs, State
 from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
@@ -27,7 +26,6 @@ router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
 KEEP_ALIVE_S = 15.0
 #: No job has more events, and every database holds the number.
 MOST_EVENTS = 2**53
-State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
@@ -85,7 +83,7 @@ async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]
         seen = service.changes.number
         over = (await run_in_threadpool(service[Jobs].get, id)).state in FINAL
         for event in await run_in_threadpool(service[Jobs].events, id, after):
-            yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(asdict(event))}\n\n".encode()
+            yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(event.model_dump())}\n\n".encode()
             after = event.number
             if event.state in FINAL:
                 return

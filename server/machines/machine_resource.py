@@ -16,8 +16,7 @@ from server.machines.launch import acquire
 from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_routes import router
-from server.machines.machine_store import Machines
-from server.machines.machine_tables import machine_versions, machines
+from server.machines.machine_store import Machines, machine_versions, machines
 from server.machines.machine_uploads import MachineUploads
 from server.machines.simulation import simulated_machine
 from server.platform.changes import Changes

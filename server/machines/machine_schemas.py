@@ -6,18 +6,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from server.platform.http.bodies import Body, Flag, Listed, Shown
+from server.machines.machine_store import MachineRow
+from server.platform.http.bodies import Body, Flag, Listed
 
 
-class MachineSummary(Shown):
+class MachineSummary(MachineRow):
     """A machine: its current version, and whether it is acquired."""
-
-    name: str
-    version: int
-    current: int
-    sha256: str
-    created: str
-    acquire: bool
 
 
 class MachineCheck(BaseModel):

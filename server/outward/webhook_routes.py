@@ -49,8 +49,7 @@ def add_webhook(
 @router.get("", responses=problems(422), dependencies=ADMIN)
 def list_webhooks(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
     """List webhooks, newest first."""
-    page = service[Webhooks].store.list(limit, cursor, between)
-    return WebhookList.of(page)
+    return WebhookList.of(service[Webhooks].store.list(limit, cursor, between=between))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=ADMIN)
@@ -84,5 +83,5 @@ def list_deliveries(
 ) -> DeliveryList:
     """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
     own = service[Webhooks].store.get(id).id
-    page = service[Webhooks].store.deliveries(limit, cursor, webhook=own, state=state, between=between)
+    page = service[Webhooks].store.deliveries.list(limit, cursor, webhook=own, state=state, between=between)
     return DeliveryList.of(page)

@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
-from server.outward.outward_message import Kind
-from server.outward.webhook_store import State
-from server.platform.http.bodies import PLAIN, Body, Label, Listed, Shown
+from server.outward.webhook_store import Delivery, Event, Webhook
+from server.platform.http.bodies import PLAIN, Body, Label, Listed
 
 
-class WebhookOrder(Body):
+class WebhookOrder(
+    Body,
+    json_schema_extra={"examples": [{"label": "shop", "url": "https://erp.example/hilfit", "events": ["alarm"]}]},
+):
     """Where messages of which types are delivered to; ``url`` has to be in the setting ``webhook_places``."""
-
-    model_config = ConfigDict(
-        json_schema_extra={"examples": [{"label": "shop", "url": "https://erp.example/hilfit", "events": ["alarm"]}]}
-    )
 
     label: Label = ""
     url: Annotated[str, Field(max_length=500, pattern=PLAIN)]
-    events: Annotated[tuple[Literal["alarm", "result"], ...], Field(min_length=1, max_length=2)] = ("alarm", "result")
+    events: Annotated[tuple[Event, ...], Field(min_length=1, max_length=2)] = ("alarm", "result")
 
 
-class WebhookResource(Shown):
+class WebhookResource(Webhook):
     """A webhook, without its secret."""
-
-    id: str
-    label: str
-    url: str
-    events: tuple[Literal["alarm", "result"], ...]
-    created: str
-    created_by: str
 
 
 class NewWebhook(WebhookResource):
@@ -44,17 +35,8 @@ class WebhookList(Listed[WebhookResource]):
     """A page of webhooks."""
 
 
-class DeliveryResource(Shown):
+class DeliveryResource(Delivery):
     """A message on its way; ``message`` is what the receiver knows it by, ``error`` why the last try failed."""
-
-    id: str
-    message: str
-    type: Kind
-    state: State
-    tries: int
-    error: str | None
-    created: str
-    ended: str | None
 
 
 class DeliveryList(Listed[DeliveryResource]):

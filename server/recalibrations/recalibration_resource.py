@@ -20,8 +20,7 @@ from server.platform.settings import Settings
 from server.recalibrations.recalibration_job import PROGRAM, CalibrationPolicy, RecalibrationKind, Surroundings
 from server.recalibrations.recalibration_routes import router
 from server.recalibrations.recalibration_site import Site
-from server.recalibrations.recalibration_store import Recalibrations
-from server.recalibrations.recalibration_tables import recalibrations
+from server.recalibrations.recalibration_store import Recalibrations, recalibrations
 from server.recordings.recording_sessions import Sessions
 
 COMPARISON: PartName[Sequence[str]] = PartName("the program that compares calibrations")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from server.jobs.job_store import Jobs
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http.route_parameters import ServiceDep, problems
@@ -17,5 +16,4 @@ router = APIRouter(prefix="/recalibrations", tags=["schedules"], route_class=Typ
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
 def get(id: str, service: ServiceDep) -> RecalibrationResource:
     """Read a recalibration, with the table of errors before and after."""
-    found = service[Recalibrations].get(id)
-    return RecalibrationResource.of(found, state=service[Jobs].get(found.job).state)
+    return RecalibrationResource.of(service[Recalibrations].get(id))

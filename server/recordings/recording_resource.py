@@ -20,8 +20,7 @@ from server.recordings.formats.exports import Exports
 from server.recordings.recording_desk import USED_BY, RecordingDesk
 from server.recordings.recording_routes import router
 from server.recordings.recording_sessions import Recorder, Sessions
-from server.recordings.recording_store import Recordings
-from server.recordings.recording_tables import recordings
+from server.recordings.recording_store import Recordings, recordings
 from server.recordings.recording_uploads import RecordingUploads
 from server.recordings.ring_recorder import RingRecorder
 

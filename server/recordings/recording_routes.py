@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
@@ -28,12 +28,11 @@ from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_schemas import (
     RecordingList,
     RecordingResource,
-    RecordingRole,
     RecordingStart,
     RecordingStatistics,
 )
 from server.recordings.recording_sessions import Sessions
-from server.recordings.recording_store import Recordings
+from server.recordings.recording_store import RecordingRole, Recordings, State
 from server.recordings.recording_uploads import RecordingUploads
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=TypedRoute)
@@ -114,7 +113,7 @@ def list_recordings(
     between: BetweenDep,
     machine: MachineQuery = None,
     role: RecordingRole | None = None,
-    state: Literal["recording", "sealed", "failed"] | None = None,
+    state: State | None = None,
     limit: Limit = 50,
     cursor: Cursor = 0,
 ) -> RecordingList:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from itertools import islice
@@ -37,7 +36,6 @@ from server.schedules.schedule_schemas import (
     ScheduleResource,
     ScheduleWish,
     SlotList,
-    SlotResource,
     UpcomingSlots,
 )
 from server.schedules.schedule_store import Schedule, Schedules
@@ -103,7 +101,7 @@ def get(id: str, response: Response, service: ServiceDep) -> ScheduleResource:
 def change(id: str, wish: ScheduleWish, response: Response, service: ServiceDep, tags: KnownTags) -> ScheduleResource:
     """Change a schedule; slots before now that had no turn are forgotten."""
     before = service[Schedules].get(id)
-    changed = replace(_checked(service, wish, id, before.created), considered=service.now())
+    changed = _checked(service, wish, id, before.created)
     return _resource(service, service[Schedules].replace(changed, tags), response)
 
 
@@ -124,7 +122,7 @@ def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDe
 @router.get("/{id}/slots", responses=problems(404, 422), dependencies=[require("read")])
 def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
     """The newest slots that had their turn, newest first."""
-    return SlotList(items=[SlotResource.of(slot) for slot in service[Schedules].slots(id, limit)])
+    return SlotList(items=[*service[Schedules].slots(id, limit)])
 
 
 def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:
@@ -139,11 +137,8 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Sch
         raise InvalidError("the standard motion needs excitations: give the id of one or two that were designed")
     return Schedule(
         id=id,
-        machine=wish.machine,
         label=wish.label or f"Recalibration of {wish.machine}",
-        cron=wish.cron,
-        timezone=wish.timezone,
-        enabled=wish.enabled,
+        **wish.model_dump(include={"machine", "cron", "timezone", "enabled"}),
         plan=wish.plan(),
         considered=now,
         created=created,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from server.identifications.identification_schemas import IdentificationOptions
 from server.platform.authorization.named_things import ExcitationId, MachineName
-from server.platform.http.bodies import Flag, Label, Listed, Shown
+from server.platform.http.bodies import Flag, Label, Listed
 from server.recalibrations.recalibration_store import Plan
 from server.schedules.schedule_clock import next_slot
-from server.schedules.schedule_store import Schedule, Slot
+from server.schedules.schedule_store import Schedule, SlotResource
 
 
 class ScheduleWish(
     BaseModel,
+    extra="forbid",
     json_schema_extra={
         "examples": [{"machine": "folding-arm", "cron": "30 2 * * 1", "timezone": "Europe/Vienna", "duration_s": 600}]
     },
@@ -27,8 +28,6 @@ class ScheduleWish(
     by. ``deadline_s``: how long it waits for the machine, or for the person who runs the motion. ``activate``: only
     ``if_better`` lets it activate what it finds.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     machine: MachineName
     label: Label = ""
@@ -44,14 +43,8 @@ class ScheduleWish(
 
     def plan(self) -> Plan:
         """What a slot does."""
-        return Plan(
-            motion=self.motion,
-            duration_s=self.duration_s,
-            excitations=tuple(self.excitations),
-            deadline_s=self.deadline_s,
-            options=self.options.model_dump(),
-            activate=self.activate,
-        )
+        own = self.model_dump(include=set(Plan.__dataclass_fields__))
+        return Plan(**{**own, "excitations": tuple(self.excitations)})
 
 
 class ScheduleResource(ScheduleWish):
@@ -63,22 +56,10 @@ class ScheduleResource(ScheduleWish):
     last: str | None
 
     @classmethod
-    def of(cls, schedule: Schedule, last: Slot | None) -> ScheduleResource:
+    def of(cls, schedule: Schedule, last: SlotResource | None) -> ScheduleResource:
         """From the store."""
-        plan: dict[str, Any] = schedule.plan.content()
-        del plan["ordered_by"]
-        return cls(
-            id=schedule.id,
-            machine=schedule.machine,
-            label=schedule.label,
-            cron=schedule.cron,
-            timezone=schedule.timezone,
-            enabled=schedule.enabled,
-            created=schedule.created,
-            next=next_slot(schedule),
-            last=None if last is None else last.slot,
-            **plan,
-        )
+        known = {**vars(schedule.plan), **vars(schedule), "next": next_slot(schedule), "last": last and last.slot}
+        return cls(**{name: known[name] for name in cls.model_fields})
 
 
 class ScheduleList(Listed[ScheduleResource]):
@@ -89,16 +70,6 @@ class UpcomingSlots(BaseModel):
     """The next slots of a cron expression, in UTC; fewer where it ends."""
 
     slots: list[str]
-
-
-class SlotResource(Shown):
-    """A slot in UTC; ``coalesced``: it had its turn together with a later one."""
-
-    slot: str
-    job: str | None
-    state: Literal["done", "failed", "missed", "coalesced", "running"]
-    note: str
-    calibration: str | None
 
 
 class SlotList(BaseModel):

@@ -25,7 +25,7 @@ class Body(BaseModel):
 class Shown(BaseModel):
     """What is shown of something that the service knows: what is called like its fields."""
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(from_attributes=True, frozen=True)
 
     @classmethod
     def of(cls, value: object, **beside: object) -> Self:

@@ -9,7 +9,7 @@ from fastapi import Depends, Header, Query, Request
 
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
-from server.platform.database.lists import Between
+from server.platform.database.repository import Between
 from server.platform.errors import InvalidError
 from server.platform.http.problems import MEDIA_TYPE, status_phrase
 from server.platform.service import Service
