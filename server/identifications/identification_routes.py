@@ -18,10 +18,10 @@ from server.identifications.identification_schemas import (
 )
 from server.identifications.identification_store import Identifications
 from server.jobs.job_store import Jobs
-from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, MachineQuery, ServiceDep, problems
+from server.platform.http.route_parameters import MachineQuery, PageDep, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
@@ -56,18 +56,9 @@ async def order(
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_identifications(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    machine: MachineQuery = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> IdentificationList:
+def list_identifications(service: ServiceDep, page: PageDep, machine: MachineQuery = None) -> IdentificationList:
     """List identifications, newest first."""
-    return IdentificationList.of(
-        service[Identifications].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    )
+    return IdentificationList.of(service[Identifications].list(**page, machine=machine))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

@@ -17,7 +17,7 @@ from server.jobs.job_store import FINAL, Job, Jobs, State
 from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import PageDep, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
@@ -29,17 +29,11 @@ MOST_EVENTS = 2**53
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_jobs(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    state: State | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> JobList:
+def list_jobs(service: ServiceDep, principal: PrincipalDep, page: PageDep, state: State | None = None) -> JobList:
     """List jobs, newest first; a page may be short where jobs of other machines are left out."""
-    page = service[Jobs].list(limit, cursor, state=state, between=between)
-    jobs = JobList.of(page, partial(_resource, service))
+    # Of which machine a job is only what it makes says.
+    found = service[Jobs].list(page["limit"], page["after"], state=state, between=page["between"])
+    jobs = JobList.of(found, partial(_resource, service))
     if principal.machines is not None:
         machines = service.ownership.machines_of_jobs(job.id for job in jobs.items)
         jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
 from server.platform.database.engine import Database, Page, page
-from server.platform.database.repository import ANY_TIME, Between
+from server.platform.database.repository import ANY_TIME, Narrowing
 from server.platform.database.schema import metadata
 from server.platform.errors import ConflictError, NotFoundError
 from server.platform.http.bodies import Shown
@@ -98,13 +98,12 @@ class Machines:
         with self._database.read() as connection:
             return tuple(MachineRow.of(row) for row in connection.execute(query))
 
-    def list(
-        self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None, between: Between = ANY_TIME
-    ) -> Page[MachineRow]:
-        """Current versions, the machine added last first; ``only``: of these machines."""
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[MachineRow]:
+        """Current versions, the machine added last first."""
+        between, seen = narrowed.get("between", ANY_TIME), narrowed.get("machines")
         query = between.narrowed(_versions().where(_is_current()), machine_versions.c.created, machines.c.name)
-        if only is not None:
-            query = query.where(machines.c.name.in_(only))
+        if seen is not None:
+            query = query.where(machines.c.name.in_(seen))
         with self._database.read() as connection:
             rows, cursor = page(connection, query, machines.c.number, limit, after)
         return Page(tuple(MachineRow.of(row) for row in rows), cursor)

@@ -24,7 +24,7 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory, write_atomically
 from server.platform.processes.children import ChildResult
 from server.recalibrations.recalibration_comparison import sentence
-from server.recalibrations.recalibration_recording import RecalibratedMachines, record
+from server.recalibrations.recalibration_recording import RecalibratedMachines, RecordedStage
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
 from server.recordings.recording_store import Recordings
 
@@ -150,7 +150,9 @@ class RecalibrationKind:
             self._around.recorders.release()
 
     def _recorded(self, run: StageRun, this: Recalibration) -> ChildResult:
-        found = record(run, this, self._around.machines, self._recordings, self._recalibrations, self._around.pause)
+        around = self._around
+        stage = RecordedStage(run, this, around.machines, self._recordings, self._recalibrations, around.pause)
+        found = stage.record()
         return ChildResult("stopped") if found is None else ChildResult("done", summary={"recordings": found})
 
     def _identify(self, run: StageRun, this: Recalibration) -> ChildResult:

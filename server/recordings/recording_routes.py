@@ -14,12 +14,10 @@ from server.platform.authorization.typed_route import TypedRoute
 from server.platform.files import receive
 from server.platform.http.bodies import PLAIN
 from server.platform.http.route_parameters import (
-    BetweenDep,
-    Cursor,
     Idempotency,
-    Limit,
     MachineQuery,
     OneMachine,
+    PageDep,
     ServiceDep,
     problems,
 )
@@ -109,19 +107,13 @@ async def upload(
 @router.get("", responses=problems(422), dependencies=[require("read")])
 def list_recordings(
     service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
+    page: PageDep,
     machine: MachineQuery = None,
     role: RecordingRole | None = None,
     state: State | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
 ) -> RecordingList:
     """List recordings, newest first."""
-    page = service[Recordings].list(
-        limit, cursor, machine=machine, machines=principal.machines, role=role, state=state, between=between
-    )
-    return RecordingList.of(page)
+    return RecordingList.of(service[Recordings].list(**page, machine=machine, role=role, state=state))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

@@ -9,7 +9,7 @@ import pytest
 
 from server.jobs.job_kinds import JobError, StageRun
 from server.jobs.job_store import Job
-from server.recalibrations.recalibration_recording import TRIES, record
+from server.recalibrations.recalibration_recording import TRIES, RecordedStage
 from server.recalibrations.recalibration_store import Plan, Recalibration
 from server.recordings.recording_store import RecordingRow
 
@@ -84,7 +84,7 @@ class Site:
         run = StageRun(
             JOB, "record", lambda fraction, text: self.said.append(text), lambda: False, store, Path(), False
         )
-        return record(run, THIS, self, store, store, self.pause)
+        return RecordedStage(run, THIS, self, store, store, self.pause).record()
 
 
 def test_a_recording_that_was_cut_is_made_again_and_the_whole_one_counts() -> None:
