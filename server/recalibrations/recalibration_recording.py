@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Protocol
+from typing import Any
 
 from server.jobs.job_kinds import JobError, StageRun
 from server.platform.database.engine import as_stored
 from server.platform.errors import ConflictError, UnavailableError
+from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Recalibration, Recalibrations
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -30,38 +31,6 @@ MARGIN_S = 1.0
 _TOLD = 20
 
 
-class Controller(Protocol):
-    """The simulated machine's own controller."""
-
-    def send(self, name: str, excitation: str) -> None:
-        """Hand it the motion of an excitation under a name."""
-
-    def follows(self, name: str) -> bool:
-        """Whether it began to follow it; UnavailableError if it refused."""
-
-
-class RecalibratedMachines(Protocol):
-    """The machines, as a recalibration needs them."""
-
-    def start_recording(self, machine: str, role: str, label: str, seconds: float) -> RecordingRow:
-        """Start recording; ConflictError or UnavailableError while that cannot be."""
-
-    def stop_recording(self, id: str) -> None:
-        """Stop it."""
-
-    def controller(self, machine: str) -> Controller | None:
-        """Of the simulated machine; None: it is a real one."""
-
-    def motion_seconds(self, excitation: str) -> float:
-        """Length of a designed motion; JobError if there is none."""
-
-    def rate_hz(self, machine: str) -> float:
-        """Cycles a second."""
-
-    def now(self) -> str:
-        """The time as the store writes it."""
-
-
 @dataclass(frozen=True)
 class RecordedStage:
     """The stage of one recalibration that records, or waits for whoever does.
@@ -74,7 +43,7 @@ class RecordedStage:
 
     run: StageRun
     this: Recalibration
-    machines: RecalibratedMachines
+    machines: Site
     recordings: Recordings
     store: Recalibrations
     pause: Callable[[float], Any]
@@ -180,7 +149,7 @@ class RecordedStage:
             raise JobError(f"until {deadline[:16]} UTC {text}")
 
 
-def _wanted(this: Recalibration, machines: RecalibratedMachines) -> list[tuple[str, float, str | None]]:
+def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str | None]]:
     """Role, seconds of machine time and excitation of each recording."""
     if this.plan.motion == "operation":
         fitted = this.plan.duration_s * FITTED

@@ -22,7 +22,7 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.parts import PartName, Parts
 from server.platform.resource import Resource
 from server.platform.settings import Settings
-from server.recalibrations.recalibration_job import PROGRAM, CalibrationPolicy, RecalibrationKind, Surroundings
+from server.recalibrations.recalibration_job import PROGRAM, RecalibrationKind, Surroundings
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Recalibration, Recalibrations, recalibrations
 from server.recordings.recording_sessions import Sessions
@@ -46,7 +46,7 @@ def get(id: str, service: ServiceDep) -> RecalibrationResource:
 
 
 COMPARISON: PartName[Sequence[str]] = PartName("the program that compares calibrations")
-POLICY: PartName[CalibrationPolicy] = PartName("what recalibrations do to calibrations")
+POLICY: PartName[ByPolicy] = PartName("what recalibrations do to calibrations")
 
 
 def _site(parts: Parts) -> Site:

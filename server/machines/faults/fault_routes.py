@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_store import Machines
+from server.machines.simulation import Simulation
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
@@ -55,15 +56,8 @@ class FaultWish(
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 
 
-class Orderable(Protocol):
-    """The simulated machine as it takes orders (:class:`server.machines.simulation.Simulation`)."""
-
-    def order(self, order: str, **details: Any) -> Any:
-        """Ask for something and wait for the answer."""
-
-
 #: The simulated machine; None without ``--simulate``.
-BREAKABLE: PartName[Orderable | None] = PartName("what takes orders for faults")
+BREAKABLE: PartName[Simulation | None] = PartName("what takes orders for faults")
 
 
 @router.get("/{name}/faults", responses=problems(404, 422, 503), dependencies=[require("read")])
@@ -89,6 +83,6 @@ def begin(name: str, wish: FaultWish, service: ServiceDep) -> MachineFaults:
     return MachineFaults(simulated=True, offers=[], running=simulated.order("begin", faults=wish.faults))
 
 
-def _simulated(name: str, service: Service) -> Orderable | None:
+def _simulated(name: str, service: Service) -> Simulation | None:
     service[Machines].get(name)
     return service[BREAKABLE] if service[MachineDesk].simulated == name else None
