@@ -28,7 +28,7 @@ class Shown(BaseModel):
     model_config = ConfigDict(from_attributes=True, frozen=True)
 
     @classmethod
-    def of(cls, value: object, **beside: object) -> Self:
+    def of(cls, value: object, /, **beside: object) -> Self:
         """From a thing with such attributes, whatever else it has; ``beside`` are fields that it has not."""
         own = {name: getattr(value, name) for name in cls.model_fields if name not in beside and hasattr(value, name)}
         return cls.model_validate(own | beside)
