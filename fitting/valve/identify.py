@@ -345,6 +345,7 @@ def _curve(fit: Fit, model: ValveModel, u: FloatArray) -> tuple[FloatArray, Floa
     for place, name in enumerate(names):
         step = 1e-2 * np.sqrt(S[place, place])
         kind = "shape" if name in fit.shape else "gains"
-        moved = replace(fit, **{kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}})
+        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
+        moved = replace(fit, **numbers)
         slopes[:, place] = (at(model_of(moved, error=None, pump_limit=None)) - here) / max(step, 1e-300)
     return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))

@@ -19,6 +19,15 @@ class RecordingChoice(Body):
     role: RecordingRole | None = None
 
 
+def _chosen(stored: Sequence[tuple[str, str | None]]) -> list[dict[str, str | None]]:
+    return [{"id": id, "role": role} for id, role in stored]
+
+
+#: What a fit is ordered of, and what it was made of.
+RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+ShownChoices = Annotated[list[RecordingChoice], BeforeValidator(_chosen)]
+
+
 class IdentificationOptions(Body):
     """Choices of an identification (:class:`fitting.loop.session.Options`).
 
@@ -56,13 +65,9 @@ class IdentificationOrder(
     """What to identify."""
 
     machine: MachineName
-    recordings: Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+    recordings: RecordingChoices
     options: IdentificationOptions = IdentificationOptions()
     label: Label = ""
-
-
-def _chosen(stored: Sequence[tuple[str, str | None]]) -> list[dict[str, str | None]]:
-    return [{"id": id, "role": role} for id, role in stored]
 
 
 class IdentificationResource(Shown):
@@ -73,7 +78,7 @@ class IdentificationResource(Shown):
     machine: str
     machine_version: int
     label: str
-    recordings: Annotated[list[RecordingChoice], BeforeValidator(_chosen)]
+    recordings: ShownChoices
     options: dict[str, Any]
     created: str
     verdict: str | None

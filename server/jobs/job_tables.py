@@ -11,7 +11,7 @@ jobs = sa.Table(
     metadata,
     sa.Column("number", sa.Integer, primary_key=True),
     sa.Column("id", sa.String, nullable=False, unique=True),
-    sa.Column("kind", sa.String, nullable=False),  # identification, excitation, recalibration
+    sa.Column("kind", sa.String, nullable=False),  # identification, valve, excitation, recalibration
     sa.Column("label", sa.String, nullable=False),
     sa.Column("subject", sa.String, nullable=False),  # id of what the job makes
     sa.Column("stages", sa.JSON, nullable=False),
