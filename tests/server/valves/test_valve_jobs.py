@@ -1,21 +1,18 @@
-"""Identifications of valves over REST: order, files, refusals; and one of a bench by the program that a site runs."""
+"""Identifications of valves over REST: order, files, refusals, with a fake stage."""
 
 from __future__ import annotations
 
 import io
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from service_fakes import API, Fakes, Running, recording_bytes, running_service
+from service_fakes import API, Running, recording_bytes
 
-from daq.machine.machine_file import machine_to_yaml
 from fitting.valve.export import export_valve, formats
 from fitting.valve.inverse import Direction, ValveModel
-from server.valves.valve_fits import ValveOrders, ValveResults
-from server.valves.valve_resource import VALVE_PROGRAM
+from server.valves.valve_fits import ValveOrders
 from server.valves.valve_routes import ENDINGS, InverseFormat
 
 VALVES = f"{API}/valves"
@@ -176,40 +173,3 @@ def test_cancelling_ends_it(running: Running, csv: bytes) -> None:
     running.follow(made.job, lambda event: event["text"] == "Half of valve")
     assert running.client.post(f"{API}/jobs/{made.job}/cancel").status_code == 202
     assert running.follow(made.job)[-1]["state"] == "cancelled"
-
-
-@pytest.fixture
-def site(tmp_path: Path) -> Iterator[Running]:
-    """A service with the program that a site has."""
-    fakes = Fakes()
-    del fakes.parts[VALVE_PROGRAM]
-    with running_service(tmp_path / "data", fakes) as running:
-        yield running
-
-
-@pytest.mark.slow
-def test_a_bench_is_identified_over_rest(site: Running, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "fitting"))
-    from valve_bench import Bench, machine_of, written
-
-    machine = machine_of()
-    assert site.client.post(f"{API}/machines", content=machine_to_yaml(machine)).status_code == 201
-    chosen = []
-    for seed, role in ((1, "operation"), (2, "validate")):
-        file = written(tmp_path, machine, Bench(), seed, 25.0)
-        query = {"machine": "bench", "role": role, "name": file.name}
-        answer = site.client.post(f"{API}/recordings/upload", params=query, content=file.read_bytes())
-        assert answer.status_code == 201, answer.text
-        chosen.append({"id": answer.json()["id"]})
-    made = site.client.post(VALVES, json={"machine": "bench", "recordings": chosen, "options": {"loop": False}}).json()
-    assert site.follow(made["job"])[-1]["state"] == "done"
-    axis = site.client.get(f"{VALVES}/{made['id']}").json()["axes"]["boom"]
-    assert axis["judged_on"] == "validate" and axis["error"] < 0.1
-    for way, edge in zip(("extend", "retract"), Bench().edges, strict=True):
-        assert axis["edges"][way] == pytest.approx(edge, abs=0.02)  # 2 % of full speed is less than 2 % of full beyond
-    content = site.client.get(f"{VALVES}/{made['id']}/inverse.zip", params={"format": "python"}).content
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        text = archive.read("valve_boom.py").decode()
-    place = site.service[ValveResults].directory(made["id"]) / "inverse"
-    assert text == (place / "valve_boom.py").read_text()
-    assert "hilfit writes no command" in text
