@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,8 +43,9 @@ def valve(
     from daq.machine.machine_file import load_machine
     from daq.recordings.column_map import load_map
     from daq.recordings.recording import read_recording
-    from daq.recordings.recording_files import replacing
-    from fitting.valve.export import export_valve, formats
+    from fitting.pipeline.stage_names import VALVE_REPORT
+    from fitting.pipeline.valve_stage import write_valves
+    from fitting.valve.export import formats
     from fitting.valve.identify import identify_valves
 
     for name in set(to or []) - set(formats()):
@@ -67,15 +67,12 @@ def valve(
             loop=not no_loop,
             progress=lambda share, text: bar(share, 1.0, text),
         )
-    output.mkdir(parents=True, exist_ok=True)
-    with replacing(output / "valve.json") as temporary:
-        temporary.write_text(json_text.dumps(found.report, indent=1) + "\n", encoding="utf-8")
-    written = [export_valve(own, name, output / "inverse") for own in found.models.values() for name in to or []]
+    written = write_valves(found, output, to or ())
     if json:
         print_json(found.report)
         return
     print_valves(found.report)
-    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {f}" for own in written for f in own.files)]))
+    print("\n".join([f"report: {output / VALVE_REPORT}", *(f"inverse: {file}" for file in written)]))
 
 
 def print_valves(report: Mapping[str, Any]) -> None:

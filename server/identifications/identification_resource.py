@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-import sqlalchemy as sa
-
 from server.identifications.identification_job import IdentificationKind
 from server.identifications.identification_order import IdentificationOrders
 from server.identifications.identification_results import IdentificationResults
@@ -23,7 +21,6 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
-from server.recordings.recording_desk import USED_BY
 
 #: The stages of an identification, and the command that runs one; called when the first job needs it.
 STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")
@@ -31,13 +28,6 @@ STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an ide
 
 def _kind(parts: Parts) -> IdentificationKind:
     return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM])
-
-
-def _used_by(connection: sa.Connection, recording: str) -> str | None:
-    """The identification that was made of a recording."""
-    of_it = identification_recordings.c.recording == recording
-    found = connection.execute(sa.select(identification_recordings.c.identification).where(of_it)).scalar()
-    return None if found is None else f"identification '{found}'"
 
 
 def _orders(parts: Parts) -> IdentificationOrders:
@@ -56,7 +46,6 @@ IDENTIFICATIONS = Resource(
     kept={"/identifications": ("identifications",)},
     provides={
         STAGE_PROGRAM: lambda parts: fitting_program,
-        USED_BY: lambda parts: _used_by,
         Identifications: lambda parts: Identifications(parts[Database]),
         IdentificationResults: lambda parts: IdentificationResults(parts[Database], parts[DataDirectory]),
         IdentificationKind: _kind,

@@ -10,6 +10,9 @@ from server.identifications.identification_store import Identification, Recordin
 from server.platform.authorization.named_things import MachineName
 from server.platform.http.bodies import Body, Flag, Label, Listed
 
+#: What a fit is ordered of.
+RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+
 
 class IdentificationOptions(Body):
     """Choices of an identification (:class:`fitting.loop.session.Options`).
@@ -48,7 +51,7 @@ class IdentificationOrder(
     """What to identify."""
 
     machine: MachineName
-    recordings: Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+    recordings: RecordingChoices
     options: IdentificationOptions = IdentificationOptions()
     label: Label = ""
 

@@ -1,9 +1,9 @@
-"""Identifications: which recordings in which roles, with which options and which outcome."""
+"""What is identified from recordings: which recordings in which roles, with which options and which outcome."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import sqlalchemy as sa
 from pydantic import PlainSerializer
@@ -29,8 +29,8 @@ def _shown(chosen: tuple[tuple[str, str], ...]) -> list[RecordingChoice]:
     return [RecordingChoice.model_validate({"id": id, "role": role}) for id, role in chosen]
 
 
-class Identification(Stored, table="identifications", noun="identification"):
-    """One identification; ``recordings`` are (id, role), ``verdict`` and ``overall`` the report's."""
+class Fit(Stored):
+    """One order; ``recordings`` are (id, role)."""
 
     id: Id
     job: OfJob
@@ -42,28 +42,25 @@ class Identification(Stored, table="identifications", noun="identification"):
     ]
     options: dict[str, Any]
     created: str
-    verdict: str | None = None
-    overall: dict[str, Any] | None = None
 
 
-identifications = Identification.table
-identification_recordings = sa.Table(
-    "identification_recordings",
-    metadata,
-    sa.Column("identification", sa.String, sa.ForeignKey("identifications.id"), primary_key=True),
-    sa.Column("position", sa.Integer, primary_key=True),
-    sa.Column("recording", sa.String, sa.ForeignKey("recordings.id"), nullable=False, index=True),
-    sa.Column("role", sa.String, nullable=False),
-)
+Ordered = TypeVar("Ordered", bound=Fit)
 
 
-class Identifications(Repository[Identification]):
-    """Repository of identifications."""
+class Fits(Repository[Ordered]):
+    """Repository of one kind of fits.
 
-    of = Identification
+    Attributes
+    ----------
+    one : what one is called in ``used``, and its kind of jobs
+    used : the recordings of each
+    """
 
-    def put(self, connection: sa.Connection, new: Identification) -> None:
-        """Store an identification, in the transaction that also stores its job.
+    one: ClassVar[str]
+    used: ClassVar[sa.Table]
+
+    def put(self, connection: sa.Connection, new: Ordered) -> None:
+        """Store a fit, in the transaction that also stores its job.
 
         Raises
         ------
@@ -75,20 +72,49 @@ class Identifications(Repository[Identification]):
             state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
             if state != "sealed":
                 raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
-            used = {"identification": new.id, "position": position, "recording": recording, "role": role}
-            connection.execute(identification_recordings.insert().values(**used))
+            row = {self.one: new.id, "position": position, "recording": recording, "role": role}
+            connection.execute(self.used.insert().values(**row))
 
-    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Identification, ...]:
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Ordered, ...]:
         """What rows hold, with the recordings that each was made of."""
-        used = identification_recordings.c
-        query = sa.select(used.identification, used.recording, used.role).order_by(used.position)
+        used, made = self.used.c, self.used.c[self.one]
+        query = sa.select(made, used.recording, used.role).order_by(used.position)
         chosen: dict[str, list[tuple[str, str]]] = {row.id: [] for row in rows}
-        for identification, recording, role in connection.execute(query.where(used.identification.in_(chosen))):
-            chosen[identification].append((recording, role))
-        return tuple(Identification.read(row, recordings=chosen[row.id]) for row in rows)
+        for id, recording, role in connection.execute(query.where(made.in_(chosen))):
+            chosen[id].append((recording, role))
+        return tuple(self.of.read(row, recordings=chosen[row.id]) for row in rows)
 
-    @staticmethod
-    def result(id: str, verdict: str, overall: dict[str, Any]) -> Result:
+    @classmethod
+    def result(cls, id: str, **found: Any) -> Result:
         """What the report says, to be stored with the end of the job."""
-        change = identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
-        return Result("identifications", change)
+        table = cls.of.table
+        return Result(table.name, table.update().where(table.c.id == id).values(**found))
+
+
+def recordings_table(one: str, fits: str) -> sa.Table:
+    """Recordings with their roles of each of ``fits``, in the column that is called as ``one`` of them is."""
+    return sa.Table(
+        f"{one}_recordings",
+        metadata,
+        sa.Column(one, sa.String, sa.ForeignKey(f"{fits}.id"), primary_key=True),
+        sa.Column("position", sa.Integer, primary_key=True),
+        sa.Column("recording", sa.String, sa.ForeignKey("recordings.id"), nullable=False, index=True),
+        sa.Column("role", sa.String, nullable=False),
+    )
+
+
+class Identification(Fit, table="identifications", noun="identification"):
+    """One identification; ``verdict`` and ``overall`` are the report's."""
+
+    verdict: str | None = None
+    overall: dict[str, Any] | None = None
+
+
+identifications = Identification.table
+identification_recordings = recordings_table("identification", "identifications")
+
+
+class Identifications(Fits[Identification]):
+    """Repository of identifications."""
+
+    of, one, used = Identification, "identification", identification_recordings

@@ -83,7 +83,7 @@ JOBS = Resource(
     name="jobs",
     routers=(router, worker_router),
     tables=(jobs, job_events, executors, job_claims, job_files, hosts),
-    kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
+    kept={"/jobs": ("jobs", "identifications", "valves", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),
         JobTimes: lambda parts: JobTimes(parts[Database]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, Literal
 
 import sqlalchemy as sa
@@ -86,12 +85,8 @@ class Recordings(Repository[RecordingRow]):
         with self._database.read() as connection:
             return frozenset(connection.execute(sa.select(recordings.c.id)).scalars())
 
-    def delete(self, id: str, used_by: Callable[[sa.Connection, str], str | None]) -> None:
+    def delete(self, id: str) -> None:
         """Forget a recording.
-
-        Parameters
-        ----------
-        used_by : what was made of it, None if nothing was
 
         Raises
         ------
@@ -105,7 +100,22 @@ class Recordings(Repository[RecordingRow]):
                 raise ConflictError(
                     f"recording '{id}' is still being recorded; stop it first", "being_recorded", recording=id
                 )
-            used = used_by(connection, id)
+            used = _used_by(connection, id)
             if used is not None:
                 raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay", "in_use", recording=id)
             connection.execute(recordings.delete().where(recordings.c.id == id))
+
+
+def _used_by(connection: sa.Connection, id: str) -> str | None:
+    """What was made of a recording, ``identification 'idn-1'``; None: nothing, it may go.
+
+    Whatever is made of recordings has a table that refers to them, whose first key is what was made.
+    """
+    for table in recordings.metadata.tables.values():
+        for reference in table.foreign_keys:
+            if reference.column is recordings.c.id:
+                made = next(iter(table.primary_key.columns))
+                found = connection.execute(sa.select(made).where(reference.parent == id)).scalar()
+                if found is not None:
+                    return f"{made.name} '{found}'"
+    return None

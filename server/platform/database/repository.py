@@ -74,7 +74,7 @@ class Repository(Generic[Value]):
         """The one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
-            raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.noun: id})
+            raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
