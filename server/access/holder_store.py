@@ -24,7 +24,7 @@ PREFIX = "hilfit_"
 HolderKind = Literal["device", "key"]
 
 
-class Holder(Stored, table="principals", noun="holder", label="name"):
+class Holder(Stored, table="principals", label="name"):
     """A paired device or an API key; of its token only a hash is kept. No ``machines``: all, no ``expires``: never."""
 
     id: Id

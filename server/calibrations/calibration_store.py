@@ -30,7 +30,7 @@ ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
 
 
-class StepResource(Stored, table="calibration_steps", noun="step"):
+class StepResource(Stored, table="calibration_steps"):
     """Who did what to a calibration, when."""
 
     calibration: Annotated[str, Kept(references="calibrations.id", index=True), HIDDEN]

@@ -95,6 +95,7 @@ class Jobs(Repository[Job]):
         self, connection: sa.Connection, *, id: str, kind: str, label: str, subject: str, stages: tuple[str, ...]
     ) -> None:
         """Store a queued job with its first event, in the transaction that also makes the job's subject."""
+        text = "Waiting for its turn"
         new = Job(
             id=id,
             kind=kind,
@@ -102,11 +103,11 @@ class Jobs(Repository[Job]):
             subject=subject,
             stages=stages,
             state="queued",
-            text="Waiting for its turn",
+            text=text,
             created=self._database.now(),
         )
         self.put(connection, new)
-        self._event(connection, id, new.state, None, new.fraction, new.text)
+        self._event(connection, id, new.state, None, new.fraction, text)
 
     def order(
         self,

@@ -34,7 +34,7 @@ class Webhook(Stored, table="webhooks", noun="webhook"):
     created_by: str
 
 
-class Delivery(Stored, table="webhook_deliveries", noun="delivery", label="type"):
+class Delivery(Stored, table="webhook_deliveries", label="type"):
     """One message on its way to one webhook; ``error``: of the last try."""
 
     id: Id

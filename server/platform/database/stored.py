@@ -64,7 +64,7 @@ class Stored(Shown):
     """What one row of a table holds."""
 
     table: ClassVar[sa.Table]
-    #: What one is called in refusals.
+    #: What one is called where it is refused, of what is asked for by its id.
     noun: ClassVar[str]
     _declared: ClassVar[frozenset[str]] = frozenset()
 
