@@ -14,8 +14,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import sqlalchemy as sa
-
 from benchmarks.service.hosts import API, running
 from daq.errors import InputError
 from server.alarms.alarm_desk import Alarms
@@ -152,16 +150,25 @@ def _months(site: Site, machine: str) -> None:
         database.close()
 
 
+def _new(database: Database, machine: str, id: str, job: str, label: str) -> Identification:
+    return Identification(
+        id=id,
+        job=job,
+        machine=machine,
+        machine_version=1,
+        label=label,
+        recordings=(),
+        options={},
+        created=database.now(),
+    )
+
+
 def _under_way(database: Database, machine: str) -> None:
     """A job that looks as one half-way does; nobody works on it, so that pictures take no processor time."""
     stages = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report")
-    new = Identification("idn-under-way", UNDER_WAY, machine, 1, "After the seals", (), {}, database.now())
     jobs = Jobs(database)
-
-    def job(connection: sa.Connection) -> None:
-        jobs.insert(connection, id=UNDER_WAY, kind="identification", label=new.label, subject=new.id, stages=stages)
-
-    Identifications(database).add(new, job)
+    new = _new(database, machine, "idn-under-way", UNDER_WAY, "After the seals")
+    jobs.order(Identifications(database), new, "identification", stages)
     jobs.progress(UNDER_WAY, stages[0], 0.0, "Reads the recordings")
     jobs.progress(UNDER_WAY, stages[2], 0.3, "Fits masses and inertias")
 
@@ -184,12 +191,8 @@ def _identification(site: Site, database: Database, machine: str, id: str, repor
         Jobs(database),
         ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report"),
     )
-    new = Identification(id, f"job-{id}", machine, 1, f"Identification {id[-1]}", (), {}, database.now())
-
-    def job(connection: sa.Connection) -> None:
-        jobs.insert(connection, id=new.job, kind="identification", label=new.label, subject=id, stages=stages)
-
-    Identifications(database).add(new, job)
+    new = _new(database, machine, id, f"job-{id}", f"Identification {id[-1]}")
+    jobs.order(Identifications(database), new, "identification", stages)
     place = site.data_dir / "identifications" / id
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(report), encoding="utf-8")

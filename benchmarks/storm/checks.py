@@ -19,18 +19,18 @@ from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import CANCELLED_IN, Told
 from benchmarks.targets import Check, fact
 from server.audit.audit_log import Audit
-from server.identifications import identification_tables
+from server.identifications import identification_store
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import Identifications
-from server.jobs import job_tables
+from server.jobs import job_store
 from server.jobs.execution import KEEP_S
 from server.jobs.job_store import FINAL
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
-from server.recalibrations import recalibration_tables
+from server.recalibrations import recalibration_store
 from server.recalibrations.recalibration_recording import TRIES
-from server.recordings import recording_tables
-from server.schedules import schedule_tables
+from server.recordings import recording_store
+from server.schedules import schedule_store
 from server.schedules.schedule_clock import KEPT
 
 #: Counts every time that a result is stored, by a trigger that is none of the service's.
@@ -112,9 +112,9 @@ def all_checks(database: Database, files: DataDirectory, told: Told, workers: Se
 
 def jobs(database: Database, told: Told) -> Iterator[Check]:
     """Every job ended, and once; its events are numbered without a hole."""
-    rows = _rows(database, sa.select(job_tables.jobs))
+    rows = _rows(database, sa.select(job_store.jobs))
     events = _rows(
-        database, sa.select(job_tables.job_events).order_by(job_tables.job_events.c.job, job_tables.job_events.c.number)
+        database, sa.select(job_store.job_events).order_by(job_store.job_events.c.job, job_store.job_events.c.number)
     )
     by_job: dict[str, list[Any]] = {row.id: [] for row in rows}
     for event in events:
@@ -142,7 +142,7 @@ def jobs(database: Database, told: Told) -> Iterator[Check]:
 
 def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[Check]:
     """What was cancelled ended so, unless it was just ending; no stage of it began afterwards."""
-    states = {row.id: row.state for row in _rows(database, sa.select(job_tables.jobs.c.id, job_tables.jobs.c.state))}
+    states = {row.id: row.state for row in _rows(database, sa.select(job_store.jobs.c.id, job_store.jobs.c.state))}
     wrong, late = [], 0
     for job, cancel in told.cancels.items():
         began = [float(run[1]) / 1e3 - cancel.at for run in _runs(hosts, cancel.identification)]
@@ -168,8 +168,8 @@ def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
 
 def results(database: Database, told: Told) -> Iterator[Check]:
     """Every acknowledged order made one identification, and its result was stored once."""
-    rows = _rows(database, sa.select(identification_tables.identifications, job_tables.jobs.c.state).join(
-        job_tables.jobs, job_tables.jobs.c.id == identification_tables.identifications.c.job))  # fmt: skip
+    rows = _rows(database, sa.select(identification_store.identifications, job_store.jobs.c.state).join(
+        job_store.jobs, job_store.jobs.c.id == identification_store.identifications.c.job))  # fmt: skip
     labels = Counter(row.label for row in rows if row.label.startswith("storm-"))
     by_id = {row.id: row for row in rows}
     wrong = [key for key, id in told.orders.items() if id not in by_id or by_id[id].label != key]
@@ -213,7 +213,7 @@ def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
     for text in _counted(database, STEPS):
         job, stage, moment = text.split()
         done.setdefault(job, {})[stage] = int(moment)
-    query = sa.select(identification_tables.identifications.c.id, identification_tables.identifications.c.job)
+    query = sa.select(identification_store.identifications.c.id, identification_store.identifications.c.job)
     for row in _rows(database, query):
         found = done.get(row.job, {})
         runs = [(stage, int(began), host) for host in hosts for stage, began, _ in _runs((host,), row.id)]
@@ -238,7 +238,7 @@ def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
 
 def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
     """Every row that the server said was safe is in a sealed file whose hash is the one in the store."""
-    rows = {row.id: row for row in _rows(database, sa.select(recording_tables.recordings))}
+    rows = {row.id: row for row in _rows(database, sa.select(recording_store.recordings))}
     wrong, safe = [], 0
     for id, said in told.rows.items():
         row, path = rows.get(id), files.recordings / f"{id}.parquet"
@@ -270,8 +270,8 @@ def _sha256(path: Path) -> str:
 
 def schedules(database: Database) -> Iterator[Check]:
     """Every slot of ``*/5 * * * *`` had its turn once; never two recalibrations of a machine at a time."""
-    slots = _rows(database, sa.select(schedule_tables.schedule_slots).order_by(schedule_tables.schedule_slots.c.slot))
-    schedule = _rows(database, sa.select(schedule_tables.schedules))[0]
+    slots = _rows(database, sa.select(schedule_store.schedule_slots).order_by(schedule_store.schedule_slots.c.slot))
+    schedule = _rows(database, sa.select(schedule_store.schedules))[0]
     first = datetime.fromisoformat(schedule.created).replace(second=0, microsecond=0)
     found = [slot.slot for slot in slots]
     expected: list[str] = []
@@ -288,8 +288,8 @@ def schedules(database: Database) -> Iterator[Check]:
     ordered = [slot.job for slot in slots if slot.state == "ordered"]
     made = _rows(
         database,
-        sa.select(recalibration_tables.recalibrations.c.job).where(
-            recalibration_tables.recalibrations.c.schedule.is_not(None)
+        sa.select(recalibration_store.recalibrations.c.job).where(
+            recalibration_store.recalibrations.c.schedule.is_not(None)
         ),
     )
     if sorted(row.job for row in made) != sorted(ordered):
@@ -297,7 +297,7 @@ def schedules(database: Database) -> Iterator[Check]:
     yield _none("slots that had their turn once", wrong, len(slots))
     states = Counter(slot.state for slot in slots)
     yield Check("slots by state", len(slots), ", ".join(f"{count} {state}" for state, count in sorted(states.items())))
-    query = sa.select(job_tables.jobs.c.id).where(job_tables.jobs.c.kind == "recalibration")
+    query = sa.select(job_store.jobs.c.id).where(job_store.jobs.c.kind == "recalibration")
     yield _none("recalibrations one at a time", _counted(database, TOGETHER), len(_rows(database, query)))
 
 

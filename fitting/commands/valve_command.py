@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json as json_text
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -78,8 +77,8 @@ def identified_and_written(
     from daq.machine.machine_file import load_machine
     from daq.recordings.column_map import load_map
     from daq.recordings.recording import read_recording
-    from daq.recordings.recording_files import replacing
-    from fitting.valve.export import export_valve, formats
+    from fitting.pipeline.valve_stage import write_valves
+    from fitting.valve.export import formats
     from fitting.valve.identify import identify_valves
 
     for name in set(to) - set(formats()):
@@ -95,10 +94,7 @@ def identified_and_written(
     found = identify_valves(
         described, read(recordings), read(validate), bandwidth_hz=bandwidth, loop=loop, progress=progress
     )
-    with replacing(output / "valve.json") as temporary:
-        temporary.write_text(json_text.dumps(found.report, indent=1) + "\n", encoding="utf-8")
-    written = [export_valve(own, name, output / "inverse") for own in found.models.values() for name in to]
-    return found.report, [file for own in written for file in own.files]
+    return found.report, write_valves(found, output, to)
 
 
 def print_valves(report: Mapping[str, Any]) -> None:

@@ -14,6 +14,10 @@ WORDS = {
     "report": "writing the report",
 }
 STAGES: tuple[str, ...] = tuple(WORDS)
+#: The one stage of an identification of valves (:mod:`fitting.pipeline.valve_stage`); its report, and the folder of the
+#: inverses beside that.
+VALVE_STAGE, VALVE_REPORT, INVERSES = "valve", "valve.json", "inverse"
+VALVE_WORDS = {VALVE_STAGE: "from commands to speeds, valve by valve"}
 #: Told the share that is done, and what is being done.
 Progress = Callable[[float, str], None]
 #: File that the last stage leaves beside the report if it designed a motion.

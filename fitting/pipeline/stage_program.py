@@ -1,4 +1,4 @@
-"""A program that runs stages of an identification.
+"""A program that runs stages of an identification, of an arm or of its valves.
 
 It is started as ``python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE``.
 
@@ -20,7 +20,9 @@ from typing import Any
 
 from daq.errors import HilfitError, InputError
 from fitting.loop.session import Options, Request, Session
+from fitting.pipeline.stage_names import VALVE_STAGE
 from fitting.pipeline.stages import run_stage
+from fitting.pipeline.valve_stage import valve_stage
 
 
 def load_request(path: Path) -> Request:
@@ -82,9 +84,14 @@ def _one(arguments: Sequence[str], load: Callable[[Request], Session], stays: bo
         return 2
     try:
         request = load_request(Path(arguments[0]))
-        summary = run_stage(
-            arguments[1], request, lambda fraction, text: say({"fraction": fraction, "text": text}), load
-        )
+
+        def progress(fraction: float, text: str) -> None:
+            say({"fraction": fraction, "text": text})
+
+        if arguments[1] == VALVE_STAGE:
+            summary = valve_stage(request, progress)
+        else:
+            summary = run_stage(arguments[1], request, progress, load)
     except HilfitError as error:
         say({"error": str(error)})
         return 2 if isinstance(error, InputError) else 1

@@ -9,6 +9,7 @@
 ``response``    a command and one answer, no positions: a curve in front of a rational filter
 ``choose``      laws, curves and effects by what another motion says
 ``peers``       a line, an autoregression, a static curve
+``controller``  the dead band that a controller compensates already
 ``checks``      mistakes in what was recorded
 ``inverse``     the model that is handed out: the command for a speed
 ``identify``    the whole, and its report

@@ -15,8 +15,10 @@ from daq.errors import InputError
 from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
+from fitting.arrays import FloatArray
 from fitting.valve.checks import axis_checks, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
+from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
 from fitting.valve.inverse import Direction, ValveModel, direction_of, model_of
@@ -198,6 +200,7 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
         "moves": True,
         "edge": _value(fit, f"edge.{name}", "of full command"),
         "edge_at_2_percent": _edge(fit, model, way),
+        "compensated": _compensated(fit, way),
         "curve": fit.structure.curve,
         "law": {"id": own.law, "title": LAWS[own.law].title},
         "reference_drop": {"inlet": own.drop_in, "outlet": own.drop_out, "unit": "Pa"},
@@ -208,6 +211,18 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
     for key in [*own.law_shape, *(["power"] if fit.structure.curve == "power" else [])]:
         found[key] = _value(fit, f"{key}.{name}", _UNITS[key])
     return found
+
+
+def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
+    """The dead band that the controller compensates, and by how much that is too small; None where it does not."""
+    signals = fit.axis.signals
+    found = compensated_edge((1.0, -1.0)[way] * signals.u, signals.first)
+    if found is None:
+        return None
+    edge = _value(fit, f"edge.{WAYS[way]}", "of full command")
+    ends = None if edge["ci95"] is None else [end - found for end in edge["ci95"]]
+    short = {"value": edge["value"] - found, "std": edge["std"], "ci95": ends, "unit": edge["unit"]}
+    return {"value": found, "unit": edge["unit"], "too_small_by": short}
 
 
 def _edge(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
@@ -305,12 +320,30 @@ def _candidate(own: Candidate) -> dict[str, Any]:
 def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
     """The curve at the reference drops, and what was measured and predicted on the motion that was judged on."""
     u = np.linspace(-model.directions[1].largest, model.directions[0].largest, _POINTS)
-    v = [model.directions[0 if x > 0 else 1].speed(abs(x) - model.directions[0 if x > 0 else 1].edge) for x in u]
+    v, std = _curve(fit, model, u)
     period = 1.0 / judged.bank.reduced_rate_hz
     measured = np.where(judged.keep, judged.speed, np.nan)
     return {
-        "curve": {"command": u.tolist(), "speed": (np.sign(u) * np.array(v)).tolist()},
+        "curve": {"command": u.tolist(), "speed": v.tolist(), "std": std.tolist()},
         "time": (np.arange(len(judged.speed)) * period).tolist(),
         "measured": [None if np.isnan(own) else own for own in measured.tolist()],
         "predicted": predicted(judged, fit).tolist(),
     }
+
+
+def _curve(fit: Fit, model: ValveModel, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Speed at the reference drops over the command as share of full, m/s, and its standard deviation."""
+
+    def at(own: ValveModel) -> FloatArray:
+        ways = [own.directions[0 if x > 0 else 1] for x in u]
+        return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in zip(u, ways, strict=True)])
+
+    names, S = fit.covariance
+    here, slopes = at(model), np.zeros((len(u), len(names)))
+    for place, name in enumerate(names):
+        step = 1e-2 * np.sqrt(S[place, place])
+        kind = "shape" if name in fit.shape else "gains"
+        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
+        moved = replace(fit, **numbers)
+        slopes[:, place] = (at(model_of(moved, error=None, pump_limit=None)) - here) / max(step, 1e-300)
+    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from server.access.access_desk import Access
 from server.access.access_routes import router
-from server.access.access_tables import pairing_codes, principals
-from server.access.pairing import PairingWork
+from server.access.holder_store import principals
+from server.access.pairing import PairingWork, pairing_codes
 from server.audit.audit_log import Audit
 from server.platform.database.engine import Database
 from server.platform.parts import Parts

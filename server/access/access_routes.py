@@ -3,29 +3,108 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
 
 from server.access.access_desk import Access
-from server.access.access_schemas import (
-    CodeOrder,
-    CodeResource,
-    HolderList,
-    HolderResource,
-    KeyOrder,
-    NewKey,
-    Paired,
-    Pairing,
-    PrincipalResource,
-)
 from server.access.connections import Presence
 from server.access.holder_store import Holder
 from server.access.pairing import PairingWork, pairing_url, qr_svg
 from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.principals import Role
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
-from server.platform.http.route_parameters import BetweenDep, Cursor, Idempotency, Limit, ServiceDep, problems
+from server.platform.http.bodies import PLAIN, Body, Listed, Shown
+from server.platform.http.route_parameters import Idempotency, PageDep, ServiceDep, problems
 from server.platform.service import Service
+
+Name = Annotated[str, Field(min_length=1, max_length=80, pattern=PLAIN)]
+MachineNames = Annotated[list[Annotated[str, Field(max_length=80)]], Field(min_length=1, max_length=100)]
+
+
+#: Days that a token is good for; null: as many as the service's setting ``token_days`` says.
+Days = Annotated[int, Field(strict=True, ge=1, le=3650)]
+
+
+class PrincipalResource(Shown):
+    """Who asks; ``machines`` null: all of them.
+
+    ``approves_own``: whether it may approve a calibration that it proposed.
+    """
+
+    id: str
+    name: str
+    role: Role
+    machines: list[str] | None
+    kind: Literal["device", "key", "local", "service"]
+    approves_own: bool
+
+
+class CodeOrder(Body, json_schema_extra={"examples": [{"role": "operator", "machines": ["folding-arm"], "days": 90}]}):
+    """For which role, and for which machines (null: all), a device is to be paired."""
+
+    role: Role
+    machines: MachineNames | None = None
+    days: Days | None = None
+
+
+class CodeResource(BaseModel):
+    """A pairing code, its address for the device to be paired, and that address as a QR code (SVG)."""
+
+    code: str
+    role: Role
+    machines: list[str] | None
+    expires: str
+    url: str
+    qr_svg: str
+
+
+class Pairing(Body, json_schema_extra={"examples": [{"code": "0123456789", "name": "tablet at the press"}]}):
+    """The code, and what the device is to be called."""
+
+    code: Annotated[str, Field(pattern=r"^[0-9]{10}$")]
+    name: Name
+
+
+class Paired(BaseModel):
+    """The device's token: it is shown this once."""
+
+    token: str
+    principal: PrincipalResource
+
+
+class KeyOrder(Body, json_schema_extra={"examples": [{"name": "history of the plant", "role": "viewer", "days": 365}]}):
+    """An API key for a program."""
+
+    name: Name
+    role: Role
+    machines: MachineNames | None = None
+    days: Days | None = None
+
+
+class HolderResource(Holder):
+    """A paired device or an API key.
+
+    ``expires`` null: never. ``seen``, ``address``: its last request since the service started; ``streams``: that it
+    has open now.
+    """
+
+    seen: str | None
+    address: str | None
+    streams: int
+
+
+class NewKey(HolderResource):
+    """An API key with its secret, which is shown this once."""
+
+    key: str
+
+
+class HolderList(Listed[HolderResource]):
+    """A page of devices or keys."""
+
 
 router = APIRouter(prefix="/access", tags=["access"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
@@ -81,9 +160,9 @@ def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
 
 
 @router.get("/devices", responses=problems(422), dependencies=ADMIN)
-def list_devices(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
+def list_devices(service: ServiceDep, page: PageDep) -> HolderList:
     """List paired devices."""
-    return HolderList.of(service[Access].holders.list("device", limit, cursor, between), partial(_resource, service))
+    return HolderList.of(service[Access].holders.list(**page, kind="device"), partial(_resource, service))
 
 
 @router.delete("/devices/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=ADMIN)
@@ -93,15 +172,15 @@ def remove_device(id: str, service: ServiceDep) -> None:
 
 
 @router.get("/keys", responses=problems(422), dependencies=ADMIN)
-def list_keys(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> HolderList:
+def list_keys(service: ServiceDep, page: PageDep) -> HolderList:
     """List API keys."""
-    return HolderList.of(service[Access].holders.list("key", limit, cursor, between), partial(_resource, service))
+    return HolderList.of(service[Access].holders.list(**page, kind="key"), partial(_resource, service))
 
 
 @router.get("/keys/{id}", responses=problems(404, 422), dependencies=ADMIN)
 def get_key(id: str, service: ServiceDep) -> HolderResource:
     """Read an API key, without its secret."""
-    return _resource(service, service[Access].holders.get(id, "key"))
+    return _resource(service, service[Access].holders.known_as("key", id))
 
 
 @router.post("/keys", status_code=201, responses=problems(409, 422), dependencies=ADMIN)

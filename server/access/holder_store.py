@@ -9,30 +9,30 @@ import hashlib
 import secrets
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Literal
+from typing import Annotated, Literal
 
 import sqlalchemy as sa
 
-from server.access.access_tables import principals
 from server.platform.authorization.principals import Principal, Role
-from server.platform.database.engine import Database, Page, page
-from server.platform.database.lists import ANY_TIME, Between
+from server.platform.database.engine import Database, as_stored
+from server.platform.database.repository import Repository
+from server.platform.database.stored import HIDDEN, Id, Kept, Stored
 from server.platform.errors import ConflictError, NotFoundError
 
 PREFIX = "hilfit_"
+HolderKind = Literal["device", "key"]
 
 
-@dataclass(frozen=True)
-class Holder:
-    """A paired device or an API key."""
+class Holder(Stored, table="principals", label="name"):
+    """A paired device or an API key; of its token only a hash is kept. No ``machines``: all, no ``expires``: never."""
 
-    id: str
-    kind: Literal["device", "key"]
+    id: Id
+    kind: HolderKind
     name: str
     role: Role
     machines: tuple[str, ...] | None
+    secret_sha256: Annotated[str, Kept(unique=True), HIDDEN]
     created: str
     created_by: str
     expires: str | None = None
@@ -43,7 +43,10 @@ class Holder:
         return Principal(self.id, self.name, self.role, self.machines, self.kind)
 
 
-class Holders:
+principals = Holder.table
+
+
+class Holders(Repository[Holder]):
     """Repository of devices and keys.
 
     Parameters
@@ -51,8 +54,10 @@ class Holders:
     removed : called with the id of each that is removed
     """
 
+    of = Holder
+
     def __init__(self, database: Database, removed: Callable[[str], None] = lambda id: None) -> None:
-        self._database = database
+        super().__init__(database)
         self._removed = removed
         self._lock = threading.Lock()
         self._known: dict[str, Holder] = {}
@@ -60,7 +65,7 @@ class Holders:
 
     def add(
         self,
-        kind: Literal["device", "key"],
+        kind: HolderKind,
         name: str,
         role: Role,
         machines: Sequence[str] | None,
@@ -71,28 +76,27 @@ class Holders:
         now = self._database.now()
         token = PREFIX + secrets.token_urlsafe(32)
         holder = Holder(
-            f"{'dev' if kind == 'device' else 'key'}-{secrets.token_hex(8)}",
-            kind,
-            name,
-            role,
-            None if machines is None else tuple(machines),
-            now,
-            created_by,
-            None if days is None else later(now, timedelta(days=days)),
+            id=f"{'dev' if kind == 'device' else 'key'}-{secrets.token_hex(8)}",
+            kind=kind,
+            name=name,
+            role=role,
+            machines=None if machines is None else tuple(machines),
+            secret_sha256=_hash(token),
+            created=now,
+            created_by=created_by,
+            expires=None if days is None else later(now, timedelta(days=days)),
         )
-        values = {**holder.__dict__, "machines": None if machines is None else list(machines)}
         with self._database.write("access") as connection:
-            connection.execute(principals.insert().values(**values, secret_sha256=_hash(token)))
+            self.put(connection, holder)
         return holder, token
 
     def of_token(self, token: str) -> Holder | None:
         """Who holds a token; None if nobody does, or it has expired."""
         hashed, changes = _hash(token), self._changes
-        with self._database.read() as connection:
-            row = connection.execute(sa.select(principals).where(principals.c.secret_sha256 == hashed)).first()
-        if row is None:
+        found = self.all(principals.c.secret_sha256 == hashed)
+        if not found:
             return None
-        holder = _holder(row)
+        (holder,) = found
         with self._lock:
             if changes == self._changes:  # else it may have been removed after it was read
                 self._known[hashed] = holder
@@ -111,27 +115,14 @@ class Holders:
             self._changes += 1
             self._known = {}
 
-    def get(self, id: str, kind: Literal["device", "key"]) -> Holder:
+    def known_as(self, kind: HolderKind, id: str) -> Holder:
         """The device or key; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            row = connection.execute(
-                sa.select(principals).where(principals.c.id == id, principals.c.kind == kind)
-            ).first()
-        if row is None:
+        found = self.all(principals.c.id == id, principals.c.kind == kind)
+        if not found:
             raise NotFoundError(f"there is no {kind} '{id}'")
-        return _holder(row)
+        return found[0]
 
-    def list(
-        self, kind: Literal["device", "key"], limit: int, after: int = 0, between: Between = ANY_TIME
-    ) -> Page[Holder]:
-        """Newest first."""
-        query = sa.select(principals).where(principals.c.kind == kind)
-        query = between.narrowed(query, principals.c.created, principals.c.name)
-        with self._database.read() as connection:
-            rows, cursor = page(connection, query, principals.c.number, limit, after)
-        return Page(tuple(_holder(row) for row in rows), cursor)
-
-    def remove(self, id: str, kind: Literal["device", "key"]) -> None:
+    def remove(self, id: str, kind: HolderKind) -> None:
         """Its token is worth nothing from now on.
 
         Raises
@@ -141,7 +132,7 @@ class Holders:
         ConflictError
             If it is the last admin of all machines: nobody could pair another one.
         """
-        holder = self.get(id, kind)
+        holder = self.known_as(kind, id)
         with self._database.write("access") as connection:
             unbound = holder.role == "admin" and holder.machines is None and self._valid(holder) is not None
             if unbound and self._admins(connection) == 1:
@@ -165,14 +156,8 @@ class Holders:
 
 def later(moment: str, by: timedelta) -> str:
     """A time of the store, so much later."""
-    return (datetime.fromisoformat(moment) + by).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return as_stored(datetime.fromisoformat(moment) + by)
 
 
 def _hash(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
-
-
-def _holder(row: sa.Row[tuple[object, ...]]) -> Holder:
-    values = {key: value for key, value in row._mapping.items() if key not in ("number", "secret_sha256")}
-    values["machines"] = None if values["machines"] is None else tuple(values["machines"])
-    return Holder(**values)

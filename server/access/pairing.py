@@ -17,10 +17,10 @@ import argon2
 import segno
 import sqlalchemy as sa
 
-from server.access.access_tables import pairing_codes
 from server.access.holder_store import later
 from server.platform.authorization.principals import Role
 from server.platform.database.engine import Database
+from server.platform.database.schema import metadata
 from server.platform.errors import ForbiddenError, TooManyError
 from server.platform.processes.heavy_work import Heavy
 
@@ -33,6 +33,18 @@ MOST_FAILURES = 10_000
 MOST_OPEN = 5
 #: OWASP's second choice for Argon2id: 19 MiB, two passes, about 30 ms.
 HASHER = argon2.PasswordHasher(time_cost=2, memory_cost=19_456, parallelism=1)
+pairing_codes = sa.Table(
+    "pairing_codes",
+    metadata,
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("code_hash", sa.String, nullable=False),  # Argon2id: six digits are soon tried with a quick hash
+    sa.Column("role", sa.String, nullable=False),
+    sa.Column("machines", sa.JSON(none_as_null=True)),
+    sa.Column("created_by", sa.String, nullable=False),
+    sa.Column("expires", sa.String, nullable=False),
+    sa.Column("failures", sa.Integer, nullable=False),  # wrong codes that came while it was open
+    sa.Column("days", sa.Integer),  # that the device's token is good for
+)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 - :mod:`server.alarms.alarm_conditions`: when something counts as wrong; delays and dead-band; pure functions
 - :mod:`server.alarms.alarm_lifecycle`: raised, acknowledged, cleared, shelved; pure functions
-- :mod:`server.alarms.alarm_store`: the same in the store
-- :mod:`server.alarms.alarm_desk`: what the rest of the service reports to, :class:`~server.alarms.alarm_desk.Alarms`
+- :mod:`server.alarms.alarm_desk`: the same in the store, and what the rest of the service reports to,
+  :class:`~server.alarms.alarm_desk.Alarms`
 - :mod:`server.alarms.alarm_watch`: looks at acquisition, channels and disk once a second
 """

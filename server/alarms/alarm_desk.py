@@ -1,4 +1,4 @@
-"""The desk that all parts of the service report to; it keeps the delays and writes to the store."""
+"""The desk that all parts of the service report to: alarms in the store, and the delays before they come there."""
 
 from __future__ import annotations
 
@@ -8,37 +8,40 @@ import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
-from typing import Unpack
 
+import sqlalchemy as sa
 import structlog
 
 from server.alarms import alarm_lifecycle as lifecycle
 from server.alarms.alarm_conditions import KINDS, Severity, Timer, step
 from server.alarms.alarm_lifecycle import Alarm
-from server.alarms.alarm_store import AlarmStore
-from server.platform.database.engine import Database, Page
-from server.platform.database.lists import Narrowing
+from server.platform.database.engine import Database
+from server.platform.database.outbox import put_out
+from server.platform.database.repository import Repository
 from server.platform.errors import PreconditionError
 from server.platform.http.route_parameters import Tags
 
+alarms = Alarm.table
+_ACTIVE = alarms.c.state == "active"
 _log = structlog.stdlib.get_logger(__name__)
 
 
-class Alarms:
-    """All alarms of a service.
+class Alarms(Repository[Alarm]):
+    """All alarms of a service; every change is a transaction and one revision of ``alarms``.
 
     Parameters
     ----------
     clock : s, monotonic: delays must not know that the wall's clock was set
     """
 
+    of = Alarm
+
     def __init__(self, database: Database, clock: Callable[[], float] = time.monotonic) -> None:
-        self._database = database
-        self._store = AlarmStore(database)
+        super().__init__(database)
         self._clock = clock
         self._lock = threading.Lock()
         # What was active when the service ended is active until somebody reports otherwise.
-        self._timers = {(alarm.machine, alarm.kind): Timer(on=True) for alarm in self._store.active()}
+        self._timers = {(alarm.machine, alarm.kind): Timer(on=True) for alarm in self.active()}
 
     def report(self, machine: str | None, kind: str, text: str, severity: Severity, on: bool) -> None:
         """Say whether something is wrong; say it again and again where the kind has a delay.
@@ -55,10 +58,17 @@ class Alarms:
             after = step(timer, KINDS[kind], on, self._clock())
             if after.on:
                 if on:
-                    new = Alarm(f"alarm-{secrets.token_hex(8)}", machine, kind, text, severity, self._database.now())
-                    self._store.set(machine, kind, partial(lifecycle.raise_, new=new))
+                    new = Alarm(
+                        id=f"alarm-{secrets.token_hex(8)}",
+                        machine=machine,
+                        kind=kind,
+                        text=text,
+                        severity=severity,
+                        raised=self._database.now(),
+                    )
+                    self._set(machine, kind, partial(lifecycle.raise_, new=new))
             elif timer.on:
-                self._store.set(machine, kind, self._cleared)
+                self._set(machine, kind, self._cleared)
             self._timers[machine, kind] = after
         if after.on != timer.on:
             _log.warning("alarm_raised" if on else "alarm_cleared", machine=machine, kind=kind, text=text)
@@ -66,32 +76,51 @@ class Alarms:
     def _cleared(self, alarm: Alarm | None) -> Alarm | None:
         return None if alarm is None else lifecycle.clear(alarm, self._database.now())
 
+    def _set(self, machine: str | None, kind: str, to: Callable[[Alarm | None], Alarm | None]) -> None:
+        """Put ``to(newest)`` in the place of the newest alarm of that machine and kind, or beside it if its id is new.
+
+        Nothing is written where nothing changes.
+        """
+        of_it = alarms.c.kind == kind, alarms.c.machine.is_not_distinct_from(machine)
+        last = next(iter(self.all(*of_it, newest=1)), None)
+        if to(last) == last:
+            return
+        with self._database.write("alarms") as connection:
+            query = sa.select(alarms).where(*of_it).order_by(alarms.c.number.desc()).limit(1)
+            last = next(iter(self.values(connection, connection.execute(query).all())), None)
+            wanted = to(last)
+            if wanted is not None and (last is None or wanted.id != last.id):
+                self.put(connection, wanted)
+                self._say(connection, wanted)
+            elif wanted is not None:
+                self._put(connection, wanted)
+
+    def _put(self, connection: sa.Connection, changed: Alarm) -> None:
+        self.update(connection, **changed.columns())
+        self._say(connection, changed)
+
+    def _say(self, connection: sa.Connection, changed: Alarm) -> None:
+        put_out(connection, "alarm", self._database.now(), changed.columns())
+
     def sweep(self) -> None:
         """Take those off the shelf whose time is over."""
         now = self._now()
-        for alarm in self._store.shelved():
+        for alarm in self.all(alarms.c.shelved_until.is_not(None)):
             if lifecycle.expired(alarm, now):
-                self._store.change(alarm.id, lifecycle.unshelve)
-
-    def get(self, id: str) -> Alarm:
-        """The alarm; NotFoundError if there is none."""
-        return self._store.get(id)
-
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Alarm]:
-        """Newest first, see :meth:`AlarmStore.list`."""
-        return self._store.list(limit, after, **narrowed)
+                self._change(alarm.id, lifecycle.unshelve)
 
     def active(self) -> tuple[Alarm, ...]:
         """All that are active."""
-        return self._store.active()
+        return self.all(_ACTIVE)
 
     def open(self) -> tuple[Alarm, ...]:
         """All that are active, or that nobody acknowledged."""
-        return self._store.open()
+        return self.all(sa.or_(_ACTIVE, alarms.c.acknowledged.is_(False)))
 
     def since(self, machine: str, since: str, limit: int) -> tuple[Alarm, ...]:
-        """Those of a machine that came or went since, or are active, see :meth:`AlarmStore.since`."""
-        return self._store.since(machine, since, limit)
+        """Those of a machine that came, or went, at ``since`` (ISO 8601, UTC) or later, or are active; newest first."""
+        later = sa.or_(alarms.c.raised >= since, alarms.c.cleared >= since, _ACTIVE)
+        return self.all(alarms.c.machine == machine, later, newest=limit)
 
     def acknowledge(self, id: str, who: str, tags: Tags = None) -> Alarm:
         """Somebody has seen it; doing it twice changes nothing. For ``tags`` see :meth:`unshelve`."""
@@ -115,13 +144,19 @@ class Alarms:
         """
         return self._change(id, lifecycle.unshelve, tags)
 
-    def _change(self, id: str, to: Callable[[Alarm], Alarm], tags: Tags) -> Alarm:
+    def _change(self, id: str, to: Callable[[Alarm], Alarm], tags: Tags = None) -> Alarm:
         def checked(alarm: Alarm) -> Alarm:
             if tags is not None and lifecycle.tag(alarm) not in tags:
                 raise PreconditionError(f"alarm '{id}' has changed meanwhile; read it again")
             return to(alarm)
 
-        return self._store.change(id, checked)
+        before = self.get(id)
+        if checked(before) == before:
+            return before
+        with self._database.write("alarms") as connection:
+            changed = checked(self.found(connection, id))
+            self._put(connection, changed)
+        return changed
 
     def _now(self) -> datetime:
         return datetime.fromisoformat(self._database.now()).astimezone(UTC)

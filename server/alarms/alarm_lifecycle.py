@@ -12,18 +12,18 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime, timedelta
-from typing import Literal
+from datetime import datetime, timedelta
+from typing import Annotated, Literal
 
 from server.alarms.alarm_conditions import Severity
+from server.platform.database.engine import as_stored
+from server.platform.database.stored import Id, Kept, Stored
 
 #: Longest time that an alarm may be shelved: nobody should forget one over a change of shift and the next.
 LONGEST_SHELF_S = 86400
 
 
-@dataclass(frozen=True)
-class Alarm:
+class Alarm(Stored, table="alarms", noun="alarm", created="raised", label="text"):
     """One alarm; times are ISO 8601 in UTC.
 
     Attributes
@@ -34,18 +34,18 @@ class Alarm:
     shelved_until : it is tracked but nobody is to be called before then; None if it is not shelved
     """
 
-    id: str
-    machine: str | None
+    id: Id
+    machine: Annotated[str | None, Kept(index=True)]
     kind: str
     text: str
     severity: Severity
-    raised: str
     state: Literal["active", "cleared"] = "active"
     acknowledged: bool = False
     acknowledged_by: str | None = None
     shelved_until: str | None = None
     shelved_by: str | None = None
     shelve_reason: str | None = None
+    raised: str
     cleared: str | None = None
     count: int = 1
 
@@ -71,33 +71,31 @@ def raise_(last: Alarm | None, new: Alarm) -> Alarm:
     if last is None:
         return new
     if last.state == "active":
-        return replace(last, text=new.text, severity=new.severity)
+        return last.but(text=new.text, severity=new.severity)
     if not last.acknowledged:
-        return replace(
-            last, state="active", text=new.text, severity=new.severity, raised=new.raised, count=last.count + 1
-        )
-    return replace(new, shelved_until=last.shelved_until, shelved_by=last.shelved_by, shelve_reason=last.shelve_reason)
+        return last.but(state="active", text=new.text, severity=new.severity, raised=new.raised, count=last.count + 1)
+    return new.but(shelved_until=last.shelved_until, shelved_by=last.shelved_by, shelve_reason=last.shelve_reason)
 
 
 def clear(alarm: Alarm, now: str) -> Alarm:
     """The condition has gone."""
-    return alarm if alarm.state == "cleared" else replace(alarm, state="cleared", cleared=now)
+    return alarm if alarm.state == "cleared" else alarm.but(state="cleared", cleared=now)
 
 
 def acknowledge(alarm: Alarm, who: str) -> Alarm:
     """Somebody has seen it; the first one stays named."""
-    return alarm if alarm.acknowledged else replace(alarm, acknowledged=True, acknowledged_by=who)
+    return alarm if alarm.acknowledged else alarm.but(acknowledged=True, acknowledged_by=who)
 
 
 def shelve(alarm: Alarm, who: str, reason: str, seconds: float, now: datetime) -> Alarm:
     """Keep it quiet for ``seconds``, at most :data:`LONGEST_SHELF_S`."""
     until = now + timedelta(seconds=min(seconds, LONGEST_SHELF_S))
-    return replace(alarm, shelved_until=_text(until), shelved_by=who, shelve_reason=reason)
+    return alarm.but(shelved_until=as_stored(until), shelved_by=who, shelve_reason=reason)
 
 
 def unshelve(alarm: Alarm) -> Alarm:
     """Take it off the shelf."""
-    return replace(alarm, shelved_until=None, shelved_by=None, shelve_reason=None)
+    return alarm.but(shelved_until=None, shelved_by=None, shelve_reason=None)
 
 
 def expired(alarm: Alarm, now: datetime) -> bool:
@@ -109,7 +107,3 @@ def expired(alarm: Alarm, now: datetime) -> bool:
         return False
     left = datetime.fromisoformat(alarm.shelved_until) - now
     return not timedelta(0) < left <= timedelta(seconds=LONGEST_SHELF_S)
-
-
-def _text(time: datetime) -> str:
-    return time.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

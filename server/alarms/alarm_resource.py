@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_lifecycle import Alarm
 from server.alarms.alarm_routes import router
-from server.alarms.alarm_tables import alarms
 from server.alarms.alarm_watch import Watch
 from server.machines.acquisition import Acquisition
 from server.platform.database.engine import Database
@@ -39,8 +39,8 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
 ALARMS = Resource(
     name="alarms",
     routers=(router,),
-    tables=(alarms,),
-    of_a_machine={"alarms": alarms},
+    tables=(Alarm.table,),
+    of_a_machine={"alarms": Alarm.table},
     kept={"/alarms": ("alarms",)},
     provides={
         Alarms: lambda parts: Alarms(parts[Database]),

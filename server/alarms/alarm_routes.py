@@ -2,43 +2,49 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Response
+from pydantic import Field
 
 from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_lifecycle import Alarm, tag
-from server.alarms.alarm_schemas import AlarmList, AlarmResource, Shelf
+from server.alarms.alarm_lifecycle import LONGEST_SHELF_S, Alarm, tag
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.bodies import PLAIN, Body, Listed
 from server.platform.http.route_parameters import (
-    BetweenDep,
-    Cursor,
     KnownTags,
-    Limit,
     MachineQuery,
+    PageDep,
     ServiceDep,
     problems,
 )
+
+
+class AlarmResource(Alarm):
+    """An alarm: ``raised`` is when it came last, ``count`` how often before somebody acknowledged it."""
+
+
+class AlarmList(Listed[AlarmResource]):
+    """A page of alarms."""
+
+
+class Shelf(Body, json_schema_extra={"examples": [{"seconds": 28800, "reason": "the sensor is replaced"}]}):
+    """How long an alarm is to be quiet, and why."""
+
+    seconds: Annotated[float, Field(gt=0, le=LONGEST_SHELF_S)]
+    reason: Annotated[str, Field(min_length=1, max_length=200, pattern=PLAIN)]
+
 
 router = APIRouter(prefix="/alarms", tags=["alarms"], route_class=TypedRoute)
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
 def list_alarms(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    machine: MachineQuery = None,
-    state: Literal["active", "cleared"] | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
+    service: ServiceDep, page: PageDep, machine: MachineQuery = None, state: Literal["active", "cleared"] | None = None
 ) -> AlarmList:
     """List alarms, newest first; one of the service as a whole has no machine; ``label`` is looked for in the text."""
-    own = service[Alarms].list(
-        limit, cursor, machine=machine, machines=principal.machines, state=state, between=between
-    )
-    return AlarmList.of(own)
+    return AlarmList.of(service[Alarms].list(**page, machine=machine, state=state))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

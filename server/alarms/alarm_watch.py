@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 
@@ -14,6 +14,7 @@ from daq.errors import HilfitError
 from daq.quality import MEASURED
 from server.alarms.alarm_conditions import DeadBand, beyond
 from server.alarms.alarm_desk import Alarms
+from server.machines.acquisition import Acquisition
 from server.platform.disk import RESERVE_BYTES, Free
 from server.platform.processes.rounds import Rounds
 
@@ -26,19 +27,6 @@ JUMP_S = 2.0
 #: Also a value of an earlier cycle, and that of a device which owes none in this one.
 _MEASURED = frozenset(quality.name.lower() for quality in (*MEASURED, Quality.LATE, Quality.HELD))
 _log = structlog.stdlib.get_logger(__name__)
-
-
-class Watched(Protocol):
-    """The acquisitions that are looked at (:class:`server.machines.acquisition.Acquisition`)."""
-
-    def names(self) -> tuple[str, ...]:
-        """The machines that are acquired, or should be."""
-
-    def statistics(self, name: str) -> dict[str, Any]:
-        """State of one machine's acquisition."""
-
-    def latest(self, name: str) -> dict[str, Any]:
-        """Its newest frame, as ``/live`` gives it; raises a HilfitError while there is none."""
 
 
 def stale_channels(frame: dict[str, Any]) -> tuple[str, ...]:
@@ -67,7 +55,7 @@ class Watch:
 
     def __init__(
         self,
-        watched: Watched,
+        watched: Acquisition,
         alarms: Alarms,
         free: Free,
         end_recordings: Callable[[], None],

@@ -11,39 +11,68 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import sqlalchemy as sa
+from pydantic import BeforeValidator
 
-from server.audit.audit_tables import audit_log
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, Page, page
-from server.platform.database.lists import ANY_TIME, Between
+from server.platform.database.migrations import AUDIT_APPEND_ONLY
+from server.platform.database.repository import ANY_TIME, Between
+from server.platform.database.schema import metadata
 from server.platform.database.site_marker import Noted
+from server.platform.http.bodies import Shown
 
 
-@dataclass(frozen=True)
-class Entry:
-    """Who did what to what, when (UTC)."""
+class EntryResource(Shown):
+    """An entry of the audit log; ``hash`` covers it and the hash of the entry before."""
 
     number: int
     time: str
     principal: str
     action: str
     subject: str
-    detail: dict[str, Any]
+    detail: Annotated[dict[str, Any], BeforeValidator(json.loads)]
     hash: str
 
 
-@dataclass(frozen=True)
-class Verification:
-    """Outcome of a verification; ``first_broken`` is the number of the first entry that does not fit."""
+class VerificationResource(Shown):
+    """Whether the log is as it was written.
+
+    ``entries`` and ``last_hash``, noted elsewhere, also show later whether the newest entries were cut off.
+    """
 
     intact: bool
-    first_broken: int | None
+    first_broken: int | None  # number of the first entry that does not fit
     entries: int
     last_hash: str | None
+
+
+#: Rows are added, never changed; the database refuses it.
+audit_log = sa.Table(
+    "audit_log",
+    metadata,
+    sa.Column("number", sa.Integer, primary_key=True, autoincrement=False),  # 1, 2, ... without a gap
+    sa.Column("time", sa.String, nullable=False),
+    sa.Column("principal", sa.String, nullable=False),
+    sa.Column("action", sa.String, nullable=False),
+    sa.Column("subject", sa.String, nullable=False),
+    sa.Column("detail", sa.String, nullable=False),  # JSON as it was hashed
+    sa.Column("hash", sa.String, nullable=False),
+)
+_APPEND_ONLY = {
+    "sqlite": tuple(
+        f"CREATE TRIGGER audit_log_no_{event.lower()} BEFORE {event} ON audit_log "
+        "BEGIN SELECT RAISE(ABORT, 'the audit log is append-only'); END"
+        for event in ("UPDATE", "DELETE")
+    ),
+    "postgresql": AUDIT_APPEND_ONLY,
+}
+_ddl: Any = sa.DDL  # its constructor has no types
+for _dialect, _statements in _APPEND_ONLY.items():
+    for _statement in _statements:
+        sa.event.listen(audit_log, "after_create", _ddl(_statement).execute_if(dialect=_dialect))
 
 
 class Audit:
@@ -85,16 +114,16 @@ class Audit:
 
     def list(
         self, limit: int, after: int = 0, *, action: str | None = None, between: Between = ANY_TIME
-    ) -> Page[Entry]:
+    ) -> Page[EntryResource]:
         """Newest first; ``action``: those that begin with it; ``between``: of a time, with a part of the subject."""
         query = between.narrowed(sa.select(audit_log), audit_log.c.time, audit_log.c.subject)
         if action is not None:
             query = query.where(audit_log.c.action.startswith(action, autoescape=True))
         with self._database.read() as connection:
             rows, cursor = page(connection, query, audit_log.c.number, limit, after)
-        return Page(tuple(Entry(**{**row._mapping, "detail": json.loads(row.detail)}) for row in rows), cursor)
+        return Page(tuple(EntryResource.of(row) for row in rows), cursor)
 
-    def verify(self) -> Verification:
+    def verify(self) -> VerificationResource:
         """Compute the whole chain again."""
         before, expected, noted = "", 1, self._noted
         with self._database.read() as connection:
@@ -102,10 +131,10 @@ class Audit:
                 values = {key: value for key, value in row._mapping.items() if key != "hash"}
                 fits = row.number != noted.number or row.hash == noted.hash
                 if row.number != expected or row.hash != _chained(before, values) or not fits:
-                    return Verification(False, int(row.number), expected - 1, before or None)
+                    return _verified(int(row.number), expected, before)
                 before, expected = row.hash, expected + 1
         cut = noted.number >= expected
-        return Verification(not cut, expected if cut else None, expected - 1, before or None)
+        return _verified(expected if cut else None, expected, before)
 
     def was_cut(self) -> bool:
         """Whether the entry that the site's marker knows as the last is not there, or another."""
@@ -118,6 +147,12 @@ class Audit:
     def _noted(self) -> Noted:
         site = self._database.site
         return (site.read() if site is not None else None) or Noted("")
+
+
+def _verified(broken: int | None, expected: int, last: str) -> VerificationResource:
+    return VerificationResource(
+        intact=broken is None, first_broken=broken, entries=expected - 1, last_hash=last or None
+    )
 
 
 def _chained(before: str, values: Mapping[str, Any]) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
-from server.jobs.job_tables import job_files, jobs
+from server.jobs.job_store import job_files, jobs
 from server.platform.errors import ServiceError
 from server.platform.files import DataDirectory
 from server.platform.resource import BackedUp, NamedFiles, Resource

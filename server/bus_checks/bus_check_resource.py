@@ -2,10 +2,158 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+from fastapi import APIRouter, Query
+from pydantic import BeforeValidator
+
 from server.bus_checks.bus_check import BusChecks
-from server.bus_checks.bus_check_routes import router
 from server.machines.acquisition import Acquisition
+from server.machines.machine_store import Machines
+from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.typed_route import TypedRoute
+from server.platform.http.bodies import Shown
+from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
+
+if TYPE_CHECKING:
+    from daq.commissioning.check import ChannelCheck, MachineCheck
+
+
+def _known(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
+
+
+#: A measured number; null where none was.
+Known = Annotated[float | None, BeforeValidator(_known)]
+
+
+class CheckedDevice(Shown):
+    """A device: its state with a line that says more, what it says of itself, and where its values are.
+
+    ``latency_ms`` is how long its answers take, ``jitter_ms`` their standard deviation, since acquisition started; null
+    where only the age of values is known (a bus that is listened to).
+    """
+
+    bus: str
+    device: str
+    state: str
+    detail: str
+    identity: dict[str, str]
+    mapping: str
+    latency_ms: float | None
+    jitter_ms: float | None
+
+
+class CheckedChannel(Shown):
+    """A channel at rest, in its ``unit``; null where nothing was measured.
+
+    ``value`` and ``raw`` (as its device sent it) are means, ``noise`` the standard deviation of white noise, ``step``
+    the smallest change that was seen (0: none was), ``drift`` a change per minute with its standard deviation, null
+    where the channel ``moved``. ``share`` of the cycles brought a value, ``others`` counts what came instead.
+    """
+
+    name: str
+    unit: str
+    bus: str
+    device: str
+    value: Known
+    raw: Known
+    noise: Known
+    step: Known
+    drift: Known
+    drift_std: Known
+    moved: bool
+    age_ms: Known
+    jitter_ms: Known
+    share: float
+    others: dict[str, int]
+
+
+class DelayOfJoint(Shown):
+    """What one joint's channels on both buses say: by their ``kind`` (``position`` or ``effort``), in ms."""
+
+    joint: str
+    kind: str
+    delay_ms: float
+    std_ms: float
+
+
+class CheckedDelay(Shown):
+    """By how much ``bus`` is behind ``reference`` (negative: ahead of it), with standard deviation, and who says so."""
+
+    bus: str
+    reference: str
+    delay_ms: float
+    std_ms: float
+    told_by: list[DelayOfJoint]
+
+
+class BusCheck(Shown):
+    """Every device and every channel of a machine; ``findings`` are lines about what is not as it should be.
+
+    ``seconds`` of frames were looked at; ``cycles``, ``skipped`` (that never happened) and the slowest start of one are
+    counted since acquisition started. ``delays`` between the buses are told by the frames of the last minute, if a
+    joint that two of them see moved for 15 s of it; empty otherwise.
+    """
+
+    machine: str
+    utc: str
+    seconds: float
+    rate_hz: float
+    cycles: int
+    skipped: int
+    worst_late_ms: float
+    devices: list[CheckedDevice]
+    channels: list[CheckedChannel]
+    delays: list[CheckedDelay]
+    findings: list[str]
+    notes: list[str]
+
+
+def shown(check: MachineCheck) -> BusCheck:
+    """What is shown of a check."""
+    devices = [
+        CheckedDevice.of(device, latency_ms=latency, jitter_ms=jitter)
+        for device in check.devices
+        for latency, jitter in [device.latency_ms or (None, None)]
+    ]
+    channels = [
+        CheckedChannel.of(channel.rest, **_of_device(channel), value=channel.rest.mean) for channel in check.channels
+    ]
+    delays = [
+        CheckedDelay.of(
+            delay,
+            delay_ms=1e3 * delay.seconds,
+            std_ms=1e3 * delay.std,
+            told_by=[DelayOfJoint.of(pair, delay_ms=1e3 * pair.seconds, std_ms=1e3 * pair.std) for pair in delay.pairs],
+        )
+        for delay in check.delays
+    ]
+    return BusCheck.of(check, devices=devices, channels=channels, delays=delays)
+
+
+def _of_device(channel: ChannelCheck) -> dict[str, Any]:
+    return {name: getattr(channel, name) for name in ("name", "unit", "bus", "device", "raw")}
+
+
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
+
+
+@router.get("/{name}/bus-check", responses=problems(404, 409, 422, 503), dependencies=[require("read")])
+async def bus_check(
+    name: str,
+    service: ServiceDep,
+    principal: PrincipalDep,
+    seconds: Annotated[float, Query(ge=2, le=50, description="Of the newest frames, at rest")] = 20.0,
+    depressurised: Annotated[bool, Query(description="Pump off, lines open: pressures have to be zero")] = False,
+) -> BusCheck:
+    """Check the buses of an acquired machine by its newest frames: identity, mapping, latency, noise, zero, drift."""
+    service[Machines].get(name)
+    checks = service[BusChecks]
+    return shown(await service.heavy.run(principal.id, checks.check, name, seconds, depressurised))
+
 
 BUS_CHECKS = Resource(
     name="bus_checks",

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from server.calibrations.calibration_content import Parameter
+from server.platform.http.bodies import Shown
 
-@dataclass(frozen=True)
-class Shift:
-    """A parameter in both; what one of them lacks is None."""
+
+class ShiftResource(Shown):
+    """A parameter in both; ``sigmas`` is how far b is from a in standard deviations of the difference."""
 
     name: str
     unit: str | None
@@ -21,13 +22,13 @@ class Shift:
     sigmas: float | None
 
 
-def compare_parameters(a: Sequence[Mapping[str, Any]], b: Sequence[Mapping[str, Any]]) -> list[Shift]:
+def compare_parameters(a: Sequence[Parameter], b: Sequence[Parameter]) -> list[ShiftResource]:
     """Every parameter of both, in the order of ``a``, then what only ``b`` has.
 
     ``sigmas = (b - a) / sqrt(std_a^2 + std_b^2)``: the two were estimated from different recordings, so their errors
     are independent. None where it is not known, or has no meaning because the units differ.
     """
-    of_a, of_b = ({entry["name"]: entry for entry in entries} for entries in (a, b))
+    of_a, of_b = ({entry.name: entry for entry in entries} for entries in (a, b))
     return [_shift(name, of_a.get(name), of_b.get(name)) for name in {**of_a, **of_b}]
 
 
@@ -45,14 +46,15 @@ def _error(entry: Mapping[str, Any] | None) -> float | None:
     return None if value is None else float(value)
 
 
-def _shift(name: str, a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> Shift:
-    first: Mapping[str, Any] = a or {}
-    second: Mapping[str, Any] = b or {}
+def _shift(name: str, a: Parameter | None, b: Parameter | None) -> ShiftResource:
+    nothing = Parameter(name=name, value=None, std=None, unit=None)
+    first, second = a or nothing, b or nothing
     sigmas = None
-    both = [first.get("value"), second.get("value"), first.get("std"), second.get("std")]
-    if None not in both and first.get("unit") == second.get("unit"):
-        spread = math.hypot(float(both[2]), float(both[3]))  # type: ignore[arg-type]
+    if None not in (first.value, second.value, first.std, second.std) and first.unit == second.unit:
+        spread = math.hypot(first.std, second.std)  # type: ignore[arg-type]
         if spread > 0:
-            sigmas = (float(both[1]) - float(both[0])) / spread  # type: ignore[arg-type]
-    unit = first.get("unit", second.get("unit"))
-    return Shift(name, unit, both[0], both[2], both[1], both[3], sigmas)
+            sigmas = (second.value - first.value) / spread  # type: ignore[operator]
+    unit = second.unit if a is None else a.unit
+    return ShiftResource(
+        name=name, unit=unit, a=first.value, a_std=first.std, b=second.value, b_std=second.std, sigmas=sigmas
+    )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from server.identifications.report_verdict import verdict_of
+from server.platform.http.bodies import Shown
 
 #: Of what is kept of a report; the model itself (``hilfit/model/1``) is a file of the identification.
 SUMMARY_SCHEMA = "hilfit/calibration/1"
@@ -14,6 +15,15 @@ SUMMARY_SCHEMA = "hilfit/calibration/1"
 _MODEL = ("machine", "created", "software", "bandwidth_hz", "reduction", "cylinders", "rigid_body", "errors")
 #: What the loop added to the model.
 _LOOP = ("effects", "unexplained")
+
+
+class Parameter(Shown):
+    """A parameter in the unit that it has in the report."""
+
+    name: str
+    value: float | None
+    std: float | None
+    unit: str | None
 
 
 @dataclass(frozen=True)
@@ -24,7 +34,7 @@ class Content:
     ----------
     verdict, overall : the loop's verdict; errors of all joints together, before and after
     errors : per joint, of its ``errors``: unit, noise floor, and the error before and after
-    parameters : ``{"name", "value", "std", "unit"}`` each: of cylinders ``joint1.f_c``, of the rigid bodies their
+    parameters : of cylinders ``joint1.f_c``, of the rigid bodies their
         expression, of added effects ``effect:joint.parameter``
     model : what stays of the model when the identification's files go: parameters, effects, errors
     """
@@ -32,7 +42,7 @@ class Content:
     verdict: str
     overall: dict[str, Any]
     errors: dict[str, Any]
-    parameters: list[dict[str, Any]]
+    parameters: list[Parameter]
     model: dict[str, Any]
 
 
@@ -50,7 +60,7 @@ def content_of(report: Mapping[str, Any]) -> Content:
     )
 
 
-def _parameters(report: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+def _parameters(report: Mapping[str, Any]) -> Iterator[Parameter]:
     for joint, cylinder in report.get("cylinders", {}).items():
         for name, entry in cylinder["parameters"].items():
             yield _parameter(f"{joint}.{name}", entry)
@@ -62,5 +72,5 @@ def _parameters(report: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             yield _parameter(f"{place}.{name}", entry)
 
 
-def _parameter(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {"name": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit")}
+def _parameter(name: str, entry: Mapping[str, Any]) -> Parameter:
+    return Parameter(name=name, value=entry["value"], std=entry.get("std"), unit=entry.get("unit"))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from server.audit.audit_log import Audit
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
 from server.calibrations.calibration_routes import machine_router, router
-from server.calibrations.calibration_tables import calibration_activations, calibration_steps, calibrations
+from server.calibrations.calibration_store import activations, calibration_steps, calibrations
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import Parts
@@ -20,7 +20,7 @@ def _calibrations(parts: Parts) -> Calibrations:
 CALIBRATIONS = Resource(
     name="calibrations",
     routers=(router, machine_router),
-    tables=(calibrations, calibration_steps, calibration_activations),
+    tables=(calibrations, calibration_steps, activations),
     of_a_machine={"calibrations": calibrations},
     kept={"/calibrations": ("calibrations",)},
     provides={Calibrations: _calibrations, ByPolicy: lambda parts: ByPolicy(parts[Calibrations], parts[Audit])},

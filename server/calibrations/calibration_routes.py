@@ -2,34 +2,83 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
+from pydantic import BaseModel, Field
 
+from server.calibrations.calibration_comparison import ShiftResource, compare_errors, compare_parameters
 from server.calibrations.calibration_desk import Calibrations
-from server.calibrations.calibration_schemas import (
-    CalibrationList,
-    CalibrationResource,
-    ComparisonResource,
-    Decision,
-    Proposal,
-)
-from server.calibrations.calibration_store import Calibration
+from server.calibrations.calibration_store import Calibration, State
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.named_things import Names
+from server.platform.authorization.named_things import IdentificationId, Names
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
+from server.platform.http.bodies import Body, Label, Listed
 from server.platform.http.route_parameters import (
-    BetweenDep,
-    Cursor,
     KnownTags,
-    Limit,
     MachineQuery,
+    PageDep,
     ServiceDep,
     problems,
 )
+
+
+class Proposal(
+    Body, json_schema_extra={"examples": [{"identification": "idf-0123456789abcdef", "label": "after the new seal"}]}
+):
+    """Propose an identification as a calibration; without a label it has the identification's."""
+
+    identification: IdentificationId
+    label: Label = ""
+
+
+class Decision(Body, json_schema_extra={"examples": [{"note": "fits better than the one in use at every joint"}]}):
+    """Why."""
+
+    note: Annotated[str, Field(max_length=2000)] = ""
+
+
+class CalibrationResource(Calibration):
+    """A calibration; ``errors`` per joint and ``overall`` are the report's, before and after the loop.
+
+    ``proposed_by_id``: the principal that may not approve it, where the policy asks for a second person. ``history``:
+    who did what, when, oldest first.
+    """
+
+
+class CalibrationList(Listed[CalibrationResource]):
+    """A page of calibrations."""
+
+
+class JointErrors(BaseModel):
+    """Error of a joint on the validation motion, after each fit."""
+
+    unit: str | None
+    a: float | None
+    b: float | None
+
+
+class ComparisonResource(BaseModel):
+    """Two calibrations side by side."""
+
+    a: CalibrationResource
+    b: CalibrationResource
+    parameters: list[ShiftResource]
+    errors: dict[str, JointErrors]
+
+    @classmethod
+    def of(cls, a: Calibration, b: Calibration) -> ComparisonResource:
+        """Of two calibrations."""
+        return cls(
+            a=CalibrationResource.of(a),
+            b=CalibrationResource.of(b),
+            parameters=compare_parameters(a.parameters, b.parameters),
+            errors={joint: JointErrors(**entry) for joint, entry in compare_errors(a.errors, b.errors).items()},
+        )
+
 
 router = APIRouter(prefix="/calibrations", tags=["calibrations"], route_class=TypedRoute)
 machine_router = APIRouter(prefix="/machines", tags=["calibrations"], route_class=TypedRoute)
@@ -53,19 +102,10 @@ def propose(body: Proposal, response: Response, service: ServiceDep, principal: 
 
 @router.get("", responses=problems(422), dependencies=READ)
 def list_calibrations(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    machine: MachineQuery = None,
-    state: Literal["proposed", "approved", "rejected", "active", "retired"] | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
+    service: ServiceDep, page: PageDep, machine: MachineQuery = None, state: State | None = None
 ) -> CalibrationList:
     """List calibrations, newest first."""
-    page = service[Calibrations].list(
-        limit, cursor, machine=machine, machines=principal.machines, state=state, between=between
-    )
-    return CalibrationList.of(page)
+    return CalibrationList.of(service[Calibrations].list(**page, machine=machine, state=state))
 
 
 @router.get("/compare", responses=problems(404, 409, 422), dependencies=READ)

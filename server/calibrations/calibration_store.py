@@ -9,22 +9,20 @@
 
 from __future__ import annotations
 
-import builtins
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 
-from server.calibrations.calibration_content import Content
-from server.calibrations.calibration_tables import calibration_activations as activations
-from server.calibrations.calibration_tables import calibration_steps, calibrations
+from server.calibrations.calibration_content import Content, Parameter
 from server.identifications.identification_store import Identification
 from server.platform.authorization.principals import Principal
-from server.platform.database.engine import Database, Page
-from server.platform.database.lists import Narrowing, rows_of
-from server.platform.errors import ConflictError, NotFoundError, PreconditionError
+from server.platform.database.engine import Database
+from server.platform.database.repository import Repository
+from server.platform.database.schema import metadata
+from server.platform.database.stored import BESIDE, HIDDEN, Id, Kept, OfMachine, Revision, Stored
+from server.platform.errors import ConflictError, PreconditionError
 from server.platform.http.route_parameters import Tags
 
 #: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
@@ -32,41 +30,54 @@ ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
 
 
-@dataclass(frozen=True)
-class Step:
-    """Who did what to a calibration, when: ``proposed``, ``approved``, ``rejected``, ``activated``, ``retired``."""
+class StepResource(Stored, table="calibration_steps"):
+    """Who did what to a calibration, when."""
 
+    calibration: Annotated[str, Kept(references="calibrations.id", index=True), HIDDEN]
     time: str
-    action: str
+    action: Literal["proposed", "approved", "rejected", "activated", "retired"]
     by: str
+    by_id: Annotated[str, HIDDEN]
     note: str
 
 
-@dataclass(frozen=True)
-class Calibration:
+class Calibration(Stored, table="calibrations", noun="calibration"):
     """One calibration; ``revision`` counts its changes, ``history`` has them, oldest first."""
 
-    id: str
-    revision: int
-    machine: str
-    identification: str
+    id: Id
+    revision: Revision
+    machine: OfMachine
+    identification: Annotated[str, Kept(references="identifications.id", unique=True)]
     label: str
     state: State
     proposed_by: str
     proposed_by_id: str
-    note: str
+    approved_by: str | None = None
+    created: str
+    activated: str | None = None
     verdict: str
     overall: dict[str, Any]
     errors: dict[str, Any]
-    parameters: list[dict[str, Any]]
-    model: dict[str, Any]
-    created: str
-    approved_by: str | None = None
-    activated: str | None = None
-    history: tuple[Step, ...] = ()
+    parameters: list[Parameter]
+    model: Annotated[dict[str, Any], HIDDEN]
+    note: str
+    history: Annotated[tuple[StepResource, ...], BESIDE] = ()
 
 
-class CalibrationStore:
+calibrations, calibration_steps = Calibration.table, StepResource.table
+#: Which calibration was in use when; the last one per machine that is not undone is active.
+activations = sa.Table(
+    "calibration_activations",
+    metadata,
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("machine", sa.String, sa.ForeignKey("machines.name"), nullable=False, index=True),
+    sa.Column("calibration", sa.String, sa.ForeignKey("calibrations.id"), nullable=False),
+    sa.Column("time", sa.String, nullable=False),
+    sa.Column("undone", sa.Boolean, nullable=False),
+)
+
+
+class CalibrationStore(Repository[Calibration]):
     """Repository of calibrations; every change is a transaction and one revision of ``calibrations``.
 
     Parameters
@@ -74,18 +85,18 @@ class CalibrationStore:
     approves_own : whether whoever proposed a calibration may approve it
     """
 
+    of = Calibration
+
     def __init__(self, database: Database, approves_own: bool = True) -> None:
-        self._database = database
+        super().__init__(database)
         self._approves_own = approves_own
 
     def add(self, source: Identification, label: str, content: Content, by: Principal) -> tuple[Calibration, bool]:
         """Propose; the one that is there already, and False, if this identification was proposed before."""
         with self._database.write("calibrations") as connection:
-            known = connection.execute(
-                sa.select(calibrations).where(calibrations.c.identification == source.id)
-            ).first()
-            if known is not None:
-                return _get(connection, known.id), False
+            known = sa.select(calibrations).where(calibrations.c.identification == source.id)
+            if rows := connection.execute(known).all():
+                return self.values(connection, rows)[0], False
             new = Calibration(
                 id=f"cal-{secrets.token_hex(8)}",
                 revision=1,
@@ -99,28 +110,14 @@ class CalibrationStore:
                 created=self._database.now(),
                 **content.__dict__,
             )
-            row = {key: value for key, value in new.__dict__.items() if key != "history"}
-            connection.execute(calibrations.insert().values(**row))
+            self.put(connection, new)
             self._step(connection, new.id, "proposed", by, "")
-            return _get(connection, new.id), True
-
-    def get(self, id: str) -> Calibration:
-        """The calibration; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            return _get(connection, id)
-
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Calibration]:
-        """Newest first, narrowed to what is given."""
-        with self._database.read() as connection:
-            rows, cursor = rows_of(connection, calibrations, limit, after, **narrowed)
-            return Page(_with_history(connection, rows), cursor)
+            return self.found(connection, new.id), True
 
     def active(self, machine: str) -> Calibration | None:
         """The one in use; None if the machine has none."""
-        query = sa.select(calibrations).where(calibrations.c.machine == machine, calibrations.c.state == "active")
-        with self._database.read() as connection:
-            row = connection.execute(query).first()
-            return None if row is None else _with_history(connection, [row])[0]
+        found = self.all(*_in_use(machine))
+        return found[0] if found else None
 
     def decide(
         self, id: str, state: Literal["approved", "rejected"], by: Principal, note: str, revisions: Tags
@@ -136,7 +133,7 @@ class CalibrationStore:
             If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revisions)
+            found = self._expected(connection, id, revisions)
             if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
                 raise ConflictError(
                     f"calibration '{id}' is {found.state}; only a proposed one can be {state}", **_is(found)
@@ -146,9 +143,9 @@ class CalibrationStore:
                 text = f"calibration '{id}' was proposed by you; a second person has to approve it"
                 raise ConflictError(text, "second_person", calibration=id)
             approved_by = by.name if state == "approved" else found.approved_by
-            _update(connection, found, state=state, note=note, approved_by=approved_by)
+            self._changed(connection, found, state=state, note=note, approved_by=approved_by)
             self._step(connection, id, state, by, note)
-            return _get(connection, id)
+            return self.found(connection, id)
 
     def activate(self, id: str, revisions: Tags, by: Principal) -> Calibration:
         """Use it in the name of ``by``; the one in use before is retired. Nothing happens if it is active.
@@ -161,7 +158,7 @@ class CalibrationStore:
             If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revisions)
+            found = self._expected(connection, id, revisions)
             if found.state == "active":
                 return found
             if found.state not in ("approved", "retired"):
@@ -173,22 +170,22 @@ class CalibrationStore:
                 activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
             )
             self._put_in_use(connection, found, now, by, "")
-            return _get(connection, id)
+            return self.found(connection, id)
 
     def roll_back(self, machine: str, by: Principal) -> Calibration:
         """Use the one again that was in use before the active one; ConflictError if there was none."""
         with self._database.write("calibrations") as connection:
             lasting = self._lasting(connection, machine)
-            if len(lasting) < 2 or _get(connection, lasting[0].calibration).state != "active":
+            if len(lasting) < 2 or self.found(connection, lasting[0].calibration).state != "active":
                 raise ConflictError(
                     f"machine '{machine}' had no other calibration in use before; activate one instead",
                     "no_calibration_before",
                 )
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
-            again = _get(connection, before.calibration)
+            again = self.found(connection, before.calibration)
             self._put_in_use(connection, again, self._database.now(), by, ROLLED_BACK)
-            return _get(connection, before.calibration)
+            return self.found(connection, before.calibration)
 
     def deactivate(self, id: str, revisions: Tags, by: Principal, note: str) -> Calibration:
         """Take it out of use in the name of ``by``: the machine has none in use then, as before its first one.
@@ -201,67 +198,55 @@ class CalibrationStore:
             If ``revisions`` are given and the current one is none of them.
         """
         with self._database.write("calibrations") as connection:
-            found = _expect(connection, id, revisions)
+            found = self._expected(connection, id, revisions)
             if found.state != "active":
                 raise ConflictError(
                     f"calibration '{id}' is {found.state}; only the one in use can be taken out of use", **_is(found)
                 )
             newest = self._lasting(connection, found.machine)[0]
             connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
-            _update(connection, found, state="retired")
+            self._changed(connection, found, state="retired")
             self._step(connection, id, "retired", by, f"{OUT_OF_USE}: {note}" if note else OUT_OF_USE)
-            return _get(connection, id)
+            return self.found(connection, id)
 
-    def _lasting(self, connection: sa.Connection, machine: str) -> builtins.list[Any]:
+    def _lasting(self, connection: sa.Connection, machine: str) -> list[Any]:
         query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))
-        return builtins.list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
+        return list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
 
     def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str, by: Principal, note: str) -> None:
-        query = sa.select(calibrations).where(calibrations.c.machine == found.machine, calibrations.c.state == "active")
-        for row in connection.execute(query).all():
-            _update(connection, _calibration(row), state="retired")
-            self._step(connection, row.id, "retired", by, "")
-        _update(connection, found, state="active", activated=now)
+        in_use = sa.select(calibrations).where(*_in_use(found.machine))
+        for other in self.values(connection, connection.execute(in_use).all()):
+            self._changed(connection, other, state="retired")
+            self._step(connection, other.id, "retired", by, "")
+        self._changed(connection, found, state="active", activated=now)
         self._step(connection, found.id, "activated", by, note)
 
     def _step(self, connection: sa.Connection, id: str, action: str, by: Principal, note: str) -> None:
         values = {"calibration": id, "time": self._database.now(), "action": action}
         connection.execute(calibration_steps.insert().values(**values, by=by.name, by_id=by.id, note=note))
 
+    def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Calibration:
+        found = self.found(connection, id)
+        if revisions is not None and str(found.revision) not in revisions:
+            raise PreconditionError(f"calibration '{id}' changed since you read it; read it again", calibration=id)
+        return found
 
-def _expect(connection: sa.Connection, id: str, revisions: Tags) -> Calibration:
-    found = _get(connection, id)
-    if revisions is not None and str(found.revision) not in revisions:
-        raise PreconditionError(f"calibration '{id}' changed since you read it; read it again", calibration=id)
-    return found
+    def _changed(self, connection: sa.Connection, found: Calibration, **values: Any) -> None:
+        self.update(connection, found.id, **values, revision=found.revision + 1)
+
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Calibration, ...]:
+        """What rows hold, each with what was done to it."""
+        steps: dict[str, list[StepResource]] = {row.id: [] for row in rows}
+        query = sa.select(calibration_steps).where(calibration_steps.c.calibration.in_(steps))
+        for step in connection.execute(query.order_by(calibration_steps.c.number)):
+            steps[step.calibration].append(StepResource.read(step))
+        return tuple(Calibration.read(row, history=steps[row.id]) for row in rows)
+
+
+def _in_use(machine: str) -> tuple[sa.ColumnElement[bool], ...]:
+    return calibrations.c.machine == machine, calibrations.c.state == "active"
 
 
 def _is(found: Calibration) -> dict[str, str]:
     """What a refusal says to programs: the state that forbids something."""
     return {"code": f"calibration_is_{found.state}", "calibration": found.id}
-
-
-def _update(connection: sa.Connection, found: Calibration, **values: Any) -> None:
-    connection.execute(
-        calibrations.update().where(calibrations.c.id == found.id).values(**values, revision=found.revision + 1)
-    )
-
-
-def _get(connection: sa.Connection, id: str) -> Calibration:
-    row = connection.execute(sa.select(calibrations).where(calibrations.c.id == id)).first()
-    if row is None:
-        raise NotFoundError(f"there is no calibration '{id}'", calibration=id)
-    return _with_history(connection, [row])[0]
-
-
-def _with_history(connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Calibration, ...]:
-    """Calibrations, each with what was done to it."""
-    steps: dict[str, builtins.list[Step]] = {row.id: [] for row in rows}
-    query = sa.select(calibration_steps).where(calibration_steps.c.calibration.in_(steps))
-    for step in connection.execute(query.order_by(calibration_steps.c.number)):
-        steps[step.calibration].append(Step(step.time, step.action, step.by, step.note))
-    return tuple(replace(_calibration(row), history=tuple(steps[row.id])) for row in rows)
-
-
-def _calibration(row: sa.Row[Any]) -> Calibration:
-    return Calibration(**{key: value for key, value in row._mapping.items() if key != "number"})

@@ -14,11 +14,12 @@ import os
 import sys
 from pathlib import Path
 
-from daq import InputError, Machine, parse_machine
+from daq import Machine, parse_machine
 from daq.machine.buses import CanSignalsBus
 from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
 from server.can_signals.signal_listing import offered_signals
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
+from server.platform.processes.child_speech import ended
 
 
 def look(machine_file: Path, target: Path, name: str | None = None, incoming: Path | None = None) -> None:
@@ -57,16 +58,8 @@ def main(arguments: list[str]) -> int:
     """Read what the arguments name; returns the exit code."""
     machine_file, target, *change = arguments
     name, incoming = (change[0], Path(change[1])) if change else (None, None)
-    try:
-        look(Path(machine_file), Path(target), name, incoming)
-    except InputError as error:
-        print(json.dumps({"error": str(error)}), flush=True)
-        return 2
-    except (MemoryError, RecursionError):
-        print(json.dumps({"error": "takes too much memory to read; export the file with fewer messages"}), flush=True)
-        return 2
-    print(json.dumps({"summary": {}}), flush=True)
-    return 0
+    too_much = "takes too much memory to read; export the file with fewer messages"
+    return ended(lambda: look(Path(machine_file), Path(target), name, incoming), too_much)
 
 
 if __name__ == "__main__":

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from importlib.metadata import version
-from typing import Any
+from typing import Any, Literal
 
 from fastapi import FastAPI, Response
 from fastapi.routing import APIRoute
+from pydantic import BaseModel
 
 from server.access.access_desk import Access
 from server.access.gate import OPEN, Gate
@@ -19,7 +20,6 @@ from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http import problems
 from server.platform.http.base_path import BasePath
 from server.platform.http.conditional import Conditional
-from server.platform.http.health import Health
 from server.platform.http.kept_answers import KeptAnswers
 from server.platform.http.metrics import MEDIA_TYPE, Metrics, RequestTimes
 from server.platform.http.pages import CLOSED, Pages, page_files
@@ -27,6 +27,13 @@ from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHea
 from server.platform.http.route_parameters import problems as problem_responses
 from server.platform.resource import Resource, kept_lists
 from server.platform.service import Service
+
+
+class Health(BaseModel):
+    """Answered when all is well."""
+
+    status: Literal["ok"]
+
 
 API = "/api/v1"
 

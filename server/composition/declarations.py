@@ -25,6 +25,7 @@ from server.recalibrations.recalibration_resource import RECALIBRATIONS
 from server.recordings.recording_resource import RECORDINGS
 from server.schedules.schedule_resource import SCHEDULES
 from server.traces.traces_resource import TRACES
+from server.valves.valve_resource import VALVES
 
 #: Routes are tried in this order, one after the other: what pages ask for most comes first.
 RESOURCES = (
@@ -38,6 +39,7 @@ RESOURCES = (
     TRACES,
     RECORDINGS,
     IDENTIFICATIONS,
+    VALVES,
     EXCITATIONS,
     SCHEDULES,
     RECALIBRATIONS,

@@ -22,10 +22,9 @@ import sqlalchemy as sa
 import structlog
 
 from server.composition.declarations import RESOURCES, TABLES
-from server.jobs.executors import Heartbeat
+from server.jobs.executors import Heartbeat, hosts
 from server.jobs.job_kinds import NUMERICAL, JobKind
 from server.jobs.job_runner import EXECUTOR, JobRunner
-from server.jobs.job_tables import hosts
 from server.platform import logs
 from server.platform.database.engine import Database
 from server.platform.database.patience import PAUSE_S, patiently

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.motion_files import Motion, write_motion
 from fitting.arm.base_parameters import reduce_parameters
@@ -30,6 +29,7 @@ from fitting.excitation import (
 )
 from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
 from server.platform.files import write_atomically
+from server.platform.processes.child_speech import ended, say
 
 Progress = Callable[[float, float], None]
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
@@ -95,7 +95,7 @@ def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tup
     }
 
 
-def run(request: Path, say: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+def run(request: Path) -> dict[str, Any]:
     """Design what ``request`` asks for, unless it is there already; the result."""
     content = json.loads(request.read_text(encoding="utf-8"))
     output = Path(content["output"])
@@ -104,7 +104,7 @@ def run(request: Path, say: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
         return dict(json.loads(result_file.read_text(encoding="utf-8")))
 
     def progress(share: float, _condition: float) -> None:
-        say({"fraction": share, "text": "Designing the motion"})
+        say(fraction=share, text="Designing the motion")
 
     motion, result = design(load_machine(content["machine"]), content["options"], progress)
     partial = output / ".motion.csv.partial"
@@ -117,16 +117,7 @@ def run(request: Path, say: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
 
 def main(arguments: list[str]) -> int:
     """Run as a program; the exit code."""
-
-    def say(content: dict[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
-
-    try:
-        say({"summary": run(Path(arguments[0]), say)})
-    except HilfitError as error:
-        say({"error": str(error)})
-        return 2 if isinstance(error, InputError) else 1
-    return 0
+    return ended(lambda: run(Path(arguments[0])))
 
 
 if __name__ == "__main__":

@@ -69,7 +69,8 @@ class ExcitationKind:
             options=options,
             created=self._database.now(),
         )
-        return self._excitations.add(new, (STAGE,), IdempotencyKey.of(key, "excitation", machine, options, label))
+        request = IdempotencyKey.of(key, "excitation", machine, options, label)
+        return self._jobs.order(self._excitations, new, self.name, (STAGE,), request)
 
     def motion(self, id: str) -> Path:
         """Where the motion file is once it is designed; NotFoundError if there is no such excitation."""

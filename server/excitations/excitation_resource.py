@@ -7,8 +7,7 @@ from functools import partial
 
 from server.excitations.excitation_job import PROGRAM, ExcitationKind
 from server.excitations.excitation_routes import router
-from server.excitations.excitation_store import Excitations
-from server.excitations.excitation_tables import excitations
+from server.excitations.excitation_store import Excitation, Excitations
 from server.excitations.motion_delivery import MotionDelivery
 from server.jobs.job_places import named_results
 from server.machines.machine_desk import MachineDesk
@@ -28,8 +27,8 @@ def _delivery(parts: Parts) -> MotionDelivery:
 EXCITATIONS = Resource(
     name="excitations",
     routers=(router,),
-    tables=(excitations,),
-    of_a_machine={"excitations": excitations},
+    tables=(Excitation.table,),
+    of_a_machine={"excitations": Excitation.table},
     kept={"/excitations": ("excitations", "jobs")},
     provides={
         DESIGN: lambda parts: PROGRAM,
@@ -38,5 +37,5 @@ EXCITATIONS = Resource(
         MotionDelivery: _delivery,
     },
     job_kinds=(ExcitationKind,),
-    backed_up=BackedUp("excitations", partial(named_results, excitations)),
+    backed_up=BackedUp("excitations", partial(named_results, Excitation.table)),
 )

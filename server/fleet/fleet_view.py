@@ -1,18 +1,61 @@
-"""What is gathered of all machines."""
+"""All machines at a glance: what is gathered, and what ``GET /fleet`` gives of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Literal
+
+from pydantic import BaseModel
 
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import Calibrations
 from server.calibrations.calibration_store import Calibration
-from server.fleet.fleet_schemas import Fleet, FleetAlarms, FleetCalibration, FleetMachine
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
 from server.monitor.monitor_schemas import MonitoredJoint
 from server.monitor.monitor_supervisor import Monitors
+
+
+class FleetCalibration(BaseModel):
+    """The calibration in use: since when, and the error over all joints that it reached, in noise floors."""
+
+    id: str
+    label: str
+    activated: str | None
+    error: float | None
+
+
+class FleetAlarms(BaseModel):
+    """How many alarms are active, and how many, active or not, nobody acknowledged."""
+
+    critical: int = 0
+    warning: int = 0
+    info: int = 0
+    waiting: int = 0
+
+
+class FleetMachine(BaseModel):
+    """A machine at a glance.
+
+    ``joint``: the one nearest to its limit, as the monitor has it: its ``residual`` in ``unit``, and ``cusum`` over
+    ``threshold`` as the share of the limit. Null while nothing is watched.
+    """
+
+    name: str
+    version: int
+    acquisition: str
+    monitor: Literal["off", "learning", "watching", "drift"]
+    reason: str | None
+    joint: MonitoredJoint | None
+    calibration: FleetCalibration | None
+    alarms: FleetAlarms
+
+
+class Fleet(BaseModel):
+    """All machines, the one nearest to its limit first; those that are not watched follow by name."""
+
+    items: list[FleetMachine]
+
 
 #: Most machines that are gathered; a service has far fewer.
 MOST = 500
@@ -37,7 +80,7 @@ class FleetView:
 
     def gather(self, only: tuple[str, ...] | None) -> Fleet:
         """The fleet; ``only``: of these machines."""
-        rows = self._machines.list(MOST, only=only).items
+        rows = self._machines.list(MOST, machines=only).items
         active = {one.machine: one for one in self._calibrations.list(MOST, machines=only, state="active").items}
         alarms = self._count_alarms()
         found = [self._machine(row, active.get(row.name), alarms.get(row.name, FleetAlarms())) for row in rows]

@@ -8,12 +8,12 @@ from typing import Any
 import sqlalchemy as sa
 
 from server.alarms.alarm_desk import Alarms
-from server.calibrations.calibration_tables import calibration_steps, calibrations
+from server.calibrations.calibration_store import calibration_steps, calibrations
 from server.history.found_effects import FoundEffects, effects_in
 from server.history.history_schemas import FoundEffect, History, HistoryEvent
-from server.identifications.identification_tables import identifications
-from server.jobs.job_tables import jobs
-from server.machines.machine_tables import machine_versions
+from server.identifications.identification_store import identifications
+from server.jobs.job_store import jobs
+from server.machines.machine_store import machine_versions
 from server.platform.database.engine import Database
 
 #: Most events of one kind.

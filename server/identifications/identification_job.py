@@ -1,13 +1,14 @@
-"""Identifications as jobs: the stages of each share a process, and their results are files."""
+"""Fits as jobs: the stages of each share a process, and their results are files."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar
 
-from server.identifications.identification_store import Identification, Identifications
+from server.identifications.identification_store import Fit, Fits, Identifications
 from server.identifications.report_verdict import verdict_of
 from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
@@ -18,16 +19,23 @@ from server.platform.processes.children import ChildResult
 from server.recordings.recording_store import Recordings
 
 
-class IdentificationKind:
+class FitKind:
     """Fits recordings.
 
     Parameters
     ----------
     program : gives the stages and the command that runs one; called when the first job needs it
+
+    Attributes
+    ----------
+    fits : where they are stored; their files are in the folder that is called like the table
+    report : name of the file that the last stage leaves
     """
 
-    name = "identification"
+    name: ClassVar[str]
     queue = NUMERICAL
+    fits: ClassVar[type[Fits[Any]]]
+    report: ClassVar[str]
 
     def __init__(
         self,
@@ -37,12 +45,12 @@ class IdentificationKind:
     ) -> None:
         self._files = files
         self._make_program = program
-        self._identifications = Identifications(database)
+        self._fits = self.fits(database)
         self._recordings = Recordings(database)
 
     @property
     def stages(self) -> tuple[str, ...]:
-        """Stages of an identification, in order."""
+        """Its stages, in order."""
         return self._program.stages
 
     @cached_property
@@ -55,25 +63,23 @@ class IdentificationKind:
 
     def directory(self, job: Job) -> Path:
         """Where the stages get their places."""
-        return self._files.identifications / job.subject
+        return Path(self._files.root, self.fits.of.table.name, job.subject)
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
         """The machine file, then the recordings."""
-        return self._paths(self._identifications.get(job.subject))
+        return self._paths(self._fits.get(job.subject))
 
-    def _paths(self, identification: Identification) -> tuple[Path, ...]:
-        rows = [self._recordings.get(id) for id, _ in identification.recordings]
-        machine = self._files.machine_file(identification.machine, identification.machine_version)
+    def _paths(self, fit: Fit) -> tuple[Path, ...]:
+        rows = [self._recordings.get(id) for id, _ in fit.recordings]
+        machine = self._files.machine_file(fit.machine, fit.machine_version)
         return (machine, *(self._files.recording(row.id, row.format) for row in rows))
 
     def run(self, run: StageRun) -> ChildResult:
         """One stage, in the process of the one before if it is there; those before it again if their files are gone."""
-        identification = self._identifications.get(run.job.subject)
-        machine, *recordings = map(run.here, self._paths(identification))
-        roles = [role for _, role in identification.recordings]
-        request = StageRequest(
-            machine, tuple(zip(roles, recordings, strict=True)), identification.options, run.place
-        ).write()
+        fit = self._fits.get(run.job.subject)
+        machine, *recordings = map(run.here, self._paths(fit))
+        roles = [role for _, role in fit.recordings]
+        request = StageRequest(machine, tuple(zip(roles, recordings, strict=True)), fit.options, run.place).write()
         stages = (run.stage,) if run.whole else self.stages[: self.stages.index(run.stage) + 1]
         for stage in stages:
             result = run.child(self._program.command, [str(request), stage], run.place / f"{stage}.log")
@@ -84,10 +90,24 @@ class IdentificationKind:
     def result(self, job: Job, place: Path) -> Result:
         """What the report says."""
         try:
-            report = json.loads((place / "report.json").read_bytes())
-            return self._identifications.result(job.subject, verdict_of(report), report["overall"])
+            report = json.loads((place / self.report).read_bytes())
+            return self._fits.result(job.subject, **self.outcome(report))
         except (OSError, ValueError, KeyError, TypeError):
             raise JobError("The last stage left no report that can be read") from None
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Nobody waits for it here."""
+
+    def outcome(self, report: Mapping[str, Any]) -> dict[str, Any]:
+        """What is stored of a report, by columns."""
+        raise NotImplementedError
+
+
+class IdentificationKind(FitKind):
+    """Both stages and the loop."""
+
+    name, fits, report = "identification", Identifications, "report.json"
+
+    def outcome(self, report: Mapping[str, Any]) -> dict[str, Any]:
+        """Its verdict, and the errors of all joints together."""
+        return {"verdict": verdict_of(report), "overall": report["overall"]}

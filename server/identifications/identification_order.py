@@ -1,23 +1,20 @@
-"""Ask for an identification: which recordings in which roles, checked before a job is made of it."""
+"""Ask for something to be identified: which recordings in which roles, checked before a job is made of it."""
 
 from __future__ import annotations
 
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Generic
 
 from daq import ROLES
-from server.identifications.identification_store import Identification, Identifications
+from server.identifications.identification_store import Fits, Identification, Identifications, Ordered
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey
 from server.platform.errors import InvalidError
 from server.recordings.recording_store import Recordings
-
-#: Roles of which one has to be there: to fit, and to judge the fit by. Normal operation may stand for both.
-NEEDED = (("train", "operation"), ("validate", "operation"))
 
 
 @dataclass(frozen=True)
@@ -30,14 +27,28 @@ class Wish:
     label: str
 
 
-class IdentificationOrders:
-    """Takes orders: stores each identification with its job, and queues that.
+class Orders(Generic[Ordered]):
+    """Takes orders of one kind: stores each with its job, and queues that.
 
     Parameters
     ----------
-    stages : of an identification; asked for when one is ordered
+    stages : of such a job; asked for when one is ordered
     enqueue : queues a stored job
+
+    Attributes
+    ----------
+    fits : where they are stored
+    prefix : of their ids
+    label : of one to which nobody gave a label; ``{}`` is the machine
+    needed : roles of which one has to be there
+    tells : what tells such an order from those of other kinds with the same content, under one key
     """
+
+    fits: ClassVar[type[Fits[Any]]]
+    prefix: ClassVar[str]
+    label: ClassVar[str]
+    needed: ClassVar[tuple[tuple[str, ...], ...]]
+    tells: ClassVar[tuple[str, ...]]
 
     def __init__(
         self,
@@ -49,8 +60,8 @@ class IdentificationOrders:
         self._stages = stages
         self._enqueue = enqueue
 
-    def order(self, wish: Wish, key: str | None) -> Identification:
-        """Check a wish, store the identification and queue its job.
+    def order(self, wish: Wish, key: str | None) -> Ordered:
+        """Check a wish, store it and queue its job.
 
         Parameters
         ----------
@@ -62,40 +73,37 @@ class IdentificationOrders:
         NotFoundError, InvalidError, ConflictError, UnavailableError
             One line: what is wrong and what to do.
         """
-        identification = self._stored(wish, key)
-        self._enqueue(identification.job)
-        return identification
+        stored = self._stored(wish, key)
+        self._enqueue(stored.job)
+        return stored
 
-    def _stored(self, wish: Wish, key: str | None) -> Identification:
+    def _stored(self, wish: Wish, key: str | None) -> Ordered:
         database = self._database
         machine = Machines(database).get(wish.machine)
-        jobs = Jobs(database)
-        identification = Identification(
-            id=f"idn-{secrets.token_hex(8)}",
+        new: Ordered = self.fits.of(
+            id=f"{self.prefix}-{secrets.token_hex(8)}",
             job=f"job-{secrets.token_hex(8)}",
             machine=machine.name,
             machine_version=machine.version,
-            label=wish.label or f"Identification of {machine.name}",
-            recordings=_chosen(database, wish),
+            label=wish.label or self.label.format(machine.name),
+            recordings=_chosen(database, wish, self.needed),
             options=wish.options,
             created=database.now(),
         )
-        content = [wish.machine, [list(entry) for entry in wish.recordings], wish.options, wish.label]
-        return Identifications(database).add(
-            identification,
-            lambda connection: jobs.insert(
-                connection,
-                id=identification.job,
-                kind="identification",
-                label=identification.label,
-                subject=identification.id,
-                stages=self._stages(),
-            ),
-            IdempotencyKey.of(key, *content),
-        )
+        content = [*self.tells, wish.machine, [list(own) for own in wish.recordings], wish.options, wish.label]
+        fits: Fits[Ordered] = self.fits(database)
+        known = IdempotencyKey.of(key, *content)
+        return Jobs(database).order(fits, new, fits.one, self._stages(), known)
 
 
-def _chosen(database: Database, wish: Wish) -> tuple[tuple[str, str], ...]:
+class IdentificationOrders(Orders[Identification]):
+    """Orders of identifications: something to fit, and something to judge the fit by. Normal operation may be both."""
+
+    fits, prefix, label, tells = Identifications, "idn", "Identification of {}", ()
+    needed = (("train", "operation"), ("validate", "operation"))
+
+
+def _chosen(database: Database, wish: Wish, needed: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, str], ...]:
     recordings = Recordings(database)
     chosen: dict[str, str] = {}
     for id, wanted in wish.recordings:
@@ -110,7 +118,7 @@ def _chosen(database: Database, wish: Wish) -> tuple[tuple[str, str], ...]:
         if row.state != "sealed":
             raise InvalidError(f"recording '{id}' is {row.state}; only a sealed recording can be used")
         chosen[id] = role
-    for role, instead in NEEDED:
-        if not {role, instead} & set(chosen.values()):
-            raise InvalidError(f"there is no recording in the role '{role}'; record one and give its id")
+    for roles in needed:
+        if not set(roles) & set(chosen.values()):
+            raise InvalidError(f"there is no recording in the role '{roles[0]}'; record one and give its id")
     return tuple(chosen.items())

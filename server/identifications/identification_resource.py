@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-import sqlalchemy as sa
-
 from server.identifications.identification_job import IdentificationKind
 from server.identifications.identification_order import IdentificationOrders
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_routes import router
-from server.identifications.identification_store import Identifications
-from server.identifications.identification_tables import identification_recordings, identifications
+from server.identifications.identification_store import (
+    Identifications,
+    identification_recordings,
+    identifications,
+)
 from server.identifications.stage_request import StageProgram, fitting_program
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
@@ -20,7 +21,6 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
-from server.recordings.recording_desk import USED_BY
 
 #: The stages of an identification, and the command that runs one; called when the first job needs it.
 STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")
@@ -28,13 +28,6 @@ STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an ide
 
 def _kind(parts: Parts) -> IdentificationKind:
     return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM])
-
-
-def _used_by(connection: sa.Connection, recording: str) -> str | None:
-    """The identification that was made of a recording."""
-    of_it = identification_recordings.c.recording == recording
-    found = connection.execute(sa.select(identification_recordings.c.identification).where(of_it)).scalar()
-    return None if found is None else f"identification '{found}'"
 
 
 def _orders(parts: Parts) -> IdentificationOrders:
@@ -53,7 +46,6 @@ IDENTIFICATIONS = Resource(
     kept={"/identifications": ("identifications",)},
     provides={
         STAGE_PROGRAM: lambda parts: fitting_program,
-        USED_BY: lambda parts: _used_by,
         Identifications: lambda parts: Identifications(parts[Database]),
         IdentificationResults: lambda parts: IdentificationResults(parts[Database], parts[DataDirectory]),
         IdentificationKind: _kind,

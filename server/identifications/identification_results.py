@@ -1,28 +1,51 @@
-"""Where identifications left their files."""
+"""Where fits left their files."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, ClassVar
 
-from server.identifications.identification_store import Identifications
+from server.identifications.identification_store import Fits, Identifications
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Jobs
 from server.platform.database.engine import Database
+from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 
 #: The model's name among the files of an identification.
 MODEL_FILE = "model.json"
 
 
-class IdentificationResults:
-    """Directories of requests, results of stages, and reports."""
+class FitResults:
+    """Directories of requests, results of stages, and reports; ``fits`` is where what they are of is stored."""
+
+    fits: ClassVar[type[Fits[Any]]]
 
     def __init__(self, database: Database, files: DataDirectory) -> None:
         self._files = files
         self._jobs = Jobs(database)
-        self._identifications = Identifications(database)
+        self._fits = self.fits(database)
 
     def directory(self, id: str) -> Path:
-        """Of one identification; NotFoundError if there is none."""
-        job = self._identifications.get(id).job
-        return kept_place(self._files, self._files.identifications / id, self._jobs, job)
+        """Of one fit; NotFoundError if there is none."""
+        return kept_place(self._files, self._files.root / self.fits.of.table.name / id, self._jobs, self._fits.get(id).job)
+
+    def written(self, id: str, name: str) -> Path:
+        """A file that every fit which is done has.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+            If there is no such fit, or it is not done.
+        """
+        job = self._jobs.get(self._fits.get(id).job)
+        path = self.directory(id) / name
+        if job.state != "done" or not path.is_file():
+            raise ConflictError(f"{self.fits.one} '{id}' has no {name}: its job {job.id} is {job.state}")
+        return path
+
+
+class IdentificationResults(FitResults):
+    """Of identifications."""
+
+    fits = Identifications

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
@@ -17,12 +16,10 @@ from server.identifications.identification_schemas import (
     IdentificationResource,
 )
 from server.identifications.identification_store import Identifications
-from server.jobs.job_store import Jobs
-from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.errors import ConflictError, NotFoundError
-from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, MachineQuery, ServiceDep, problems
-from server.platform.service import Service
+from server.platform.errors import NotFoundError
+from server.platform.http.route_parameters import MachineQuery, PageDep, ServiceDep, problems
 
 router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
 #: The report is a page of ours, but it shows names from machine files: it may load nothing from elsewhere, and has an
@@ -56,18 +53,9 @@ async def order(
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_identifications(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    machine: MachineQuery = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> IdentificationList:
+def list_identifications(service: ServiceDep, page: PageDep, machine: MachineQuery = None) -> IdentificationList:
     """List identifications, newest first."""
-    return IdentificationList.of(
-        service[Identifications].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    )
+    return IdentificationList.of(service[Identifications].list(**page, machine=machine))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
@@ -84,7 +72,7 @@ def get(id: str, service: ServiceDep) -> IdentificationResource:
 )
 def report(id: str, service: ServiceDep) -> FileResponse:
     """The result (schema ``hilfit/report/1``)."""
-    return FileResponse(_written(service, id, "report.json"), media_type="application/json")
+    return FileResponse(service[IdentificationResults].written(id, "report.json"), media_type="application/json")
 
 
 @router.get(
@@ -99,7 +87,7 @@ def report_page(
     language: Annotated[ReportLanguage, Query(description="Of the page; one of an earlier version is English.")] = "en",
 ) -> FileResponse:
     """The result as a self-contained page."""
-    english = _written(service, id, "report.html")
+    english = service[IdentificationResults].written(id, "report.html")
     other = english.with_name(f"report.{language}.html")
     path, spoken = (other, language) if language != "en" and other.is_file() else (english, "en")
     response = FileResponse(path, media_type="text/html", headers={"Content-Language": spoken})
@@ -115,17 +103,7 @@ def report_page(
 )
 def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
-    path = _written(service, id, "report.json").with_name(NEXT_MOTION)
+    path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
         raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
-
-
-def _written(service: Service, id: str, name: str) -> Path:
-    """A file that every identification which is done has."""
-    identification = service[Identifications].get(id)
-    job = service[Jobs].get(identification.job)
-    path = service[IdentificationResults].directory(id) / name
-    if job.state != "done" or not path.is_file():
-        raise ConflictError(f"identification '{id}' has no {name}: its job {job.id} is {job.state}")
-    return path

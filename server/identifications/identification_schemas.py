@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
-from server.platform.authorization.named_things import MachineName, RecordingId
-from server.platform.http.bodies import Body, Flag, Label, Listed, Shown
-from server.recordings.recording_schemas import RecordingRole
+from server.identifications.identification_store import Identification, RecordingChoice
+from server.platform.authorization.named_things import MachineName
+from server.platform.http.bodies import Body, Flag, Label, Listed
 
-
-class RecordingChoice(Body):
-    """A recording to identify from, by default in the role that it was recorded in."""
-
-    id: RecordingId
-    role: RecordingRole | None = None
+#: What a fit is ordered of.
+RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
 
 
 class IdentificationOptions(Body):
@@ -56,28 +51,13 @@ class IdentificationOrder(
     """What to identify."""
 
     machine: MachineName
-    recordings: Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+    recordings: RecordingChoices
     options: IdentificationOptions = IdentificationOptions()
     label: Label = ""
 
 
-def _chosen(stored: Sequence[tuple[str, str | None]]) -> list[dict[str, str | None]]:
-    return [{"id": id, "role": role} for id, role in stored]
-
-
-class IdentificationResource(Shown):
+class IdentificationResource(Identification):
     """An identification; ``verdict`` and ``overall`` are there once its job is done."""
-
-    id: str
-    job: str
-    machine: str
-    machine_version: int
-    label: str
-    recordings: Annotated[list[RecordingChoice], BeforeValidator(_chosen)]
-    options: dict[str, Any]
-    created: str
-    verdict: str | None
-    overall: dict[str, Any] | None
 
 
 class IdentificationList(Listed[IdentificationResource]):

@@ -1,108 +1,120 @@
-"""Identifications: which recordings in which roles, with which options and which outcome."""
+"""What is identified from recordings: which recordings in which roles, with which options and which outcome."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Unpack
+from collections.abc import Sequence
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import sqlalchemy as sa
+from pydantic import PlainSerializer
 
-from server.identifications.identification_tables import identification_recordings, identifications
 from server.jobs.job_store import Result
-from server.platform.database.engine import Database, Page
-from server.platform.database.idempotency import IdempotencyKey, earlier, remember
-from server.platform.database.lists import Narrowing, rows_of
-from server.platform.errors import ConflictError, NotFoundError
-from server.recordings.recording_tables import recordings
+from server.platform.authorization.named_things import RecordingId
+from server.platform.database.repository import Repository
+from server.platform.database.schema import metadata
+from server.platform.database.stored import BESIDE, Id, OfJob, OfMachine, Stored
+from server.platform.errors import ConflictError
+from server.platform.http.bodies import Body
+from server.recordings.recording_store import RecordingRole, recordings
 
 
-@dataclass(frozen=True)
-class Identification:
-    """One identification; ``recordings`` are (id, role), ``verdict`` and ``overall`` the report's."""
+class RecordingChoice(Body):
+    """A recording to identify from, by default in the role that it was recorded in."""
 
-    id: str
-    job: str
-    machine: str
+    id: RecordingId
+    role: RecordingRole | None = None
+
+
+def _shown(chosen: tuple[tuple[str, str], ...]) -> list[RecordingChoice]:
+    return [RecordingChoice.model_validate({"id": id, "role": role}) for id, role in chosen]
+
+
+class Fit(Stored):
+    """One order; ``recordings`` are (id, role)."""
+
+    id: Id
+    job: OfJob
+    machine: OfMachine
     machine_version: int
     label: str
-    recordings: tuple[tuple[str, str], ...]
+    recordings: Annotated[
+        tuple[tuple[str, str], ...], BESIDE, PlainSerializer(_shown, return_type=list[RecordingChoice])
+    ]
     options: dict[str, Any]
     created: str
-    verdict: str | None = None
-    overall: dict[str, Any] | None = None
 
 
-class Identifications:
-    """Repository of identifications."""
+Ordered = TypeVar("Ordered", bound=Fit)
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
-    def add(
-        self,
-        new: Identification,
-        insert_job: Callable[[sa.Connection], None],
-        key: IdempotencyKey | None = None,
-    ) -> Identification:
-        """Store an identification and its job in one transaction.
+class Fits(Repository[Ordered]):
+    """Repository of one kind of fits.
 
-        Parameters
-        ----------
-        insert_job : makes the job's row in the transaction that it is given
-        key : if the same key came before with the same request, the identification made then is returned and
-            nothing is stored
+    Attributes
+    ----------
+    one : what one is called in ``used``, and its kind of jobs
+    used : the recordings of each
+    """
+
+    one: ClassVar[str]
+    used: ClassVar[sa.Table]
+
+    def put(self, connection: sa.Connection, new: Ordered) -> None:
+        """Store a fit, in the transaction that also stores its job.
 
         Raises
         ------
         ConflictError
-            If the key came before with another request, or a recording was deleted meanwhile.
+            If a recording was deleted meanwhile.
         """
-        with self._database.write("identifications", "jobs") as connection:
-            made = earlier(connection, key)
-            if made is not None:
-                return _get(connection, made)
-            insert_job(connection)
-            columns = {name: value for name, value in new.__dict__.items() if name != "recordings"}
-            connection.execute(identifications.insert().values(**columns))
-            for position, (recording, role) in enumerate(new.recordings):
-                state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
-                if state != "sealed":
-                    raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
-                connection.execute(
-                    identification_recordings.insert().values(
-                        identification=new.id, position=position, recording=recording, role=role
-                    )
-                )
-            remember(connection, key, new.id, self._database.now())
-        return new
+        super().put(connection, new)
+        for position, (recording, role) in enumerate(new.recordings):
+            state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
+            if state != "sealed":
+                raise ConflictError(f"recording '{recording}' is no longer there; choose another one")
+            row = {self.one: new.id, "position": position, "recording": recording, "role": role}
+            connection.execute(self.used.insert().values(**row))
 
-    def get(self, id: str) -> Identification:
-        """The identification; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            return _get(connection, id)
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Ordered, ...]:
+        """What rows hold, with the recordings that each was made of."""
+        used, made = self.used.c, self.used.c[self.one]
+        query = sa.select(made, used.recording, used.role).order_by(used.position)
+        chosen: dict[str, list[tuple[str, str]]] = {row.id: [] for row in rows}
+        for id, recording, role in connection.execute(query.where(made.in_(chosen))):
+            chosen[id].append((recording, role))
+        return tuple(self.of.read(row, recordings=chosen[row.id]) for row in rows)
 
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Identification]:
-        """Newest first, narrowed to what is given."""
-        with self._database.read() as connection:
-            rows, cursor = rows_of(connection, identifications, limit, after, **narrowed)
-            return Page(tuple(_get(connection, row.id) for row in rows), cursor)
-
-    @staticmethod
-    def result(id: str, verdict: str, overall: dict[str, Any]) -> Result:
+    @classmethod
+    def result(cls, id: str, **found: Any) -> Result:
         """What the report says, to be stored with the end of the job."""
-        change = identifications.update().where(identifications.c.id == id).values(verdict=verdict, overall=overall)
-        return Result("identifications", change)
+        table = cls.of.table
+        return Result(table.name, table.update().where(table.c.id == id).values(**found))
 
 
-def _get(connection: sa.Connection, id: str) -> Identification:
-    row = connection.execute(sa.select(identifications).where(identifications.c.id == id)).first()
-    if row is None:
-        raise NotFoundError(f"there is no identification '{id}'", identification=id)
-    used = connection.execute(
-        sa.select(identification_recordings)
-        .where(identification_recordings.c.identification == id)
-        .order_by(identification_recordings.c.position)
-    ).all()
-    values = {key: value for key, value in row._mapping.items() if key != "number"}
-    return Identification(**values, recordings=tuple((entry.recording, entry.role) for entry in used))
+def recordings_table(one: str, fits: str) -> sa.Table:
+    """Recordings with their roles of each of ``fits``, in the column that is called as ``one`` of them is."""
+    return sa.Table(
+        f"{one}_recordings",
+        metadata,
+        sa.Column(one, sa.String, sa.ForeignKey(f"{fits}.id"), primary_key=True),
+        sa.Column("position", sa.Integer, primary_key=True),
+        sa.Column("recording", sa.String, sa.ForeignKey("recordings.id"), nullable=False, index=True),
+        sa.Column("role", sa.String, nullable=False),
+    )
+
+
+class Identification(Fit, table="identifications", noun="identification"):
+    """One identification; ``verdict`` and ``overall`` are the report's."""
+
+    verdict: str | None = None
+    overall: dict[str, Any] | None = None
+
+
+identifications = Identification.table
+identification_recordings = recordings_table("identification", "identifications")
+
+
+class Identifications(Fits[Identification]):
+    """Repository of identifications."""
+
+    of, one, used = Identification, "identification", identification_recordings

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from fitting.pipeline.stage_names import STAGES, WORDS, ReportLanguage
+from fitting.pipeline.stage_names import STAGES, VALVE_WORDS, WORDS, ReportLanguage
 from server.platform.files import write_atomically
 
 
@@ -52,10 +52,10 @@ class StageRequest:
 
 def words(stage: str) -> str:
     """What a person reads while ``stage`` runs."""
-    said = WORDS.get(stage, stage.replace("_", " "))
+    said = (WORDS | VALVE_WORDS).get(stage, stage.replace("_", " "))
     return said[:1].upper() + said[1:]
 
 
-def fitting_program() -> StageProgram:
-    """The stages of :mod:`fitting`, which is loaded here only for their names."""
-    return StageProgram(tuple(STAGES), (sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay"))
+def fitting_program(stages: tuple[str, ...] = STAGES) -> StageProgram:
+    """Stages of :mod:`fitting`, which is loaded here only for their names."""
+    return StageProgram(stages, (sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay"))

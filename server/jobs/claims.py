@@ -16,9 +16,17 @@ from dataclasses import dataclass
 
 import sqlalchemy as sa
 
-from server.jobs.job_tables import job_claims
 from server.platform.database.engine import Database
+from server.platform.database.schema import metadata
 from server.platform.errors import TakenOver
+
+job_claims = sa.Table(
+    "job_claims",
+    metadata,
+    sa.Column("job", sa.String, sa.ForeignKey("jobs.id"), primary_key=True),
+    sa.Column("number", sa.Integer, nullable=False),  # one higher with every holder
+    sa.Column("holder", sa.String),  # executor; none: free
+)
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,34 @@ from importlib.metadata import version
 import sqlalchemy as sa
 import structlog
 
-from server.jobs.job_tables import executors, hosts
 from server.platform.database.engine import Database
+from server.platform.database.schema import metadata
 from server.platform.processes.rounds import Rounds
 
 BEAT_S = 5.0
 #: An executor that was not heard for so long has lost its work. Long against a garbage collection or a slow disk,
 #: short against a fit.
 SILENT_S = 30.0
+#: Processes that run jobs; one that is silent for long has lost its work to the others.
+executors = sa.Table(
+    "executors",
+    metadata,
+    sa.Column("id", sa.String, primary_key=True),
+    sa.Column("host", sa.String, nullable=False),
+    sa.Column("started", sa.String, nullable=False),
+    sa.Column("seen", sa.String, nullable=False),
+)
+#: What hosts say of themselves.
+hosts = sa.Table(
+    "hosts",
+    metadata,
+    sa.Column("id", sa.String, primary_key=True),  # as in executors
+    sa.Column("version", sa.String, nullable=False),
+    sa.Column("cores", sa.Integer, nullable=False),
+    sa.Column("load", sa.Float, nullable=False),  # mean of the last minute, of all its processes
+    sa.Column("state", sa.String, nullable=False),  # what it does, or what it waits for
+    sa.Column("heard", sa.String, nullable=False),
+)
 _log = structlog.stdlib.get_logger(__name__)
 
 

@@ -24,7 +24,7 @@ import sqlalchemy as sa
 
 from server.jobs.claims import Claim
 from server.jobs.job_store import Jobs
-from server.jobs.job_tables import jobs as job_table
+from server.jobs.job_store import jobs as job_table
 from server.platform.files import DataDirectory
 from server.platform.resource import NamedFiles
 

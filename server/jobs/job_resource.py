@@ -11,12 +11,12 @@ from itertools import count
 import structlog
 from prometheus_client.core import GaugeMetricFamily, Metric
 
-from server.jobs.executors import Heartbeat, Silence
+from server.jobs.claims import job_claims
+from server.jobs.executors import Heartbeat, Silence, executors, hosts
 from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_routes import router
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
-from server.jobs.job_store import Jobs
-from server.jobs.job_tables import executors, hosts, job_claims, job_events, job_files, jobs
+from server.jobs.job_store import Jobs, job_events, job_files, jobs
 from server.jobs.job_times import JobTimes
 from server.jobs.worker_routes import router as worker_router
 from server.platform.database.engine import Database
@@ -83,7 +83,7 @@ JOBS = Resource(
     name="jobs",
     routers=(router, worker_router),
     tables=(jobs, job_events, executors, job_claims, job_files, hosts),
-    kept={"/jobs": ("jobs", "identifications", "excitations", "recalibrations")},
+    kept={"/jobs": ("jobs", "identifications", "valves", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),
         JobTimes: lambda parts: JobTimes(parts[Database]),

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import AsyncIterator
-from dataclasses import asdict
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query
 from fastapi.concurrency import run_in_threadpool
@@ -14,11 +13,11 @@ from fastapi.responses import StreamingResponse
 
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_schemas import JobList, JobResource
-from server.jobs.job_store import FINAL, Job, Jobs
+from server.jobs.job_store import FINAL, Job, Jobs, State
 from server.jobs.job_times import JobTimes
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import BetweenDep, Cursor, Limit, ServiceDep, problems
+from server.platform.http.route_parameters import PageDep, ServiceDep, problems
 from server.platform.service import Service
 
 router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
@@ -27,21 +26,14 @@ router = APIRouter(prefix="/jobs", tags=["jobs"], route_class=TypedRoute)
 KEEP_ALIVE_S = 15.0
 #: No job has more events, and every database holds the number.
 MOST_EVENTS = 2**53
-State = Literal["queued", "running", "done", "failed", "cancelled"]
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_jobs(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    state: State | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> JobList:
+def list_jobs(service: ServiceDep, principal: PrincipalDep, page: PageDep, state: State | None = None) -> JobList:
     """List jobs, newest first; a page may be short where jobs of other machines are left out."""
-    page = service[Jobs].list(limit, cursor, state=state, between=between)
-    jobs = JobList.of(page, partial(_resource, service))
+    # Of which machine a job is only what it makes says.
+    found = service[Jobs].list(page["limit"], page["after"], state=state, between=page["between"])
+    jobs = JobList.of(found, partial(_resource, service))
     if principal.machines is not None:
         machines = service.ownership.machines_of_jobs(job.id for job in jobs.items)
         jobs.items = [job for job in jobs.items if principal.may_see(machines.get(job.id))]
@@ -85,7 +77,7 @@ async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]
         seen = service.changes.number
         over = (await run_in_threadpool(service[Jobs].get, id)).state in FINAL
         for event in await run_in_threadpool(service[Jobs].events, id, after):
-            yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(asdict(event))}\n\n".encode()
+            yield f"id: {event.number}\nevent: progress\ndata: {json.dumps(event.model_dump())}\n\n".encode()
             after = event.number
             if event.state in FINAL:
                 return

@@ -6,58 +6,73 @@ of its progress is a row of its own, so a client that was away reads what it mis
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Unpack
+from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 
 from server.jobs.claims import Claim
-from server.jobs.job_tables import job_events, job_files, jobs
-from server.platform.database.engine import Database, Page
-from server.platform.database.lists import Narrowing, listed
+from server.platform.database.idempotency import IdempotencyKey, earlier, remember
 from server.platform.database.outbox import put_out
-from server.platform.database.schema import store_identity
-from server.platform.errors import NotFoundError
+from server.platform.database.repository import Repository, Value
+from server.platform.database.schema import metadata, store_identity
+from server.platform.database.stored import BESIDE, HIDDEN, Id, Kept, Stored
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 FINAL = frozenset({"done", "failed", "cancelled"})
 
 
-@dataclass(frozen=True)
-class Job:
+class Job(Stored, table="jobs", noun="job"):
     """A job as it is now; ``fraction`` is 0 to 1 over all stages, ``text`` says in words what it does.
 
-    ``place``: name of the directory in which it left its files, once it is over (:mod:`server.jobs.job_places`).
+    ``subject``: id of what it makes. ``place``: name of the directory, below that of the job, in which its last stage
+    left its files, once it is over (:mod:`server.jobs.job_places`).
     """
 
-    id: str
+    id: Id
     kind: str
     label: str
     subject: str
     stages: tuple[str, ...]
     state: State
-    stage: str | None
-    fraction: float
-    text: str
-    error: str | None
-    cancel_requested: bool
+    stage: str | None = None
+    fraction: float = 0.0
+    text: str = ""
+    error: str | None = None
+    cancel_requested: bool = False
     created: str
-    started: str | None
-    ended: str | None
-    place: str | None = None
+    started: str | None = None
+    ended: str | None = None
+    place: Annotated[str | None, HIDDEN] = None
 
 
-@dataclass(frozen=True)
-class JobEvent:
+#: Of something that a job makes: what became of that job.
+JobState = Annotated[State, BESIDE]
+
+
+class JobEvent(Stored, table="job_events"):
     """One step of a job's progress; numbers count from 1 without a hole."""
 
-    number: int
+    job: Annotated[str, Kept(references="jobs.id", key=True), HIDDEN]
+    number: Annotated[int, Kept(key=True)]
     time: str
     state: State
     stage: str | None
     fraction: float
     text: str
+
+
+jobs, job_events = Job.table, JobEvent.table
+#: Digests of what jobs read and left, where that travels between hosts (:mod:`server.platform.storage`).
+job_files = sa.Table(
+    "job_files",
+    metadata,
+    sa.Column("job", sa.String, sa.ForeignKey("jobs.id"), primary_key=True),
+    sa.Column("use", sa.String, primary_key=True),  # input, result
+    sa.Column("name", sa.String, primary_key=True),  # below the data directory, or below the job's place
+    sa.Column("sha256", sa.String, nullable=False),
+)
 
 
 @dataclass(frozen=True)
@@ -68,60 +83,66 @@ class Result:
     change: sa.Update
 
 
-class Jobs:
+class Jobs(Repository[Job]):
     """Repository of jobs.
 
     What whoever runs a job stores goes with its claim: TakenOver, and nothing is stored, if that holds no more.
     """
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
+    of = Job
 
     def insert(
-        self,
-        connection: sa.Connection,
-        *,
-        id: str,
-        kind: str,
-        label: str,
-        subject: str,
-        stages: tuple[str, ...],
+        self, connection: sa.Connection, *, id: str, kind: str, label: str, subject: str, stages: tuple[str, ...]
     ) -> None:
-        """A queued job with its first event, in the transaction that also makes the job's subject."""
+        """Store a queued job with its first event, in the transaction that also makes the job's subject."""
         text = "Waiting for its turn"
-        connection.execute(
-            jobs.insert().values(
-                id=id,
-                kind=kind,
-                label=label,
-                subject=subject,
-                stages=list(stages),
-                state="queued",
-                fraction=0.0,
-                text=text,
-                cancel_requested=False,
-                created=self._database.now(),
-            )
+        new = Job(
+            id=id,
+            kind=kind,
+            label=label,
+            subject=subject,
+            stages=stages,
+            state="queued",
+            text=text,
+            created=self._database.now(),
         )
-        self._event(connection, id, "queued", None, 0.0, text)
+        self.put(connection, new)
+        self._event(connection, id, new.state, None, new.fraction, text)
 
-    def get(self, id: str) -> Job:
-        """The job; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).first()
-        if row is None:
-            raise NotFoundError(f"there is no job '{id}'", job=id)
-        return _job(row)
+    def order(
+        self,
+        subjects: Repository[Value],
+        new: Value,
+        kind: str,
+        stages: tuple[str, ...],
+        key: IdempotencyKey | None = None,
+    ) -> Value:
+        """Store what a job makes, and the job, in one transaction; what was made first if the key came before.
 
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Job]:
-        """Newest first, narrowed to what is given."""
-        return listed(self._database, jobs, _job, limit, after, **narrowed)
+        Parameters
+        ----------
+        new : has ``id``, ``job`` and ``label``
+
+        Raises
+        ------
+        ConflictError
+            If the key came before with another request.
+        """
+        about: dict[str, str] = {name: getattr(new, name) for name in ("id", "job", "label")}
+        with self._database.write(subjects.of.table.name, "jobs") as connection:
+            made = earlier(connection, key)
+            if made is not None:
+                return subjects.found(connection, made)
+            self.insert(
+                connection, id=about["job"], kind=kind, label=about["label"], subject=about["id"], stages=stages
+            )
+            subjects.put(connection, new)
+            remember(connection, key, about["id"], self._database.now())
+        return new
 
     def unfinished(self) -> tuple[Job, ...]:
         """Queued and running jobs, oldest first."""
-        query = sa.select(jobs).where(jobs.c.state.not_in(FINAL)).order_by(jobs.c.number)
-        with self._database.read() as connection:
-            return tuple(_job(row) for row in connection.execute(query))
+        return self.all(jobs.c.state.not_in(FINAL))
 
     def counts(self) -> dict[str, int]:
         """Number of jobs per state."""
@@ -139,21 +160,12 @@ class Jobs:
         with self._database.write("jobs") as connection:
             if claim is not None:
                 claim.check(connection)
-            row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).one()
+            row = self.found(connection, id)
             if row.state in FINAL or row.cancel_requested:
                 return False
             fraction = min(1.0, max(row.fraction, fraction))
-            connection.execute(
-                jobs.update()
-                .where(jobs.c.id == id)
-                .values(
-                    state="running",
-                    stage=stage,
-                    fraction=fraction,
-                    text=text,
-                    started=row.started or self._database.now(),
-                )
-            )
+            started = row.started or self._database.now()
+            self.update(connection, id, state="running", stage=stage, fraction=fraction, text=text, started=started)
             self._event(connection, id, "running", stage, fraction, text)
         return True
 
@@ -203,18 +215,15 @@ class Jobs:
         with self._database.write("jobs", *([] if result is None else [result.resource])) as connection:
             if claim is not None:
                 claim.check(connection)
-            row = connection.execute(sa.select(jobs).where(jobs.c.id == id)).one()
+            row = self.found(connection, id)
             if row.state not in states:
                 return False
             if result is not None:
                 connection.execute(result.change)
             _note_files(connection, id, "result", files or {})
             fraction = 1.0 if state == "done" else row.fraction
-            connection.execute(
-                jobs.update()
-                .where(jobs.c.id == id)
-                .values(state=state, text=text, error=error, fraction=fraction, ended=self._database.now(), place=place)
-            )
+            values = {"state": state, "text": text, "error": error, "fraction": fraction, "place": place}
+            self.update(connection, id, **values, ended=self._database.now())
             self._event(connection, id, state, row.stage, fraction, text)
             put_out(connection, "result", self._database.now(), {"job": id})
         return True
@@ -243,26 +252,28 @@ class Jobs:
             .order_by(job_events.c.number)
         )
         with self._database.read() as connection:
-            return tuple(
-                JobEvent(row.number, row.time, row.state, row.stage, row.fraction, row.text)
-                for row in connection.execute(query)
-            )
+            return tuple(JobEvent.read(row) for row in connection.execute(query))
 
     def _event(
         self, connection: sa.Connection, id: str, state: State, stage: str | None, fraction: float, text: str
     ) -> None:
         last = connection.execute(sa.select(sa.func.max(job_events.c.number)).where(job_events.c.job == id)).scalar()
-        connection.execute(
-            job_events.insert().values(
-                job=id,
-                number=(last or 0) + 1,
-                time=self._database.now(),
-                state=state,
-                stage=stage,
-                fraction=fraction,
-                text=text,
-            )
+        event = JobEvent(
+            job=id,
+            number=(last or 0) + 1,
+            time=self._database.now(),
+            state=state,
+            stage=stage,
+            fraction=fraction,
+            text=text,
         )
+        connection.execute(job_events.insert().values(**event.columns()))
+
+
+def states_of(connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> dict[str, State]:
+    """The state of each job that rows name."""
+    query = sa.select(jobs.c.id, jobs.c.state).where(jobs.c.id.in_([row.job for row in rows]))
+    return {row.id: row.state for row in connection.execute(query)}
 
 
 def _note_files(connection: sa.Connection, id: str, use: str, files: Mapping[str, str]) -> None:
@@ -270,8 +281,3 @@ def _note_files(connection: sa.Connection, id: str, use: str, files: Mapping[str
     rows = [{"job": id, "use": use, "name": name, "sha256": sha256} for name, sha256 in files.items()]
     if rows:
         connection.execute(job_files.insert(), rows)
-
-
-def _job(row: sa.Row[Any]) -> Job:
-    values = {key: value for key, value in row._mapping.items() if key != "number"}
-    return Job(**{**values, "stages": tuple(values["stages"])})

@@ -9,8 +9,7 @@ from statistics import median
 
 import sqlalchemy as sa
 
-from server.jobs.job_store import Job
-from server.jobs.job_tables import job_events, jobs
+from server.jobs.job_store import Job, job_events, jobs
 from server.platform.database.engine import Database, as_stored
 
 #: Earlier jobs that count: computers and recordings change.

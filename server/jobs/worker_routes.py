@@ -6,8 +6,7 @@ import sqlalchemy as sa
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from server.jobs.executors import Silence
-from server.jobs.job_tables import executors, hosts
+from server.jobs.executors import Silence, executors, hosts
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http.route_parameters import ServiceDep

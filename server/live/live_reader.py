@@ -6,17 +6,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 import structlog
 
-from daq import Machine
 from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
 from server.live import live_messages as messages
 from server.live.live_client import Client
+from server.machines.acquisition import Acquisition
 from server.platform.errors import ServiceError
 
 #: Seconds between two messages with samples, and between two heartbeats.
@@ -24,26 +23,10 @@ PERIOD_S, HEARTBEAT_S = 0.1, 2.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
-class HasRing(Protocol):
-    """A running acquisition: where its frames are."""
-
-    ring_name: str
-
-
-class Source(Protocol):
-    """Where a reader finds the acquisition of its machine (:class:`server.machines.acquisition.Acquisition`)."""
-
-    def feed(self, name: str) -> tuple[Machine, HasRing]:
-        """The machine and its running feed; raises a ServiceError or AcquisitionError while there is none."""
-
-    def state(self, name: str) -> str:
-        """What the acquisition does: ``off``, ``starting``, ``running``, ``waiting``, ``stopped``."""
-
-
 class _Stream:
     """What one machine's thread knows: the clients, the ring that it reads, the sequence number."""
 
-    def __init__(self, machine: str, source: Source, clock: Callable[[], float]) -> None:
+    def __init__(self, machine: str, source: Acquisition, clock: Callable[[], float]) -> None:
         self._machine = machine
         self._source = source
         self._clock = clock
@@ -150,7 +133,9 @@ class Hub:
     clock : s, monotonic
     """
 
-    def __init__(self, source: Source, closed: Callable[[], bool], clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, source: Acquisition, closed: Callable[[], bool], clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._source = source
         self._closed = closed
         self._clock = clock

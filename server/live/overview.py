@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import asyncio
 from importlib.metadata import version
+from typing import Any
 
 from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel
 
 from server.jobs.job_store import Jobs
 from server.live.revisions import Revisions
-from server.live.status_schemas import Status
 from server.machines.acquisition import Acquisition
+
+
+class Status(BaseModel):
+    """The service at a glance; a list need not be read again until its number in ``revisions`` moves."""
+
+    version: str
+    started: str
+    revisions: dict[str, int]
+    jobs: dict[str, int]
+    acquisition: dict[str, dict[str, Any]]
 
 
 class Overview:

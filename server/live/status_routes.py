@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from fastapi import APIRouter, Response
 
-from server.live.overview import Overview
-from server.live.status_schemas import Status
+from server.live.overview import Overview, Status
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http.route_parameters import ServiceDep

@@ -6,9 +6,9 @@ import json
 import logging
 import threading
 from collections import deque
-from dataclasses import dataclass
 from typing import Any
 
+from server.platform.http.bodies import Shown
 from server.platform.logs import json_lines
 
 #: Lines that are kept, and characters of one: a trace of an error may be long.
@@ -16,11 +16,10 @@ MOST, LONGEST = 5000, 20_000
 _OWN = ("timestamp", "level", "logger", "event")
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line of the log; ``number`` counts from 1 since the start of the service, ``detail`` is what else it says."""
+class LogLine(Shown):
+    """A line of the log; ``detail`` is what it says beside time, level, logger and event."""
 
-    number: int
+    number: int  # from 1 since the start of the service
     time: str
     level: str
     logger: str
@@ -39,7 +38,7 @@ class LogMemory(logging.Handler):
     def __init__(self, most: int = MOST) -> None:
         super().__init__()
         self.setFormatter(json_lines())
-        self._lines: deque[Line] = deque(maxlen=most)
+        self._lines: deque[LogLine] = deque(maxlen=most)
         self._count = 0
         self._guard = threading.Lock()
 
@@ -62,9 +61,12 @@ class LogMemory(logging.Handler):
             return
         with self._guard:
             self._count += 1
-            self._lines.append(Line(self._count, time, level, logger, _short(event), detail))
+            line = LogLine(
+                number=self._count, time=time, level=level, logger=logger, event=_short(event), detail=detail
+            )
+            self._lines.append(line)
 
-    def after(self, number: int, limit: int, least: int = logging.NOTSET, containing: str = "") -> tuple[Line, ...]:
+    def after(self, number: int, limit: int, least: int = logging.NOTSET, containing: str = "") -> tuple[LogLine, ...]:
         """Lines after line ``number``, oldest first: the newest ``limit`` of them.
 
         Parameters
@@ -94,5 +96,5 @@ def _short(value: Any) -> Any:
     return f"{value[:LONGEST]} …" if isinstance(value, str) and len(value) > LONGEST else value
 
 
-def _text(line: Line) -> str:
+def _text(line: LogLine) -> str:
     return f"{line.logger} {line.event} {json.dumps(line.detail, ensure_ascii=False)}".casefold()

@@ -8,12 +8,12 @@ from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 
 from daq import Machine, Quality, load_machine
-from daq.acquisition.acquisition import AcquisitionStatistics
+from daq.acquisition.acquisition import AcquisitionProcess
 from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
 from server.platform.errors import ConflictError, UnavailableError
@@ -28,24 +28,8 @@ FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
-class Feed(Protocol):
-    """A running :class:`~daq.acquisition.acquisition.AcquisitionProcess`, as the supervisor needs it."""
-
-    ring_name: str
-
-    @property
-    def alive(self) -> bool:
-        """Whether frames come."""
-
-    def check(self) -> None:
-        """Raise AcquisitionError with one line if it has failed."""
-
-    def statistics(self) -> AcquisitionStatistics:
-        """What it counted."""
-
-
 #: Starts acquiring a machine; leaving the context ends it.
-Launch = Callable[[Machine], AbstractContextManager[Feed]]
+Launch = Callable[[Machine], AbstractContextManager[AcquisitionProcess]]
 
 
 @dataclass
@@ -55,7 +39,7 @@ class _State:
     state: str = "starting"  # starting, running, waiting, stopped
     error: str | None = None
     restarts: int = 0
-    feed: Feed | None = None
+    feed: AcquisitionProcess | None = None
     machine: Machine | None = None
     last: dict[str, Any] = field(default_factory=dict)
 
@@ -100,7 +84,7 @@ class Supervisor:
         self._thread.join()
 
     @property
-    def running(self) -> tuple[Machine, Feed] | None:
+    def running(self) -> tuple[Machine, AcquisitionProcess] | None:
         """The machine and its feed while frames come, else None."""
         with self._lock:
             state = self._state
@@ -155,7 +139,7 @@ class Supervisor:
         self._set(state="waiting", error=error, feed=None)
         _log.warning("acquisition_waits", machine=self._name, error=error)
 
-    def _comes_up(self, feed: Feed) -> bool:
+    def _comes_up(self, feed: AcquisitionProcess) -> bool:
         """Wait until frames come; False if told to stop before."""
         for _ in range(round(START_S / START_LOOK_S)):
             if feed.alive:
@@ -165,7 +149,7 @@ class Supervisor:
                 return False
         raise UnavailableError(f"no frame came within {START_S:g} s; check the buses of the machine")
 
-    def _watch(self, feed: Feed) -> None:
+    def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when told to stop; raise when the process has died."""
         while not self._pause(self._stop, LOOK_S):
             self._set(last=asdict(feed.statistics()))
@@ -255,7 +239,7 @@ class Acquisition:
         """What one machine's acquisition does: ``off``, ``starting``, ``running``, ``waiting`` or ``stopped``."""
         return str(self.statistics(name)["state"])
 
-    def feed(self, name: str) -> tuple[Machine, Feed]:
+    def feed(self, name: str) -> tuple[Machine, AcquisitionProcess]:
         """The machine and its running feed.
 
         Raises

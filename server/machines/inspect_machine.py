@@ -16,6 +16,7 @@ from pathlib import Path
 from daq import InputError, parse_machine
 from daq.machine.device_files import refuse_files_elsewhere
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
+from server.platform.processes.child_speech import say
 
 #: What the file is called in errors: the name that it had is not known here.
 SHOWN_NAME = "machine.yaml"
@@ -42,9 +43,9 @@ def main(arguments: list[str]) -> int:
         try:
             found = look(Path(source), Path(target))
         except (MemoryError, RecursionError):  # what is left of this process is not worth keeping
-            print(json.dumps({"error": f"{SHOWN_NAME}: takes too much memory to read; make it shorter"}), flush=True)
+            say(error=f"{SHOWN_NAME}: takes too much memory to read; make it shorter")
             return 2
-        print(json.dumps({"summary": found, "stays": True}), flush=True)
+        say(summary=found, stays=True)
         line = sys.stdin.readline()
         if not line:
             return 0

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 
 import sqlalchemy as sa
 from prometheus_client.core import Metric
 
+from daq import Machine
+from daq.acquisition.acquisition import AcquisitionProcess
 from server.machines.acquisition import Acquisition, Launch
 from server.machines.acquisition_metrics import acquisition_metrics
 from server.machines.faults.fault_routes import BREAKABLE
 from server.machines.faults.fault_routes import router as fault_router
-from server.machines.launch import acquire
 from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_routes import router
-from server.machines.machine_store import Machines
-from server.machines.machine_tables import machine_versions, machines
+from server.machines.machine_store import Machines, machine_versions, machines
 from server.machines.machine_uploads import MachineUploads
 from server.machines.simulation import simulated_machine
 from server.platform.changes import Changes
@@ -26,6 +28,21 @@ from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.platform.settings import Settings
+
+
+@contextmanager
+def acquire(machine: Machine, data_directory: Path | None = None) -> Iterator[AcquisitionProcess]:
+    """Start acquiring a machine; a device that is not there stays missing and costs only itself.
+
+    What CANopen nodes were like before is kept in ``data_directory``.
+    """
+    process = AcquisitionProcess(machine, strict=False, data_directory=data_directory)
+    process.start()
+    try:
+        yield process
+    finally:
+        process.stop()
+
 
 LAUNCH: PartName[Launch] = PartName("what starts an acquisition")
 SIMULATE: PartName[Simulate] = PartName("what starts the simulated machine")

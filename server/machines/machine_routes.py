@@ -6,17 +6,48 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from pydantic import BaseModel
 
 from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_reader import MachineReader
-from server.machines.machine_schemas import AcquisitionWish, MachineCheck, MachineDetail, MachineList, MachineSummary
-from server.machines.machine_store import Machines
+from server.machines.machine_store import MachineRow, Machines
 from server.platform.authorization.guard import Principal, PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import NotFoundError
-from server.platform.http.route_parameters import BetweenDep, Cursor, KnownTags, Limit, ServiceDep, problems
+from server.platform.http.bodies import Body, Flag, Listed
+from server.platform.http.route_parameters import KnownTags, PageDep, ServiceDep, problems
 from server.platform.service import Service
+
+
+class MachineSummary(MachineRow):
+    """A machine: its current version, and whether it is acquired."""
+
+
+class MachineCheck(BaseModel):
+    """A machine file without fault: the machine's name, and the version that it would be (the current one as it is)."""
+
+    name: str
+    version: int
+
+
+class MachineDetail(MachineSummary):
+    """A machine with its validated file and the state of its acquisition."""
+
+    versions: list[int]
+    machine: dict[str, Any]
+    acquisition: dict[str, Any]
+
+
+class MachineList(Listed[MachineSummary]):
+    """A page of machines; ``next`` is the cursor of the next page."""
+
+
+class AcquisitionWish(Body, json_schema_extra={"examples": [{"enabled": True}]}):
+    """Whether acquisition of a machine should run."""
+
+    enabled: Flag
+
 
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 YAML = "application/yaml"
@@ -58,11 +89,9 @@ async def check(request: Request, service: ServiceDep, principal: PrincipalDep) 
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_machines(
-    service: ServiceDep, principal: PrincipalDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0
-) -> MachineList:
+def list_machines(service: ServiceDep, page: PageDep) -> MachineList:
     """List machines; ``label`` is looked for in their names, and a machine's time is that of its current version."""
-    return MachineList.of(service[Machines].list(limit, cursor, only=principal.machines, between=between))
+    return MachineList.of(service[Machines].list(**page))
 
 
 @router.get("/{name}", responses=problems(404, 422), dependencies=[require("read")])

@@ -2,27 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import sqlalchemy as sa
 
-from server.machines.machine_tables import machine_versions, machines
 from server.platform.database.engine import Database, Page, page
-from server.platform.database.lists import ANY_TIME, Between
+from server.platform.database.repository import ANY_TIME, Narrowing
+from server.platform.database.schema import metadata
 from server.platform.errors import ConflictError, NotFoundError
+from server.platform.http.bodies import Shown
 
 
-@dataclass(frozen=True)
-class MachineRow:
+class MachineRow(Shown):
     """One version of a machine; ``acquire`` and ``current`` (the newest version) are the machine's."""
 
     name: str
     version: int
+    current: int
     sha256: str
     created: str
     acquire: bool
-    current: int
+
+
+machines = sa.Table(
+    "machines",
+    metadata,
+    sa.Column("number", sa.Integer, primary_key=True),  # order of creation: the cursor of pages
+    sa.Column("name", sa.String, nullable=False, unique=True),
+    sa.Column("version", sa.Integer, nullable=False),  # the current one
+    sa.Column("acquire", sa.Boolean, nullable=False),  # whether acquisition should run
+)
+machine_versions = sa.Table(
+    "machine_versions",
+    metadata,
+    sa.Column("name", sa.String, sa.ForeignKey("machines.name"), primary_key=True),
+    sa.Column("version", sa.Integer, primary_key=True),
+    sa.Column("sha256", sa.String, nullable=False),
+    sa.Column("created", sa.String, nullable=False),
+)
 
 
 class Machines:
@@ -73,30 +90,29 @@ class Machines:
         if row is None:
             which = f"machine '{name}'" if version is None else f"version {version} of machine '{name}'"
             raise NotFoundError(f"there is no {which}; upload its machine file", machine=name)
-        return _machine(row)
+        return MachineRow.of(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:
         """Every version of a machine, newest first; empty if there is no such machine."""
         query = _versions().where(machines.c.name == name).order_by(machine_versions.c.version.desc())
         with self._database.read() as connection:
-            return tuple(_machine(row) for row in connection.execute(query))
+            return tuple(MachineRow.of(row) for row in connection.execute(query))
 
-    def list(
-        self, limit: int, after: int = 0, *, only: tuple[str, ...] | None = None, between: Between = ANY_TIME
-    ) -> Page[MachineRow]:
-        """Current versions, the machine added last first; ``only``: of these machines."""
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[MachineRow]:
+        """Current versions, the machine added last first."""
+        between, seen = narrowed.get("between", ANY_TIME), narrowed.get("machines")
         query = between.narrowed(_versions().where(_is_current()), machine_versions.c.created, machines.c.name)
-        if only is not None:
-            query = query.where(machines.c.name.in_(only))
+        if seen is not None:
+            query = query.where(machines.c.name.in_(seen))
         with self._database.read() as connection:
             rows, cursor = page(connection, query, machines.c.number, limit, after)
-        return Page(tuple(_machine(row) for row in rows), cursor)
+        return Page(tuple(MachineRow.of(row) for row in rows), cursor)
 
     def acquiring(self) -> tuple[MachineRow, ...]:
         """The machines whose acquisition should run."""
         query = _versions().where(_is_current(), machines.c.acquire).order_by(machines.c.number)
         with self._database.read() as connection:
-            return tuple(_machine(row) for row in connection.execute(query))
+            return tuple(MachineRow.of(row) for row in connection.execute(query))
 
     def set_acquire(self, name: str, acquire: bool) -> None:
         """Say whether acquisition should run (now and after a restart)."""
@@ -116,14 +132,3 @@ def _versions() -> sa.Select[Any]:
         machines.c.acquire,
         machines.c.version.label("current"),
     ).select_from(joined)
-
-
-def _machine(row: sa.Row[Any]) -> MachineRow:
-    return MachineRow(
-        name=row.name,
-        version=row.version,
-        sha256=row.sha256,
-        created=row.created,
-        acquire=row.acquire,
-        current=row.current,
-    )

@@ -4,21 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fastapi import APIRouter
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from server.alarms.alarm_desk import Alarms
 from server.identifications.identification_results import IdentificationResults
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
-from server.monitor.monitor_routes import router
+from server.monitor.monitor_schemas import MonitorResource
 from server.monitor.monitor_supervisor import Monitors
+from server.platform.authorization.guard import require
+from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
+from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.parts import Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_resource import POLICY
 from server.schedules.recalibration_orders import RecalibrationOrders
+
+router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
+
+
+@router.get("/{name}/monitor", responses=problems(404, 422), dependencies=[require("read")])
+def monitor(name: str, service: ServiceDep) -> MonitorResource:
+    """Whether a machine still does what its active calibration says, joint by joint."""
+    service[Machines].get(name)
+    return MonitorResource(**service[Monitors].state(name))
 
 
 def _monitors(parts: Parts) -> Monitors:

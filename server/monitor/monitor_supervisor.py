@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import structlog
 
 from daq.errors import HilfitError
 from server.alarms.alarm_desk import Alarms
+from server.calibrations.calibration_desk import ByPolicy
 from server.identifications.identification_results import MODEL_FILE
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
@@ -28,25 +29,6 @@ LOOK_S = 1.0
 #: Seconds before a monitor that failed is tried again.
 PAUSE_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
-
-
-class CalibrationInUse(Protocol):
-    """What the monitor needs of a calibration."""
-
-    @property
-    def id(self) -> str:
-        """Its id."""
-
-    @property
-    def identification(self) -> str:
-        """The identification that it is."""
-
-
-class CalibrationsInUse(Protocol):
-    """Where the active calibration of a machine is found."""
-
-    def active(self, machine: str) -> CalibrationInUse | None:
-        """The active calibration, None without one."""
 
 
 #: Asks for a recalibration of a machine; the second argument says in words why.
@@ -79,7 +61,7 @@ class Monitors:
 
     def __init__(
         self,
-        calibrations: CalibrationsInUse,
+        calibrations: ByPolicy,
         acquisition: Acquisition,
         machines: Machines,
         files: DataDirectory,

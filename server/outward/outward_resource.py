@@ -19,7 +19,7 @@ from server.outward.webhook_desk import PAUSES_S, Webhooks
 from server.outward.webhook_post import receivers_tls
 from server.outward.webhook_routes import router
 from server.outward.webhook_signing import WebhookSecrets
-from server.outward.webhook_tables import webhook_deliveries, webhooks
+from server.outward.webhook_store import webhook_deliveries, webhooks
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -76,7 +76,7 @@ def _running(parts: Parts) -> Iterator[Running]:
         active = parts[Alarms].active()
         stream.start(
             publishers,
-            [alarm_message(f"msg-{secrets.token_hex(12)}", own.__dict__, parts[Database].now()) for own in active],
+            [alarm_message(f"msg-{secrets.token_hex(12)}", own.columns(), parts[Database].now()) for own in active],
         )
 
     for publisher in publishers:

@@ -17,6 +17,7 @@ import structlog
 
 from daq.errors import HilfitError
 from server.jobs.job_store import Job, Jobs
+from server.machines.acquisition import Acquisition
 from server.outward.outward_message import AlarmData, Message, ResultData, StateData
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
@@ -36,16 +37,6 @@ class Sink(Protocol):
 
     def take(self, message: Message) -> None:
         """Take a message; never waits, and may be given the same one twice."""
-
-
-class States(Protocol):
-    """Acquisition of all machines (:class:`server.machines.acquisition.Acquisition`)."""
-
-    def names(self) -> tuple[str, ...]:
-        """The machines that are acquired."""
-
-    def statistics(self, name: str) -> dict[str, Any]:
-        """State of one machine's acquisition."""
 
 
 class MessageReader:
@@ -99,7 +90,7 @@ class OutwardStream:
         database: Database,
         changes: Changes,
         reader: MessageReader,
-        states: States,
+        states: Acquisition,
         deliver: Callable[[sa.Connection, Sequence[Message]], Callable[[], object]],
         resume: Callable[[], object],
     ) -> None:

@@ -15,7 +15,7 @@ from server.alarms.alarm_desk import Alarms
 from server.outward.outward_message import Message, TrialData
 from server.outward.webhook_post import post
 from server.outward.webhook_signing import WebhookSecrets, fingerprint, headers
-from server.outward.webhook_store import Delivery, Webhook, WebhookStore
+from server.outward.webhook_store import Delivery, Event, Webhook, WebhookStore
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
 from server.platform.errors import InvalidError
@@ -71,7 +71,7 @@ class Webhooks:
             self._errands.send(ERRAND, delivery.id, delivery.tries + 1)
         self._report()
 
-    def add(self, label: str, url: str, events: Sequence[str], who: Principal) -> tuple[Webhook, bytes]:
+    def add(self, label: str, url: str, events: Sequence[Event], who: Principal) -> tuple[Webhook, bytes]:
         """A new webhook and its secret, which is told this once.
 
         Raises
@@ -88,8 +88,15 @@ class Webhooks:
             raise InvalidError(f"{place} is not in webhook_places; have it added to the file of --config")
         id = f"whk-{secrets.token_hex(8)}"
         secret = self._signing.secret(id)
-        created = self._database.now()
-        new = Webhook(id, label or wanted.host, url, tuple(events), fingerprint(secret), created, who.name)
+        new = Webhook(
+            id=id,
+            label=label or wanted.host,
+            url=url,
+            events=tuple(events),
+            secret_sha256=fingerprint(secret),
+            created=self._database.now(),
+            created_by=who.name,
+        )
         self.store.add(new)
         return new, secret
 

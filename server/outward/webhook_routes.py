@@ -2,22 +2,52 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from fastapi import APIRouter, Response
+from pydantic import Field
 
 from server.outward.webhook_desk import Webhooks
-from server.outward.webhook_schemas import (
-    DeliveryList,
-    DeliveryResource,
-    NewWebhook,
-    WebhookList,
-    WebhookOrder,
-    WebhookResource,
-)
 from server.outward.webhook_signing import shown
-from server.outward.webhook_store import State
+from server.outward.webhook_store import Delivery, Event, State, Webhook
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.route_parameters import BetweenDep, Cursor, Idempotency, Limit, ServiceDep, problems
+from server.platform.http.bodies import PLAIN, Body, Label, Listed
+from server.platform.http.route_parameters import Idempotency, PageDep, ServiceDep, problems
+
+
+class WebhookOrder(
+    Body,
+    json_schema_extra={"examples": [{"label": "shop", "url": "https://erp.example/hilfit", "events": ["alarm"]}]},
+):
+    """Where messages of which types are delivered to; ``url`` has to be in the setting ``webhook_places``."""
+
+    label: Label = ""
+    url: Annotated[str, Field(max_length=500, pattern=PLAIN)]
+    events: Annotated[tuple[Event, ...], Field(min_length=1, max_length=2)] = ("alarm", "result")
+
+
+class WebhookResource(Webhook):
+    """A webhook, without its secret."""
+
+
+class NewWebhook(WebhookResource):
+    """A webhook and its secret (``whsec_...``), which is shown this once."""
+
+    secret: str
+
+
+class WebhookList(Listed[WebhookResource]):
+    """A page of webhooks."""
+
+
+class DeliveryResource(Delivery):
+    """A message on its way; ``message`` is what the receiver knows it by, ``error`` why the last try failed."""
+
+
+class DeliveryList(Listed[DeliveryResource]):
+    """A page of deliveries."""
+
 
 router = APIRouter(prefix="/webhooks", tags=["webhooks"], route_class=TypedRoute)
 ADMIN = [require("admin", every_machine=True)]
@@ -47,10 +77,9 @@ def add_webhook(
 
 
 @router.get("", responses=problems(422), dependencies=ADMIN)
-def list_webhooks(service: ServiceDep, between: BetweenDep, limit: Limit = 50, cursor: Cursor = 0) -> WebhookList:
+def list_webhooks(service: ServiceDep, page: PageDep) -> WebhookList:
     """List webhooks, newest first."""
-    page = service[Webhooks].store.list(limit, cursor, between)
-    return WebhookList.of(page)
+    return WebhookList.of(service[Webhooks].store.list(**page))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=ADMIN)
@@ -74,15 +103,7 @@ def test_webhook(id: str, response: Response, service: ServiceDep) -> DeliveryRe
 
 
 @router.get("/{id}/deliveries", responses=problems(404, 422), dependencies=ADMIN)
-def list_deliveries(
-    id: str,
-    service: ServiceDep,
-    between: BetweenDep,
-    state: State | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> DeliveryList:
+def list_deliveries(id: str, service: ServiceDep, page: PageDep, state: State | None = None) -> DeliveryList:
     """List messages to a webhook, newest first: on their way, delivered (the last 500), given up (all)."""
     own = service[Webhooks].store.get(id).id
-    page = service[Webhooks].store.deliveries(limit, cursor, webhook=own, state=state, between=between)
-    return DeliveryList.of(page)
+    return DeliveryList.of(service[Webhooks].store.deliveries.list(**page, webhook=own, state=state))

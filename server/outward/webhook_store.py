@@ -4,73 +4,73 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Literal, Unpack
+from typing import Annotated, Literal
 
 import sqlalchemy as sa
 
-from server.outward.outward_message import Message
-from server.outward.webhook_tables import webhook_deliveries, webhooks
-from server.platform.database.engine import Database, Page
-from server.platform.database.lists import ANY_TIME, Between, Narrowing, listed
-from server.platform.errors import NotFoundError
+from server.outward.outward_message import Kind, Message
+from server.platform.database.engine import Database
+from server.platform.database.repository import Repository
+from server.platform.database.stored import HIDDEN, Id, Kept, Stored
 
+Event = Literal["alarm", "result"]
 State = Literal["pending", "delivered", "given_up"]
 #: Delivered ones that are kept of each webhook; what was given up stays until its webhook is removed.
 KEPT = 500
 
 
-@dataclass(frozen=True)
-class Webhook:
-    """Where messages of some types are delivered to."""
+class Webhook(Stored, table="webhooks", noun="webhook"):
+    """Where messages of some types are delivered to.
 
-    id: str
+    ``secret_sha256`` tells whether this computer has its secret.
+    """
+
+    id: Id
     label: str
     url: str
-    events: tuple[str, ...]
-    secret_sha256: str
+    events: tuple[Event, ...]
+    secret_sha256: Annotated[str, HIDDEN]
     created: str
     created_by: str
 
 
-@dataclass(frozen=True)
-class Delivery:
+class Delivery(Stored, table="webhook_deliveries", label="type"):
     """One message on its way to one webhook; ``error``: of the last try."""
 
-    id: str
-    webhook: str
+    id: Id
+    webhook: Annotated[str, Kept(references="webhooks.id", ondelete="CASCADE", index=True), HIDDEN]
     message: str
-    type: str
-    body: str
-    state: State
-    tries: int
-    error: str | None
+    type: Kind
+    body: Annotated[str, HIDDEN]  # what is signed and sent
+    state: Annotated[State, Kept(index=True)] = "pending"
+    tries: int = 0
+    error: str | None = None
     created: str
-    ended: str | None
+    ended: str | None = None
 
 
-class WebhookStore:
-    """Repository of webhooks and deliveries."""
+webhooks, webhook_deliveries = Webhook.table, Delivery.table
+
+
+class Deliveries(Repository[Delivery]):
+    """Repository of deliveries."""
+
+    of = Delivery
+
+
+class WebhookStore(Repository[Webhook]):
+    """Repository of webhooks, with their deliveries."""
+
+    of = Webhook
 
     def __init__(self, database: Database) -> None:
-        self._database = database
+        super().__init__(database)
+        self.deliveries = Deliveries(database)
 
     def add(self, new: Webhook) -> None:
         """Store a new one."""
         with self._database.write("webhooks") as connection:
-            connection.execute(webhooks.insert().values(**{**new.__dict__, "events": list(new.events)}))
-
-    def get(self, id: str) -> Webhook:
-        """The webhook; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            row = connection.execute(sa.select(webhooks).where(webhooks.c.id == id)).first()
-        if row is None:
-            raise NotFoundError(f"there is no webhook '{id}'")
-        return _webhook(row)
-
-    def list(self, limit: int, after: int = 0, between: Between = ANY_TIME) -> Page[Webhook]:
-        """Newest first."""
-        return listed(self._database, webhooks, _webhook, limit, after, between=between)
+            self.put(connection, new)
 
     def remove(self, id: str) -> None:
         """Forget one and its deliveries; NotFoundError if there is none."""
@@ -81,7 +81,7 @@ class WebhookStore:
 
     def order(self, connection: sa.Connection, messages: Sequence[Message]) -> tuple[str, ...]:
         """Store the deliveries of messages to all webhooks that want them, in the transaction of ``connection``."""
-        known = [_webhook(row) for row in connection.execute(sa.select(webhooks))]
+        known = self.values(connection, connection.execute(sa.select(webhooks)).all())
         wanted = [(own, message) for message in messages for own in known if message.type in own.events]
         return tuple(self._order(connection, own.id, message) for own, message in wanted)
 
@@ -91,34 +91,24 @@ class WebhookStore:
             return self._order(connection, webhook, message)
 
     def _order(self, connection: sa.Connection, webhook: str, message: Message) -> str:
-        values = {
-            "id": f"dlv-{secrets.token_hex(8)}",
-            "webhook": webhook,
-            "message": message.id,
-            "type": message.type,
-            "body": message.body().decode(),
-            "state": "pending",
-            "tries": 0,
-            "created": self._database.now(),
-        }
-        connection.execute(webhook_deliveries.insert().values(**values))
-        return str(values["id"])
+        new = Delivery(
+            id=f"dlv-{secrets.token_hex(8)}",
+            webhook=webhook,
+            message=message.id,
+            type=message.type,
+            body=message.body().decode(),
+            created=self._database.now(),
+        )
+        self.deliveries.put(connection, new)
+        return new.id
 
     def delivery(self, id: str) -> Delivery | None:
         """The delivery; None if its webhook was removed."""
-        with self._database.read() as connection:
-            row = connection.execute(sa.select(webhook_deliveries).where(webhook_deliveries.c.id == id)).first()
-        return None if row is None else _delivery(row)
-
-    def deliveries(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Delivery]:
-        """Newest first."""
-        return listed(self._database, webhook_deliveries, _delivery, limit, after, **narrowed)
+        return next(iter(self.deliveries.all(webhook_deliveries.c.id == id)), None)
 
     def pending(self) -> tuple[Delivery, ...]:
         """All that are on their way, oldest first."""
-        query = sa.select(webhook_deliveries).where(webhook_deliveries.c.state == "pending")
-        with self._database.read() as connection:
-            return tuple(_delivery(row) for row in connection.execute(query.order_by(webhook_deliveries.c.number)))
+        return self.deliveries.all(webhook_deliveries.c.state == "pending")
 
     def tried(self, delivery: Delivery, number: int, error: str | None, state: State) -> None:
         """Store what became of try ``number``; old deliveries that arrived are forgotten."""
@@ -133,11 +123,7 @@ class WebhookStore:
             .scalar_subquery()
         )
         with self._database.write("webhook_deliveries") as connection:
-            connection.execute(
-                webhook_deliveries.update()
-                .where(table.id == delivery.id)
-                .values(tries=number, error=error, state=state, ended=ended)
-            )
+            self.deliveries.update(connection, delivery.id, tries=number, error=error, state=state, ended=ended)
             connection.execute(
                 webhook_deliveries.delete().where(
                     table.webhook == delivery.webhook, table.state == "delivered", table.number <= old
@@ -156,14 +142,5 @@ class WebhookStore:
             .scalar_subquery()
         )
         with self._database.read() as connection:
-            rows = connection.execute(sa.select(webhooks).where(last == "given_up").order_by(webhooks.c.label))
-            return tuple(_webhook(row) for row in rows)
-
-
-def _webhook(row: sa.Row[Any]) -> Webhook:
-    values = {key: value for key, value in row._mapping.items() if key != "number"}
-    return Webhook(**{**values, "events": tuple(values["events"])})
-
-
-def _delivery(row: sa.Row[Any]) -> Delivery:
-    return Delivery(**{key: value for key, value in row._mapping.items() if key != "number"})
+            query = sa.select(webhooks).where(last == "given_up").order_by(webhooks.c.label)
+            return self.values(connection, connection.execute(query).all())

@@ -12,6 +12,7 @@
     ├── backups/<time>/          copies of everything that cannot be made again
     ├── identifications/<id>/<place>/    request.json, artefacts of the stages, report.json, report.html,
     │                                    report.de.html, <stage>.log
+    ├── valves/<id>/<place>/     request.json, valve.json, inverse/, valve.log
     ├── tls/                     the site's own certificate and key
     ├── webhooks/site.key        what secrets of webhooks are made of; in no backup
     ├── monitor/                 what monitors learnt, per calibration, and their logs

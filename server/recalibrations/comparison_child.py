@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.errors import HilfitError, InputError
+from daq.errors import InputError
 from daq.recordings.recording import read_recording
 from server.identifications.live_model import LiveModel
+from server.platform.processes.child_speech import ended
 from server.recalibrations.recalibration_comparison import table
 
 FloatArray = npt.NDArray[np.float64]
@@ -70,16 +71,8 @@ def run(request: Path) -> dict[str, Any]:
 
 def main(arguments: list[str]) -> int:
     """Run as a program; the exit code."""
-
-    def say(content: dict[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
-
-    try:
-        say({"summary": run(Path(arguments[0]))})
-    except HilfitError as error:
-        say({"error": str(error)})
-        return 2  # whatever it is, it is a reason why these two cannot be compared
-    return 0
+    # Whatever was wrong, it is a reason why these two cannot be compared.
+    return 2 if ended(lambda: run(Path(arguments[0]))) else 0
 
 
 if __name__ == "__main__":

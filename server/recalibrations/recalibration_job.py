@@ -13,8 +13,10 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from server.alarms.alarm_desk import Alarms
+from server.calibrations.calibration_desk import ByPolicy
 from server.identifications.identification_order import Wish
 from server.identifications.identification_results import MODEL_FILE, IdentificationResults
 from server.identifications.identification_store import Identification, Identifications
@@ -24,7 +26,8 @@ from server.platform.database.engine import Database
 from server.platform.files import DataDirectory, write_atomically
 from server.platform.processes.children import ChildResult
 from server.recalibrations.recalibration_comparison import sentence
-from server.recalibrations.recalibration_recording import RecalibratedMachines, record
+from server.recalibrations.recalibration_recording import RecordedStage
+from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
 from server.recordings.recording_store import Recordings
 
@@ -39,41 +42,6 @@ WORDS = {
 LOOK_S = 1.0
 
 
-class CalibrationLike(Protocol):
-    """What a recalibration has to know of a calibration."""
-
-    @property
-    def id(self) -> str:
-        """Its id."""
-
-    @property
-    def identification(self) -> str:
-        """What it was made of."""
-
-
-class CalibrationPolicy(Protocol):
-    """The calibrations of the service, as a recalibration needs them."""
-
-    def active(self, machine: str) -> CalibrationLike | None:
-        """The active one of a machine."""
-
-    def propose(self, identification: str, label: str, by: tuple[str, str] | None) -> CalibrationLike:
-        """Propose an identification, in the name of a person (id, name) or of the service.
-
-        It is the same calibration if it was proposed already.
-        """
-
-    def activate(self, id: str, note: str) -> None:
-        """Approve and activate by policy; nothing happens if it is active already."""
-
-
-class AlarmReports(Protocol):
-    """Who is told that something is wrong."""
-
-    def report(self, machine: str | None, kind: str, text: str, severity: Any, on: bool) -> None:
-        """Say whether it is."""
-
-
 @dataclass(frozen=True)
 class Surroundings:
     """What a recalibration uses of the service.
@@ -86,9 +54,9 @@ class Surroundings:
     pause : waits that many seconds
     """
 
-    calibrations: CalibrationPolicy
-    alarms: AlarmReports
-    machines: RecalibratedMachines
+    calibrations: ByPolicy
+    alarms: Alarms
+    machines: Site
     identify: Callable[[Wish, str], Identification]
     cancel: Callable[[str], Any]
     recorders: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(64))
@@ -150,7 +118,9 @@ class RecalibrationKind:
             self._around.recorders.release()
 
     def _recorded(self, run: StageRun, this: Recalibration) -> ChildResult:
-        found = record(run, this, self._around.machines, self._recordings, self._recalibrations, self._around.pause)
+        around = self._around
+        stage = RecordedStage(run, this, around.machines, self._recordings, self._recalibrations, around.pause)
+        found = stage.record()
         return ChildResult("stopped") if found is None else ChildResult("done", summary={"recordings": found})
 
     def _identify(self, run: StageRun, this: Recalibration) -> ChildResult:

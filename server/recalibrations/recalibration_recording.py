@@ -7,11 +7,14 @@ person; on a real machine a person lets the arm's own controller follow it and r
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any, Protocol
+from typing import Any
 
 from server.jobs.job_kinds import JobError, StageRun
+from server.platform.database.engine import as_stored
 from server.platform.errors import ConflictError, UnavailableError
+from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Recalibration, Recalibrations
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -28,97 +31,125 @@ MARGIN_S = 1.0
 _TOLD = 20
 
 
-class Controller(Protocol):
-    """The simulated machine's own controller."""
+@dataclass(frozen=True)
+class RecordedStage:
+    """The stage of one recalibration that records, or waits for whoever does.
 
-    def send(self, name: str, excitation: str) -> None:
-        """Hand it the motion of an excitation under a name."""
-
-    def follows(self, name: str) -> bool:
-        """Whether it began to follow it; UnavailableError if it refused."""
-
-
-class RecalibratedMachines(Protocol):
-    """The machines, as a recalibration needs them."""
-
-    def start_recording(self, machine: str, role: str, label: str, seconds: float) -> RecordingRow:
-        """Start recording; ConflictError or UnavailableError while that cannot be."""
-
-    def stop_recording(self, id: str) -> None:
-        """Stop it."""
-
-    def controller(self, machine: str) -> Controller | None:
-        """Of the simulated machine; None: it is a real one."""
-
-    def motion_seconds(self, excitation: str) -> float:
-        """Length of a designed motion; JobError if there is none."""
-
-    def rate_hz(self, machine: str) -> float:
-        """Cycles a second."""
-
-    def now(self) -> str:
-        """The time as the store writes it."""
-
-
-def record(
-    run: StageRun,
-    this: Recalibration,
-    machines: RecalibratedMachines,
-    recordings: Recordings,
-    store: Recalibrations,
-    pause: Callable[[float], Any],
-) -> dict[str, str] | None:
-    """Record what a recalibration needs, or wait for whoever does; ids by role, None if told to stop.
-
-    Raises
-    ------
-    JobError
-        If it cannot be recorded before the deadline.
+    Attributes
+    ----------
+    store : knows what was recorded so far
+    pause : waits that many seconds
     """
-    asked = this.asked
-    if asked is None:
-        asked = machines.now()
-        store.note(this.id, asked=asked)
-    deadline = _later(asked, this.plan.deadline_s)
-    wanted = _wanted(this, machines)
-    controller = machines.controller(this.machine)
-    if this.plan.motion == "standard" and controller is None:
-        return _by_a_person(run, this, machines, recordings, store, pause, asked, deadline)
-    found = dict(this.recordings)
-    for number, (role, seconds, excitation) in enumerate(wanted):
-        if role in found and _whole(recordings.get(found[role]), seconds * machines.rate_hz(this.machine)):
-            continue
-        said = _Said(run, number / len(wanted), 1 / len(wanted))
-        for attempt in range(1, TRIES + 1):
-            if excitation is not None and controller is not None:
-                name = f"{this.id}-{role}-{machines.now().replace(':', '')}"
-                controller.send(name, excitation)
-                while not controller.follows(name):
-                    if run.should_stop():
-                        return None
-                    _in_time(machines, deadline, "the simulated controller did not begin the motion")
-                    said(0.0, "The arm moves to the start of the motion")
-                    pause(LOOK_S)
-            begun = _started(run, this, machines, role, seconds, deadline, said, pause)
-            if begun is None:
+
+    run: StageRun
+    this: Recalibration
+    machines: Site
+    recordings: Recordings
+    store: Recalibrations
+    pause: Callable[[float], Any]
+
+    def record(self) -> dict[str, str] | None:
+        """Ids of recordings by role, None if told to stop.
+
+        Raises
+        ------
+        JobError
+            If it cannot be recorded before the deadline.
+        """
+        asked = self.this.asked
+        if asked is None:
+            asked = self.machines.now()
+            self.store.note(self.this.id, asked=asked)
+        deadline = _later(asked, self.this.plan.deadline_s)
+        wanted = _wanted(self.this, self.machines)
+        controller = self.machines.controller(self.this.machine)
+        if self.this.plan.motion == "standard" and controller is None:
+            return self._by_a_person(asked, deadline)
+        found, rate_hz = dict(self.this.recordings), self.machines.rate_hz(self.this.machine)
+        for number, (role, seconds, excitation) in enumerate(wanted):
+            if role in found and _whole(self.recordings.get(found[role]), seconds * rate_hz):
+                continue
+            said = _Said(self.run, number / len(wanted), 1 / len(wanted))
+            for attempt in range(1, TRIES + 1):
+                if excitation is not None and controller is not None:
+                    name = f"{self.this.id}-{role}-{self.machines.now().replace(':', '')}"
+                    controller.send(name, excitation)
+                    while not controller.follows(name):
+                        if self.run.should_stop():
+                            return None
+                        self._in_time(deadline, "the simulated controller did not begin the motion")
+                        said(0.0, "The arm moves to the start of the motion")
+                        self.pause(LOOK_S)
+                begun = self._started(role, seconds, deadline, said)
+                if begun is None:
+                    return None
+                found[role] = begun.id
+                self.store.note(self.this.id, recordings=found)
+                ended = self._until_sealed(begun.id, seconds, said)
+                if ended is None:
+                    return None
+                if _whole(ended, seconds * rate_hz):
+                    break
+                reason = ended.error or f"recording {ended.id} ended early"
+                if attempt == TRIES:
+                    raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
+                said(0.0, f"Recording again: {reason}")
+                self.pause(LOOK_S)
+                self._in_time(deadline, reason)
+        return found
+
+    def _started(self, role: str, seconds: float, deadline: str, said: _Said) -> RecordingRow | None:
+        """A recording that has begun; None if told to stop. Waits while the machine is away or is being recorded."""
+        while True:
+            try:
+                label = f"{self.this.label}: {role}"
+                return self.machines.start_recording(self.this.machine, role, label, seconds)
+            except (ConflictError, UnavailableError) as error:
+                self._in_time(deadline, str(error))
+                said(0.0, f"Waiting: {error}")
+            if self.run.should_stop():
                 return None
-            found[role] = begun.id
-            store.note(this.id, recordings=found)
-            ended = _until_sealed(run, machines, recordings, begun.id, seconds, said, pause)
-            if ended is None:
+            self.pause(LOOK_S)
+
+    def _until_sealed(self, id: str, seconds: float, said: _Said) -> RecordingRow | None:
+        """The recording once it is over, however long it became; None if told to stop."""
+        waited = 0.0
+        while (row := self.recordings.get(id)).state == "recording":
+            if self.run.should_stop():
+                self.machines.stop_recording(id)
                 return None
-            if _whole(ended, seconds * machines.rate_hz(this.machine)):
-                break
-            reason = ended.error or f"recording {ended.id} ended early"
-            if attempt == TRIES:
-                raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
-            said(0.0, f"Recording again: {reason}")
-            pause(LOOK_S)
-            _in_time(machines, deadline, reason)
-    return found
+            said(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
+            self.pause(LOOK_S)
+            waited += LOOK_S
+        return None if self.run.should_stop() else row
+
+    def _by_a_person(self, asked: str, deadline: str) -> dict[str, str] | None:
+        """Wait until somebody recorded the motion as train and as validate since it was asked for."""
+        motions = " and ".join(dict.fromkeys(self.this.plan.excitations))
+        said = _Said(self.run, 0.0, 1.0)
+        while True:
+            found = {}
+            for role in ("train", "validate"):
+                rows = self.recordings.list(1, machine=self.this.machine, role=role, state="sealed").items
+                if rows and rows[0].created >= asked:
+                    found[role] = rows[0].id
+            if len(found) == 2:
+                self.store.note(self.this.id, recordings=found)
+                return found
+            missing = " and ".join(f"'{role}'" for role in ("train", "validate") if role not in found)
+            text = f"load the motion of {motions} into the arm's controller, and record it as {missing}"
+            said(len(found) / 2, f"Waiting for a person until {deadline[:16]} UTC: {text}")
+            if self.run.should_stop():
+                return None
+            self._in_time(deadline, f"nobody recorded the standard motion as {missing}; run the schedule again")
+            self.pause(LOOK_S)
+
+    def _in_time(self, deadline: str, text: str) -> None:
+        if self.machines.now() > deadline:
+            raise JobError(f"until {deadline[:16]} UTC {text}")
 
 
-def _wanted(this: Recalibration, machines: RecalibratedMachines) -> list[tuple[str, float, str | None]]:
+def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str | None]]:
     """Role, seconds of machine time and excitation of each recording."""
     if this.plan.motion == "operation":
         fitted = this.plan.duration_s * FITTED
@@ -148,91 +179,11 @@ class _Said:
             self._run.progress(self._start + self._share * fraction, text)
 
 
-def _started(
-    run: StageRun,
-    this: Recalibration,
-    machines: RecalibratedMachines,
-    role: str,
-    seconds: float,
-    deadline: str,
-    said: _Said,
-    pause: Callable[[float], Any],
-) -> RecordingRow | None:
-    """A recording that has begun; None if told to stop. Waits while the machine is not there or is being recorded."""
-    while True:
-        try:
-            return machines.start_recording(this.machine, role, f"{this.label}: {role}", seconds)
-        except (ConflictError, UnavailableError) as error:
-            _in_time(machines, deadline, str(error))
-            said(0.0, f"Waiting: {error}")
-        if run.should_stop():
-            return None
-        pause(LOOK_S)
-
-
-def _until_sealed(
-    run: StageRun,
-    machines: RecalibratedMachines,
-    recordings: Recordings,
-    id: str,
-    seconds: float,
-    said: _Said,
-    pause: Callable[[float], Any],
-) -> RecordingRow | None:
-    """The recording once it is over, however long it became; None if told to stop."""
-    waited = 0.0
-    while (row := recordings.get(id)).state == "recording":
-        if run.should_stop():
-            machines.stop_recording(id)
-            return None
-        said(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
-        pause(LOOK_S)
-        waited += LOOK_S
-    return None if run.should_stop() else row
-
-
 def _whole(row: RecordingRow, rows: float) -> bool:
     """Whether a recording is sealed and has nearly as many rows as it should."""
     counted = row.statistics.get("rows")
     return row.state == "sealed" and counted is not None and counted >= ENOUGH * rows
 
 
-def _by_a_person(
-    run: StageRun,
-    this: Recalibration,
-    machines: RecalibratedMachines,
-    recordings: Recordings,
-    store: Recalibrations,
-    pause: Callable[[float], Any],
-    asked: str,
-    deadline: str,
-) -> dict[str, str] | None:
-    """Wait until somebody recorded the motion as train and as validate since it was asked for."""
-    motions = " and ".join(dict.fromkeys(this.plan.excitations))
-    said = _Said(run, 0.0, 1.0)
-    while True:
-        found = {}
-        for role in ("train", "validate"):
-            rows = recordings.list(1, machine=this.machine, role=role, state="sealed").items
-            if rows and rows[0].created >= asked:
-                found[role] = rows[0].id
-        if len(found) == 2:
-            store.note(this.id, recordings=found)
-            return found
-        missing = " and ".join(f"'{role}'" for role in ("train", "validate") if role not in found)
-        text = f"load the motion of {motions} into the arm's controller, and record it as {missing}"
-        said(len(found) / 2, f"Waiting for a person until {deadline[:16]} UTC: {text}")
-        if run.should_stop():
-            return None
-        _in_time(machines, deadline, f"nobody recorded the standard motion as {missing}; run the schedule again")
-        pause(LOOK_S)
-
-
 def _later(time: str, seconds: float) -> str:
-    moved = datetime.fromisoformat(time) + timedelta(seconds=seconds)
-    return moved.isoformat(timespec="milliseconds").replace("+00:00", "Z")
-
-
-def _in_time(machines: RecalibratedMachines, deadline: str, text: str) -> None:
-    if machines.now() > deadline:
-        raise JobError(f"until {deadline[:16]} UTC {text}")
+    return as_stored(datetime.fromisoformat(time) + timedelta(seconds=seconds))

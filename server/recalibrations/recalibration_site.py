@@ -19,7 +19,7 @@ from server.recordings.recording_store import RecordingRow
 
 
 class Site:
-    """The machines of one service (:class:`server.recalibrations.recalibration_recording.RecalibratedMachines`)."""
+    """The machines of one service."""
 
     def __init__(
         self,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
+from pydantic import Field
 
-from server.jobs.job_store import FINAL, Jobs
-from server.jobs.job_tables import jobs
+from server.jobs.job_store import FINAL, Jobs, JobState, jobs, states_of
 from server.platform.database.engine import Database
-from server.platform.errors import ConflictError, NotFoundError
-from server.recalibrations.recalibration_tables import recalibrations
+from server.platform.database.repository import Repository
+from server.platform.database.stored import HIDDEN, Id, OfJob, OfMachine, Stored
+from server.platform.errors import ConflictError
 
 STAGES = ("record", "identify", "compare", "propose")
 
@@ -39,44 +41,38 @@ class Plan:
     activate: Literal["never", "if_better"] = "never"
     ordered_by: tuple[str, str] | None = None
 
-    @classmethod
-    def of(cls, content: dict[str, Any]) -> Plan:
-        """From the store."""
-        by = content.get("ordered_by")
-        tuples = {"excitations": tuple(content["excitations"]), "ordered_by": by and (by[0], by[1])}
-        return cls(**{**content, **tuples})
 
-    def content(self) -> dict[str, Any]:
-        """For the store."""
-        return {**self.__dict__, "excitations": list(self.excitations)}
+class Recalibration(Stored, table="recalibrations", noun="recalibration"):
+    """One recalibration; ``recordings`` are ids by role, ``asked`` since when recordings of a person count."""
 
-
-@dataclass(frozen=True)
-class Recalibration:
-    """One recalibration; ``recordings`` are ids by role."""
-
-    id: str
-    job: str
-    machine: str
-    schedule: str | None
+    id: Id
+    job: OfJob
+    state: JobState = "queued"
+    machine: OfMachine
+    schedule: str | None  # it may be deleted later
     label: str
-    plan: Plan
     created: str
-    asked: str | None = None
-    recordings: dict[str, str] = field(default_factory=dict)
+    plan: Annotated[Plan, HIDDEN]
+    asked: Annotated[str | None, HIDDEN] = None
+    recordings: dict[str, str] = Field(default_factory=dict)
     identification: str | None = None
     comparison: dict[str, Any] | None = None
     calibration: str | None = None
 
 
-class Recalibrations:
+recalibrations = Recalibration.table
+
+
+class Recalibrations(Repository[Recalibration]):
     """Repository of recalibrations."""
 
+    of = Recalibration
+
     def __init__(self, database: Database) -> None:
-        self._database = database
+        super().__init__(database)
         self._jobs = Jobs(database)
 
-    def insert(self, connection: sa.Connection, new: Recalibration) -> None:
+    def order(self, connection: sa.Connection, new: Recalibration) -> None:
         """Store one with its job, in the transaction of whoever orders it.
 
         Raises
@@ -91,7 +87,7 @@ class Recalibrations:
                 "being_recalibrated",
             )
         self._jobs.insert(connection, id=new.job, kind="recalibration", label=new.label, subject=new.id, stages=STAGES)
-        connection.execute(recalibrations.insert().values(**{**new.__dict__, "plan": new.plan.content()}))
+        self.put(connection, new)
 
     @staticmethod
     def unfinished(connection: sa.Connection, machine: str) -> str | None:
@@ -103,16 +99,12 @@ class Recalibrations:
         )
         return connection.execute(query).scalar()
 
-    def get(self, id: str) -> Recalibration:
-        """The recalibration; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            row = connection.execute(sa.select(recalibrations).where(recalibrations.c.id == id)).first()
-        if row is None:
-            raise NotFoundError(f"there is no recalibration '{id}'", recalibration=id)
-        values = {key: value for key, value in row._mapping.items() if key != "number"}
-        return Recalibration(**{**values, "plan": Plan.of(values["plan"])})
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Recalibration, ...]:
+        """What rows hold, with the states of their jobs."""
+        states = states_of(connection, rows)
+        return tuple(Recalibration.read(row, state=states[row.job]) for row in rows)
 
     def note(self, id: str, **values: Any) -> None:
         """Store how far it came."""
         with self._database.write("recalibrations") as connection:
-            connection.execute(recalibrations.update().where(recalibrations.c.id == id).values(**values))
+            self.update(connection, id, **values)

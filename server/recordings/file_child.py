@@ -14,7 +14,7 @@ from server.recordings import inspect_recording
 from server.recordings.formats import conversion_child
 
 #: Entries by the first argument.
-WORK = {"inspect": inspect_recording.limited, "convert": conversion_child.main}
+WORK = {"inspect": inspect_recording.main, "convert": conversion_child.main}
 
 
 def work(arguments: Sequence[str]) -> int:

@@ -6,7 +6,6 @@ Speaks the protocol of :mod:`server.platform.processes.children`.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from fitting.checks import check_recordings
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained, for_report
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.platform.processes.child_speech import ended
 from server.recordings.formats.declared_size import refuse_bombs
 
 
@@ -32,19 +32,15 @@ def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> l
     return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in told]
 
 
-def main(recording_file: Path, machine_file: Path, role: str) -> int:
-    """Print the summary or the error; returns the exit code."""
+def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:
+    """The summary; InputError if the file is no good recording."""
     try:
         machine = load_machine(machine_file)
         refuse_bombs(recording_file, str(recording_file))
         recording = read_recording(recording_file, machine, role)
     except InputError as error:
-        print(json.dumps({"error": str(explained(error, machine_file, [(role, recording_file)]))}))
-        return 2
-    except MemoryError:
-        print(json.dumps({"error": f"{recording_file}: needs too much memory; record or export a shorter one"}))
-        return 2
-    summary = {
+        raise explained(error, machine_file, [(role, recording_file)]) from None
+    statistics = {
         "rows": len(recording),
         "seconds": round(recording.duration, 6),
         "rate_hz": recording.rate_hz,
@@ -52,12 +48,12 @@ def main(recording_file: Path, machine_file: Path, role: str) -> int:
         "segments": len(recording.segments()),
         "findings": findings_on(machine, recording, machine_file),
     }
-    print(json.dumps({"summary": {"sha256": recording.sha256, "statistics": summary}}))
-    return 0
+    return {"sha256": recording.sha256, "statistics": statistics}
 
 
-def limited(arguments: Sequence[str]) -> int:
-    """As :func:`main`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
+def main(arguments: Sequence[str]) -> int:
+    """As :func:`look`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
     file, machine_file, role = arguments
     limit_child(RECORDING_CPU_S, Path(file).stat().st_size)
-    return main(Path(file), Path(machine_file), role)
+    too_much = f"{file}: needs too much memory; record or export a shorter one"
+    return ended(lambda: look(Path(file), Path(machine_file), role), too_much)

@@ -17,11 +17,10 @@ from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
-from server.recordings.recording_desk import USED_BY, RecordingDesk
+from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_routes import router
 from server.recordings.recording_sessions import Recorder, Sessions
-from server.recordings.recording_store import Recordings
-from server.recordings.recording_tables import recordings
+from server.recordings.recording_store import Recordings, recordings
 from server.recordings.recording_uploads import RecordingUploads
 from server.recordings.ring_recorder import RingRecorder
 
@@ -85,7 +84,7 @@ RECORDINGS = Resource(
             parts[Database], parts[DataDirectory], parts[FileChildren], parts[FREE]
         ),
         Sessions: _sessions,
-        RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory], parts[USED_BY]),
+        RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory]),
     },
     running=_running,
     backed_up=BackedUp("recordings", _files, unchanging=True),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
@@ -14,12 +14,10 @@ from server.platform.authorization.typed_route import TypedRoute
 from server.platform.files import receive
 from server.platform.http.bodies import PLAIN
 from server.platform.http.route_parameters import (
-    BetweenDep,
-    Cursor,
     Idempotency,
-    Limit,
     MachineQuery,
     OneMachine,
+    PageDep,
     ServiceDep,
     problems,
 )
@@ -28,12 +26,11 @@ from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_schemas import (
     RecordingList,
     RecordingResource,
-    RecordingRole,
     RecordingStart,
     RecordingStatistics,
 )
 from server.recordings.recording_sessions import Sessions
-from server.recordings.recording_store import Recordings
+from server.recordings.recording_store import RecordingRole, Recordings, State
 from server.recordings.recording_uploads import RecordingUploads
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=TypedRoute)
@@ -110,19 +107,13 @@ async def upload(
 @router.get("", responses=problems(422), dependencies=[require("read")])
 def list_recordings(
     service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
+    page: PageDep,
     machine: MachineQuery = None,
     role: RecordingRole | None = None,
-    state: Literal["recording", "sealed", "failed"] | None = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
+    state: State | None = None,
 ) -> RecordingList:
     """List recordings, newest first."""
-    page = service[Recordings].list(
-        limit, cursor, machine=machine, machines=principal.machines, role=role, state=state, between=between
-    )
-    return RecordingList.of(page)
+    return RecordingList.of(service[Recordings].list(**page, machine=machine, role=role, state=state))
 
 
 @router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])

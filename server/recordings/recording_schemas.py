@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, Field
 
 from server.platform.authorization.named_things import MachineName
-from server.platform.http.bodies import Body, Label, Listed, Shown
-
-RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
+from server.platform.http.bodies import Body, Label, Listed
+from server.recordings.recording_store import RecordingRole, RecordingRow
 
 
 class RecordingStart(
@@ -24,23 +23,8 @@ class RecordingStart(
     seconds: Annotated[float, Field(gt=0, le=86400)] | None = None
 
 
-class RecordingResource(Shown):
+class RecordingResource(RecordingRow):
     """A recording; ``statistics`` count rows, gaps and what the acquisition lost while it ran."""
-
-    id: str
-    machine: str
-    machine_version: int
-    role: str
-    label: str
-    state: Literal["recording", "sealed", "failed"]
-    origin: Literal["recorded", "uploaded"]
-    format: Literal["parquet", "csv"]
-    created: str
-    ended: str | None
-    bytes: int | None
-    sha256: str | None
-    statistics: dict[str, Any]
-    error: str | None
 
 
 class RecordingList(Listed[RecordingResource]):

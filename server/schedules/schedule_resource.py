@@ -13,8 +13,7 @@ from server.recalibrations.recalibration_site import Site
 from server.schedules.recalibration_orders import RecalibrationOrders
 from server.schedules.schedule_clock import ScheduleClock
 from server.schedules.schedule_routes import router
-from server.schedules.schedule_store import Schedules
-from server.schedules.schedule_tables import schedule_slots, schedules
+from server.schedules.schedule_store import Schedules, schedule_slots, schedules
 
 #: What schedules go by.
 CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")

@@ -3,44 +3,105 @@
 from __future__ import annotations
 
 import secrets
-from dataclasses import replace
 from datetime import datetime
 from functools import partial
 from itertools import islice
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query, Response
+from pydantic import BaseModel, Field
 
 from server.excitations.excitation_store import Excitations
+from server.identifications.identification_schemas import IdentificationOptions
 from server.jobs.job_schemas import JobResource
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.named_things import ExcitationId, MachineName
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import as_stored
 from server.platform.errors import InvalidError
+from server.platform.http.bodies import Flag, Label, Listed
 from server.platform.http.route_parameters import (
-    BetweenDep,
-    Cursor,
     Idempotency,
     KnownTags,
     Limit,
     MachineQuery,
+    PageDep,
     ServiceDep,
     problems,
 )
 from server.platform.service import Service
+from server.recalibrations.recalibration_store import Plan
 from server.schedules import schedule_slots as slots
 from server.schedules.recalibration_orders import RecalibrationOrders
-from server.schedules.schedule_schemas import (
-    ScheduleList,
-    ScheduleResource,
-    ScheduleWish,
-    SlotList,
-    SlotResource,
-    UpcomingSlots,
-)
-from server.schedules.schedule_store import Schedule, Schedules
+from server.schedules.schedule_clock import next_slot
+from server.schedules.schedule_store import Schedule, Schedules, SlotResource
+
+
+class ScheduleWish(
+    BaseModel,
+    extra="forbid",
+    json_schema_extra={
+        "examples": [{"machine": "folding-arm", "cron": "30 2 * * 1", "timezone": "Europe/Vienna", "duration_s": 600}]
+    },
+):
+    """When and how a machine is recalibrated.
+
+    ``motion``: record normal ``operation`` for ``duration_s`` of machine time (two thirds are fitted, one third
+    judges the fit), or the ``standard`` motion: ``excitations`` names one or two, the first to fit, the last to judge
+    by. ``deadline_s``: how long it waits for the machine, or for the person who runs the motion. ``activate``: only
+    ``if_better`` lets it activate what it finds.
+    """
+
+    machine: MachineName
+    label: Label = ""
+    cron: Annotated[str, Field(max_length=200)]
+    timezone: Annotated[str, Field(max_length=64)] = "UTC"
+    enabled: Flag = True
+    motion: Literal["operation", "standard"] = "operation"
+    duration_s: Annotated[float, Field(ge=30, le=86400)] = 300.0
+    excitations: Annotated[list[ExcitationId], Field(max_length=2)] = []
+    deadline_s: Annotated[float, Field(ge=10, le=86400)] = 3600.0
+    options: IdentificationOptions = IdentificationOptions()
+    activate: Literal["never", "if_better"] = "never"
+
+    def plan(self) -> Plan:
+        """What a slot does."""
+        own = self.model_dump(include=set(Plan.__dataclass_fields__))
+        return Plan(**{**own, "excitations": tuple(self.excitations)})
+
+
+class ScheduleResource(ScheduleWish):
+    """A schedule; ``next`` is its next slot in UTC, ``last`` the last that had its turn."""
+
+    id: str
+    created: str
+    next: str | None
+    last: str | None
+
+    @classmethod
+    def of(cls, schedule: Schedule, last: SlotResource | None) -> ScheduleResource:
+        """From the store."""
+        known = {**vars(schedule.plan), **vars(schedule), "next": next_slot(schedule), "last": last and last.slot}
+        return cls(**{name: known[name] for name in cls.model_fields})
+
+
+class ScheduleList(Listed[ScheduleResource]):
+    """A page of schedules."""
+
+
+class UpcomingSlots(BaseModel):
+    """The next slots of a cron expression, in UTC; fewer where it ends."""
+
+    slots: list[str]
+
+
+class SlotList(BaseModel):
+    """The newest slots of a schedule, newest first."""
+
+    items: list[SlotResource]
+
 
 router = APIRouter(prefix="/schedules", tags=["schedules"], route_class=TypedRoute)
 #: Slots that are told ahead.
@@ -68,17 +129,9 @@ def create(
 
 
 @router.get("", responses=problems(422), dependencies=[require("read")])
-def list_schedules(
-    service: ServiceDep,
-    principal: PrincipalDep,
-    between: BetweenDep,
-    machine: MachineQuery = None,
-    limit: Limit = 50,
-    cursor: Cursor = 0,
-) -> ScheduleList:
+def list_schedules(service: ServiceDep, page: PageDep, machine: MachineQuery = None) -> ScheduleList:
     """List schedules, newest first."""
-    page = service[Schedules].list(limit, cursor, machine=machine, machines=principal.machines, between=between)
-    return ScheduleList.of(page, partial(_resource, service))
+    return ScheduleList.of(service[Schedules].list(**page, machine=machine), partial(_resource, service))
 
 
 @router.get("/upcoming", responses=problems(422), dependencies=[require("read")])
@@ -103,7 +156,7 @@ def get(id: str, response: Response, service: ServiceDep) -> ScheduleResource:
 def change(id: str, wish: ScheduleWish, response: Response, service: ServiceDep, tags: KnownTags) -> ScheduleResource:
     """Change a schedule; slots before now that had no turn are forgotten."""
     before = service[Schedules].get(id)
-    changed = replace(_checked(service, wish, id, before.created), considered=service.now())
+    changed = _checked(service, wish, id, before.created)
     return _resource(service, service[Schedules].replace(changed, tags), response)
 
 
@@ -124,7 +177,7 @@ def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDe
 @router.get("/{id}/slots", responses=problems(404, 422), dependencies=[require("read")])
 def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
     """The newest slots that had their turn, newest first."""
-    return SlotList(items=[SlotResource.of(slot) for slot in service[Schedules].slots(id, limit)])
+    return SlotList(items=[*service[Schedules].slots(id, limit)])
 
 
 def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:
@@ -139,11 +192,8 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Sch
         raise InvalidError("the standard motion needs excitations: give the id of one or two that were designed")
     return Schedule(
         id=id,
-        machine=wish.machine,
         label=wish.label or f"Recalibration of {wish.machine}",
-        cron=wish.cron,
-        timezone=wish.timezone,
-        enabled=wish.enabled,
+        **wish.model_dump(include={"machine", "cron", "timezone", "enabled"}),
         plan=wish.plan(),
         considered=now,
         created=created,

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Unpack
+from typing import Literal
 
 import sqlalchemy as sa
 
-from server.jobs.job_tables import jobs
-from server.platform.database.engine import Database, Page
-from server.platform.database.lists import Narrowing, listed
-from server.platform.errors import NotFoundError, PreconditionError
+from server.jobs.job_store import jobs
+from server.platform.database.engine import Database
+from server.platform.database.repository import Repository
+from server.platform.database.schema import metadata
+from server.platform.database.stored import Id, OfMachine, Revision, Stored
+from server.platform.errors import PreconditionError
+from server.platform.http.bodies import Shown
 from server.platform.http.route_parameters import Tags
-from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations
-from server.recalibrations.recalibration_tables import recalibrations
-from server.schedules.schedule_tables import schedule_slots, schedules
+from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations, recalibrations
 
 
-@dataclass(frozen=True)
-class Schedule:
-    """When a machine is recalibrated; slots up to ``considered`` (UTC) have had their turn."""
+class Schedule(Stored, table="schedules", noun="schedule"):
+    """When a machine is recalibrated, and what a slot does; slots up to ``considered`` (UTC) have had their turn."""
 
-    id: str
-    machine: str
+    id: Id
+    machine: OfMachine
     label: str
     cron: str
     timezone: str
@@ -31,31 +30,44 @@ class Schedule:
     plan: Plan
     considered: str
     created: str
-    revision: int = 1
+    revision: Revision = 1
 
 
-@dataclass(frozen=True)
-class Slot:
-    """One slot; ``state`` is done, failed, missed, coalesced or running."""
+class SlotResource(Shown):
+    """A slot in UTC; ``coalesced``: it had its turn together with a later one."""
 
     slot: str
     job: str | None
-    state: str
+    state: Literal["done", "failed", "missed", "coalesced", "running"]
     note: str
     calibration: str | None
 
 
-class Schedules:
+schedules = Schedule.table
+schedule_slots = sa.Table(
+    "schedule_slots",
+    metadata,
+    sa.Column("schedule", sa.String, sa.ForeignKey("schedules.id", ondelete="CASCADE"), primary_key=True),
+    sa.Column("slot", sa.String, primary_key=True),  # UTC: no slot has two rows, so none runs twice
+    sa.Column("job", sa.String, sa.ForeignKey("jobs.id")),  # none: it never ran
+    sa.Column("state", sa.String, nullable=False),  # ordered, coalesced, missed
+    sa.Column("note", sa.String, nullable=False),
+)
+
+
+class Schedules(Repository[Schedule]):
     """Repository of schedules."""
 
+    of = Schedule
+
     def __init__(self, database: Database) -> None:
-        self._database = database
+        super().__init__(database)
         self._recalibrations = Recalibrations(database)
 
     def add(self, new: Schedule) -> None:
         """Store a new schedule."""
         with self._database.write("schedules") as connection:
-            connection.execute(schedules.insert().values(**_columns(new)))
+            self.put(connection, new)
 
     def replace(self, changed: Schedule, revisions: Tags) -> Schedule:
         """Store a changed schedule.
@@ -70,36 +82,26 @@ class Schedules:
             If somebody else changed it meanwhile.
         """
         with self._database.write("schedules") as connection:
-            now = _get(connection, changed.id)
-            if revisions is not None and str(now.revision) not in revisions:
-                raise PreconditionError(f"schedule '{changed.id}' was changed meanwhile; read it again")
-            values = {**_columns(changed), "revision": now.revision + 1}
-            connection.execute(schedules.update().where(schedules.c.id == changed.id).values(**values))
-            return _get(connection, changed.id)
+            now = self._expected(connection, changed.id, revisions)
+            self.update(connection, **{**changed.columns(), "revision": now.revision + 1})
+            return self.found(connection, changed.id)
 
     def delete(self, id: str, revisions: Tags) -> None:
         """Forget a schedule and its slots; its jobs and calibrations stay."""
         with self._database.write("schedules") as connection:
-            now = _get(connection, id)
-            if revisions is not None and str(now.revision) not in revisions:
-                raise PreconditionError(f"schedule '{id}' was changed meanwhile; read it again")
+            self._expected(connection, id, revisions)
             connection.execute(schedule_slots.delete().where(schedule_slots.c.schedule == id))
             connection.execute(schedules.delete().where(schedules.c.id == id))
 
-    def get(self, id: str) -> Schedule:
-        """The schedule; NotFoundError if there is none."""
-        with self._database.read() as connection:
-            return _get(connection, id)
-
-    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Schedule]:
-        """Newest first, narrowed to what is given."""
-        return listed(self._database, schedules, _schedule, limit, after, **narrowed)
+    def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Schedule:
+        found = self.found(connection, id)
+        if revisions is not None and str(found.revision) not in revisions:
+            raise PreconditionError(f"schedule '{id}' was changed meanwhile; read it again")
+        return found
 
     def enabled(self) -> tuple[Schedule, ...]:
         """All that run, the oldest first."""
-        query = sa.select(schedules).where(schedules.c.enabled).order_by(schedules.c.number)
-        with self._database.read() as connection:
-            return tuple(_schedule(row) for row in connection.execute(query))
+        return self.all(schedules.c.enabled)
 
     def busy(self, machine: str) -> bool:
         """Whether a recalibration of the machine is not over."""
@@ -109,7 +111,7 @@ class Schedules:
     def order(self, new: Recalibration) -> None:
         """Store a recalibration that somebody wants now; ConflictError if one of the machine is not over."""
         with self._database.write("jobs", "recalibrations") as connection:
-            self._recalibrations.insert(connection, new)
+            self._recalibrations.order(connection, new)
 
     def claim(
         self, schedule: Schedule, slots: Sequence[str], new: Recalibration | None, notes: tuple[str, str]
@@ -152,7 +154,7 @@ class Schedules:
             if newest in had:
                 return False
             if new is not None:
-                self._recalibrations.insert(connection, new)
+                self._recalibrations.order(connection, new)
             for slot in (slot for slot in slots if slot not in had):
                 last = slot == newest
                 state = "coalesced" if not last else "missed" if new is None else "ordered"
@@ -180,17 +182,10 @@ class Schedules:
                 .values(considered=moment)
             )
 
-    def slots(self, id: str, limit: int) -> tuple[Slot, ...]:
+    def slots(self, id: str, limit: int) -> tuple[SlotResource, ...]:
         """The newest slots, newest first."""
         query = (
-            sa.select(
-                schedule_slots.c.slot,
-                schedule_slots.c.job,
-                schedule_slots.c.state,
-                schedule_slots.c.note,
-                jobs.c.state.label("ran"),
-                recalibrations.c.calibration,
-            )
+            sa.select(schedule_slots, jobs.c.state.label("ran"), recalibrations.c.calibration)
             .join(jobs, jobs.c.id == schedule_slots.c.job, isouter=True)
             .join(recalibrations, recalibrations.c.job == schedule_slots.c.job, isouter=True)
             .where(schedule_slots.c.schedule == id)
@@ -199,24 +194,7 @@ class Schedules:
         )
         states = {"queued": "running", "running": "running", "done": "done", "failed": "failed", "cancelled": "failed"}
         with self._database.read() as connection:
-            _get(connection, id)
+            self.found(connection, id)
             return tuple(
-                Slot(row.slot, row.job, states.get(row.ran, row.state), row.note, row.calibration)
-                for row in connection.execute(query)
+                SlotResource.of(row, state=states.get(row.ran, row.state)) for row in connection.execute(query)
             )
-
-
-def _get(connection: sa.Connection, id: str) -> Schedule:
-    row = connection.execute(sa.select(schedules).where(schedules.c.id == id)).first()
-    if row is None:
-        raise NotFoundError(f"there is no schedule '{id}'", schedule=id)
-    return _schedule(row)
-
-
-def _columns(schedule: Schedule) -> dict[str, Any]:
-    return {**schedule.__dict__, "plan": schedule.plan.content()}
-
-
-def _schedule(row: sa.Row[Any]) -> Schedule:
-    values = {key: value for key, value in row._mapping.items() if key != "number"}
-    return Schedule(**{**values, "plan": Plan.of(values["plan"])})

@@ -17,13 +17,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from daq import InputError, load_machine, read_recording
+from daq import load_machine, read_recording
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
 from daq.quality import MEASURED, Quality
 from daq.recordings.recorded_events import recorded_events
 from daq.recordings.recording_files import Table, read_table, write_columns
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.platform.processes.child_speech import ended
 from server.recordings.formats.conversion_child import units_of
 from server.recordings.inspect_recording import findings_on
 
@@ -97,16 +98,8 @@ def main(arguments: list[str]) -> int:
     """Entry of the process."""
     what, source, target, machine_file, *rest = arguments
     limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
-    try:
-        do(what, Path(source), Path(target), Path(machine_file), rest)
-    except InputError as error:
-        print(json.dumps({"error": str(error)}))
-        return 2
-    except MemoryError:
-        print(json.dumps({"error": f"{source}: needs too much memory; use a shorter recording"}))
-        return 2
-    print(json.dumps({"summary": {}}))
-    return 0
+    too_much = f"{source}: needs too much memory; use a shorter recording"
+    return ended(lambda: do(what, Path(source), Path(target), Path(machine_file), rest), too_much)
 
 
 if __name__ == "__main__":

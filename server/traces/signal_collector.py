@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +13,7 @@ from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
 from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
-from server.live.live_reader import HasRing
+from server.machines.acquisition import Acquisition
 from server.platform.errors import InvalidError, ServiceError
 from server.platform.processes.rounds import Rounds
 from server.traces.extremes import Extremes
@@ -25,16 +24,6 @@ PERIOD_S = 0.5
 #: Held values of a device with a rate of its own are as it should be: only the others are marked.
 AS_IT_SHOULD = (*MEASURED, Quality.HELD)
 _log = structlog.stdlib.get_logger(__name__)
-
-
-class Acquired(Protocol):
-    """Where the rings are (:class:`server.machines.acquisition.Acquisition`)."""
-
-    def names(self) -> tuple[str, ...]:
-        """The machines that are acquired."""
-
-    def feed(self, name: str) -> tuple[Machine, HasRing]:
-        """The machine and its running feed; raises a ServiceError or AcquisitionError while there is none."""
 
 
 class _Machine:
@@ -80,7 +69,7 @@ class SignalCollector:
     acquired : where the rings are
     """
 
-    def __init__(self, acquired: Acquired) -> None:
+    def __init__(self, acquired: Acquisition) -> None:
         self._acquired = acquired
         self._lock = threading.Lock()
         self._machines: dict[str, _Machine] = {}

@@ -16,6 +16,7 @@ NEXT = {
     "recordings": ("button", "Upload"),
     "recalibrate": ("button", "Begin"),
     "results": ("heading", "Results"),
+    "valves": ("link", "Choose recordings"),
     "calibrations": ("heading", "Calibrations"),
     "schedules": ("button", "New schedule"),
     "alarms": ("heading", "Alarms"),

@@ -15,8 +15,10 @@ import can
 import pytest
 import serial.urlhandler
 from can.interfaces import VALID_INTERFACES
+from fuzz_machine_files import honest_files, trespasses
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from daq import parse_machine
 from daq.drivers.can.port import open_bus
 from daq.drivers.modbus.client import ModbusConnection
 from daq.errors import BusError
@@ -140,13 +142,46 @@ def test_places_of_buses() -> None:
     assert BUS.validate_python({"name": "b", "type": "ethercat"}).place == "driver:ethercat"
 
 
+def fuzzed(program: str, files: int) -> dict[str, Any]:
+    """What a program says of so many files; it is a process of its own, as a trace cannot be taken off again."""
+    command = [sys.executable, str(Path(__file__).with_name(program)), str(files)]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert said["trespasses"] == []
+    return said
+
+
 @pytest.mark.slow
 def test_opened_drivers_go_nowhere_else() -> None:
-    """Machine files over the whole schema, against drivers that are opened, with every open and connect traced."""
-    program = [sys.executable, str(Path(__file__).with_name("fuzz_places.py")), "1500"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(program, capture_output=True, text=True, env=environment, timeout=600)
-    assert done.returncode == 0, done.stderr[-2000:]
-    told = json.loads(done.stdout.splitlines()[-1])
-    assert told["trespasses"] == []
+    """Buses with every text replaced, against drivers that are opened, with every open and connect traced."""
+    told = fuzzed("fuzz_places.py", 1500)
     assert told["taken"] > 50 and told["reached"] > 20
+
+
+@pytest.mark.slow
+def test_an_acquisition_of_any_machine_file_goes_nowhere_else() -> None:
+    """Whole machine files, changed at places of the whole schema, on the way of an upload and of its acquisition."""
+    told = fuzzed("fuzz_machine_files.py", 1000)
+    assert told["taken"] > 50 and told["reached"] > 20
+    assert told["places"] > 0.9 * told["of"], "the files do not come to the whole schema"
+    assert told["threads_left"] == 0, "a driver that was stopped goes on"
+
+
+@pytest.mark.parametrize(
+    ("seen", "beyond"),
+    [
+        (("open", "/dev/ttyUSB0"), False),
+        (("open", "/dev/ttyUSB1"), True),
+        (("open", "/tmp/store"), True),
+        (("open", "/data/found/bench/b-5.json"), False),
+        (("os.remove", "/data/../etc/passwd"), True),
+        (("connect", "127.0.0.1"), True),
+        (("connect", "/data/socket"), True),
+    ],
+)
+def test_the_trace_tells_what_is_beyond(seen: tuple[str, str], beyond: bool) -> None:
+    serial = next(own for own in honest_files() if own["buses"][0]["type"] == "modbus_rtu")
+    machine = parse_machine(json.dumps(serial))
+    assert bool(trespasses(machine, (Path("/data"),), [seen])) is beyond

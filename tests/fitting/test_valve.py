@@ -17,6 +17,7 @@ from valve_bench import RATE, Bench, machine_of, written
 from daq import InputError, Machine, Recording, read_recording
 from fitting.signals.filters import filter_bank
 from fitting.valve.choose import left_out
+from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import fitted, moved_without, predicted, relative
 from fitting.valve.identify import Identified, identify_valves
@@ -78,6 +79,53 @@ def test_edges_gains_delay_and_law_of_an_orifice_valve_are_found(identified: Ide
     assert axis["effects"] == [] and axis["verdict"] == "nothing_missing" and axis["checks"] == []
     # 1.2e9 Pa with hoses of 2e-4 m^3: told apart from the stroke's own oil only roughly.
     assert axis["stiffness"]["bulk_modulus"]["value"] == pytest.approx(1.2e9, rel=0.3)
+
+
+@pytest.mark.slow
+def test_the_band_of_the_curve_holds_the_bench_and_is_made_of_edge_and_gain(identified: Identify) -> None:
+    bench, axis = Bench(), identified().report["axes"]["boom"]
+    curve = axis["figures"]["curve"]
+    for u, v, std in zip(curve["command"], curve["speed"], curve["std"], strict=True):
+        way = 0 if u > 0 else 1
+        own = list(axis["directions"].values())[way]
+        edge, gain = own["edge"], own["gain"]
+        beyond = abs(u) - edge["value"]
+        if beyond <= 0:
+            assert v == 0.0
+            continue
+        true = bench.speed(way, abs(u), bench.supply - own["reference_drop"]["inlet"])
+        # A hundredth of the gain is what the test above allows for the bench's own steps.
+        assert abs(abs(v) - true) <= 4 * std + 0.01 * true + 2e-4 * gain["value"]
+        # Whatever the two have in common, the band of k (u - e) lies between difference and sum of both shares.
+        shares = beyond * gain["std"], gain["value"] * edge["std"]
+        assert abs(shares[0] - shares[1]) * 0.98 <= std <= sum(shares) * 1.02
+
+
+def wanted(seed: int, seconds: float = 120.0) -> np.ndarray:
+    """Speeds of an axis that follows a motion, share of full."""
+    rng, time = np.random.default_rng(seed), np.arange(round(seconds * RATE)) / RATE
+    sines = zip(rng.uniform(0.05, 0.2, 4), rng.uniform(0.05, 0.3, 4), rng.uniform(0, 6.28, 4), strict=True)
+    return np.sum([a * np.sin(2 * np.pi * f * time + p) for a, f, p in sines], axis=0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("edge", [0.037, 0.105])
+def test_the_dead_band_that_a_controller_compensates_is_read_out_of_its_commands(seed: int, edge: float) -> None:
+    v = wanted(seed)
+    sent = np.where(np.abs(v) > 0.004, np.sign(v) * edge + v, 0.0)  # it rests below
+    nothing = np.zeros(len(v), dtype=np.int64)
+    for side in (sent, -sent):
+        found = compensated_edge(side, nothing)
+        assert found is not None and edge <= found <= edge + 0.02, "the least it sent is a step of its cycle beyond"
+
+
+def test_nobody_is_said_to_compensate_who_sends_small_commands_or_levels() -> None:
+    assert compensated_edge(np.zeros(10), np.zeros(10, dtype=np.int64)) is None
+    for seed in range(20):
+        v = wanted(seed)
+        assert compensated_edge(v, np.zeros(len(v), dtype=np.int64)) is None
+    levels = np.repeat([0.0, 0.1, 0.0, -0.1, 0.0, 0.25, 0.0, 0.4, 0.0, 0.6], 100)
+    assert compensated_edge(levels, np.zeros(len(levels), dtype=np.int64)) is None
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ It is steered by the request's options, or by ``steer.json`` in the data directo
 
 ``block``: this stage waits until the file ``go``, or ``go-<its process>``, is beside the output directory.
 ``signed``: the report names the process that wrote it. ``fail``: ``[stage, exit code, text]``.
+The stage ``valve`` of an identification of valves leaves the report ``VALVE`` and an inverse in C and ST.
 ``crash``: this stage kills itself. ``silent``: this stage ends without a result. ``no_report``: the last one
 writes none.
 Every run of a stage leaves a line in ``ran.txt`` beside the output directory; a stage that finished answers from its
@@ -21,10 +22,31 @@ from pathlib import Path
 from typing import Any
 
 STAGES = ("check", "cylinder_stage", "report")
-REPORT = {
+REPORT: dict[str, Any] = {
     "schema": "hilfit/report/1",
     "loop": {"verdict": "nothing_missing"},
     "overall": {"before": 1.0, "after": 0.9, "change_percent": -10.0, "ci95_percent": [-12.0, -8.0]},
+}
+#: Of the report of valves what the service reads.
+VALVE: dict[str, Any] = {
+    "schema": "hilfit/valve/1",
+    "axes": {
+        "joint1": {
+            "verdict": "effect_added",
+            "handed_out": "model",
+            "errors": {"handed_out": 0.031, "role": "validate"},
+            "delay": {"value": 0.16},
+            "directions": {
+                "extend": {
+                    "moves": True,
+                    "edge_at_2_percent": {"value": 0.056},
+                    "speed_at_largest": {"value": 0.21},
+                },
+                "retract": {"moves": False},
+            },
+            "effects": [{"id": "spool_hysteresis", "probability": 0.99}],
+        }
+    },
 }
 
 
@@ -77,6 +99,11 @@ def main(request_file: Path, stage: str) -> int:
         (output / "report.html").write_text("<!doctype html><title>report</title>")
         if not options.get("english_only"):  # as an earlier version
             (output / "report.de.html").write_text("<!doctype html><title>Bericht</title>")
+    if stage == "valve" and not options.get("no_report"):
+        (output / "inverse").mkdir()
+        for name in options.get("inverses", ["valve_joint1.c", "valve_joint1.h", "valve_joint1.st"]):
+            (output / "inverse" / name).write_text(f"text of {name}")
+        (output / "valve.json").write_text(json.dumps(VALVE))
     stored.write_text(json.dumps({"stage": stage}))
     say(summary={"stage": stage})
     return 0

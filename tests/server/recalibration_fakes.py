@@ -19,7 +19,7 @@ from server.recalibrations.recalibration_resource import COMPARISON, POLICY
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan
 from server.schedules.schedule_clock import ScheduleClock
-from server.schedules.schedule_store import Schedule, Schedules, Slot
+from server.schedules.schedule_store import Schedule, Schedules, SlotResource
 
 PLAN = Plan(duration_s=12.0, deadline_s=600.0)
 GREW = {"joints": {"joint1": {"before": 2.0, "after": 1.0}}, "change_percent": -50.0, "better": True, "worse": []}
@@ -86,7 +86,7 @@ class Setting:
         self.time += timedelta(hours=hours)
         return self.clock.look()
 
-    def slots(self, schedule: Schedule) -> tuple[Slot, ...]:
+    def slots(self, schedule: Schedule) -> tuple[SlotResource, ...]:
         return self.service[Schedules].slots(schedule.id, 50)
 
     def alarms(self) -> dict[str, str]:

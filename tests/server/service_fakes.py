@@ -39,6 +39,7 @@ from server.platform.settings import Settings
 from server.recordings.file_children import FileChildren
 from server.recordings.recording_resource import RECORDER
 from server.recordings.recording_sessions import RecordOrder
+from server.valves.valve_resource import VALVE_PROGRAM
 
 __all__ = ["REPORT"]
 API = "/api/v1"
@@ -182,6 +183,7 @@ class Fakes:
         script = Path(__file__).with_name("fake_stages.py")
         self.parts: dict[Key, Any] = {
             STAGE_PROGRAM: lambda: StageProgram(STAGES, (sys.executable, str(script))),
+            VALVE_PROGRAM: lambda: StageProgram(("valve",), (sys.executable, str(script))),
             LAUNCH: self.acquisition,
             RECORDER: self.recorder,
             FileChildren: file_children(),

@@ -9,7 +9,7 @@ from typing import Any, Literal, NotRequired, TypedDict, Unpack
 from hilfit_client.transport import Transport
 
 #: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "330d12bf601aff3376c51768d5cb1d392b0f4c9d7e5794e1b359b8ce3b74aa44"
+SOURCE_SHA256 = "0d95e8176f6406ef7ed492ab9a3c40d30aadf1c4ea9dc8cec9fc43912027e22d"
 
 
 class AcquisitionWish(TypedDict):
@@ -997,6 +997,63 @@ class UpcomingSlots(TypedDict):
     slots: list[str]
 
 
+class ValveAxis(TypedDict):
+    """One axis in short."""
+
+    delay: float
+    edges: dict[str, float]
+    effects: list[ValveEffect]
+    error: float
+    handed_out: Literal["model", "before", "static"]
+    judged_on: Literal["train", "validate"]
+    speeds: dict[str, float]
+    verdict: Literal["nothing_missing", "effect_added", "ambiguous"]
+
+
+class ValveEffect(TypedDict):
+    """What the model of a valve lacked."""
+
+    id: str
+    probability: float
+
+
+class ValveList(TypedDict):
+    """A page of identifications of valves."""
+
+    items: list[ValveResource]
+    next: int | None
+
+
+class ValveOptions(TypedDict):
+    """Choices: `loop`: look for effects. `bandwidth_hz`: of the filter; 3 Hz, or a fifth of a slower rate."""
+
+    bandwidth_hz: NotRequired[float | None]
+    loop: NotRequired[bool]
+
+
+class ValveOrder(TypedDict):
+    """Whose valves to identify, from recordings with commands; those in the role `validate` are judged on."""
+
+    label: NotRequired[str]
+    machine: str
+    options: NotRequired[ValveOptions]
+    recordings: list[RecordingChoice]
+
+
+class ValveResource(TypedDict):
+    """An identification of valves; `axes` are there, by joint, once its job is done."""
+
+    axes: dict[str, ValveAxis] | None
+    created: str
+    id: str
+    job: str
+    label: str
+    machine: str
+    machine_version: int
+    options: dict[str, Any]
+    recordings: list[RecordingChoice]
+
+
 class VerificationResource(TypedDict):
     """Whether the log is as it was written."""
 
@@ -1980,6 +2037,61 @@ class StatusApi:
         return answer
 
 
+class ValvesApi:
+    """What is below ``/valves``."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def list_valves(
+        self,
+        *,
+        machine: str | None = None,
+        limit: int | None = None,
+        cursor: int | None = None,
+        since: str | None = None,
+        until: str | None = None,
+        label: str | None = None,
+    ) -> ValveList:
+        """List identifications of valves, newest first."""
+        answer: ValveList = self._transport.json(
+            "GET",
+            "/api/v1/valves",
+            query={
+                "machine": machine,
+                "limit": limit,
+                "cursor": cursor,
+                "since": since,
+                "until": until,
+                "label": label,
+            },
+        )
+        return answer
+
+    def order(self, *, idempotency_key: str | None = None, **body: Unpack[ValveOrder]) -> ValveResource:
+        """Order an identification of valves: its job is at `Location`; one `Idempotency-Key` makes one job."""
+        answer: ValveResource = self._transport.json(
+            "POST", "/api/v1/valves", json=dict(body), headers={"idempotency-key": idempotency_key}
+        )
+        return answer
+
+    def get(self, id: str) -> ValveResource:
+        """Read an identification of valves."""
+        answer: ValveResource = self._transport.json("GET", f"/api/v1/valves/{self._transport.quoted(id)}")
+        return answer
+
+    def inverse(self, id: str, *, format: Literal["c", "csv", "python", "st"] | None = None) -> bytes:
+        """What a controller is told: of each axis the command for a speed, as source; 404 if no valve moved its axis."""
+        return self._transport.content(
+            "GET", f"/api/v1/valves/{self._transport.quoted(id)}/inverse.zip", query={"format": format}
+        )
+
+    def report(self, id: str) -> dict[str, Any]:
+        """The result (schema `hilfit/valve/1`)."""
+        answer: dict[str, Any] = self._transport.json("GET", f"/api/v1/valves/{self._transport.quoted(id)}/valve.json")
+        return answer
+
+
 class WebhooksApi:
     """What is below ``/webhooks``."""
 
@@ -2127,6 +2239,7 @@ class Api:
         self.recordings = RecordingsApi(transport)
         self.schedules = SchedulesApi(transport)
         self.status = StatusApi(transport)
+        self.valves = ValvesApi(transport)
         self.webhooks = WebhooksApi(transport)
         self.workers = WorkersApi(transport)
         self.healthz = HealthzApi(transport)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Annotated, Any
 
 from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
 
-from server.machines.faults.fault_schemas import FaultOffer, FaultWish, MachineFaults
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_store import Machines
+from server.machines.simulation import Simulation
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
@@ -16,18 +17,47 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.parts import PartName
 from server.platform.service import Service
 
+
+class FaultOffer(BaseModel):
+    """A fault that the simulated machine can have: its name, what it is of, and its keys of a fault file."""
+
+    fault: str
+    target: str
+    entry: dict[str, Any]
+
+
+class MachineFaults(BaseModel):
+    """What can be broken, and what is: keys of a fault file, with ``left_s`` seconds until it is over.
+
+    ``simulated`` is false for a machine of this world, which has no offers.
+    """
+
+    simulated: bool
+    offers: list[FaultOffer]
+    running: list[dict[str, Any]]
+
+
+class FaultWish(
+    BaseModel,
+    json_schema_extra={
+        "examples": [{"faults": [{"at": 0, "for": 5, "fault": "node_death", "bus": "can", "node": 31}]}]
+    },
+):
+    """Faults to begin, with the keys of a fault file (``hilfit/faults/1``); ``at`` counts from now.
+
+    ``{"faults": [{"at": 0, "for": 5, "fault": "node_death", "bus": "can", "node": 31}]}``
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    faults: Annotated[list[dict[str, Any]], Field(min_length=1, max_length=20)]
+
+
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 
 
-class Orderable(Protocol):
-    """The simulated machine as it takes orders (:class:`server.machines.simulation.Simulation`)."""
-
-    def order(self, order: str, **details: Any) -> Any:
-        """Ask for something and wait for the answer."""
-
-
 #: The simulated machine; None without ``--simulate``.
-BREAKABLE: PartName[Orderable | None] = PartName("what takes orders for faults")
+BREAKABLE: PartName[Simulation | None] = PartName("what takes orders for faults")
 
 
 @router.get("/{name}/faults", responses=problems(404, 422, 503), dependencies=[require("read")])
@@ -53,6 +83,6 @@ def begin(name: str, wish: FaultWish, service: ServiceDep) -> MachineFaults:
     return MachineFaults(simulated=True, offers=[], running=simulated.order("begin", faults=wish.faults))
 
 
-def _simulated(name: str, service: Service) -> Orderable | None:
+def _simulated(name: str, service: Service) -> Simulation | None:
     service[Machines].get(name)
     return service[BREAKABLE] if service[MachineDesk].simulated == name else None

@@ -28,6 +28,11 @@ class IdempotencyKey:
         text = json.dumps(content, sort_keys=True)
         return cls(key, hashlib.sha256(text.encode()).hexdigest())
 
+    def refuse_other(self, request_sha256: str) -> None:
+        """Raise ConflictError if it came before with another request, of which this is the hash."""
+        if request_sha256 != self.request_sha256:
+            raise ConflictError("this Idempotency-Key came before with another request; use a new key", "key_used")
+
 
 def earlier(connection: sa.Connection, key: IdempotencyKey | None) -> str | None:
     """Id of what the same request made before; None if there was none.
@@ -42,8 +47,7 @@ def earlier(connection: sa.Connection, key: IdempotencyKey | None) -> str | None
     row = connection.execute(sa.select(idempotency_keys).where(idempotency_keys.c.key == key.key)).first()
     if row is None:
         return None
-    if row.request_sha256 != key.request_sha256:
-        raise ConflictError("this Idempotency-Key came before with another request; use a new key", "key_used")
+    key.refuse_other(row.request_sha256)
     return str(row.subject)
 
 

@@ -25,10 +25,10 @@ class Body(BaseModel):
 class Shown(BaseModel):
     """What is shown of something that the service knows: what is called like its fields."""
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(from_attributes=True, frozen=True)
 
     @classmethod
-    def of(cls, value: object, **beside: object) -> Self:
+    def of(cls, value: object, /, **beside: object) -> Self:
         """From a thing with such attributes, whatever else it has; ``beside`` are fields that it has not."""
         own = {name: getattr(value, name) for name in cls.model_fields if name not in beside and hasattr(value, name)}
         return cls.model_validate(own | beside)

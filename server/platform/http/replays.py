@@ -7,14 +7,12 @@ as a pairing code lives: long enough for a client on a bad link to ask again, an
 
 from __future__ import annotations
 
-import hashlib
-import json
 import threading
 import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from server.platform.errors import ConflictError
+from server.platform.database.idempotency import IdempotencyKey
 
 LIFETIME_S = 900.0
 #: Most answers that are kept; the oldest goes first.
@@ -47,21 +45,18 @@ class Replays:
         ConflictError
             If the key came before with another content.
         """
-        if key is None:
+        sent = IdempotencyKey.of(key, content)
+        if sent is None:
             return make()
-        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
         with self._lock:  # the second of two that come at once waits for the first
             now = self._clock()
             self._kept = {name: entry for name, entry in self._kept.items() if now - entry[0] < LIFETIME_S}
-            known = self._kept.get((who, what, key))
+            known = self._kept.get((who, what, sent.key))
             if known is not None:
-                if known[1] != digest:
-                    raise ConflictError(
-                        "this Idempotency-Key came before with another request; use a new key", "key_used"
-                    )
+                sent.refuse_other(known[1])
                 return known[2]  # type: ignore[no-any-return]
             value = make()
-            self._kept[who, what, key] = now, digest, value
+            self._kept[who, what, sent.key] = now, sent.request_sha256, value
             if len(self._kept) > MOST:
                 del self._kept[next(iter(self._kept))]
             return value

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 from fastapi import Depends, Header, Query, Request
 
+from server.platform.authorization.guard import PrincipalDep
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
-from server.platform.database.lists import Between
+from server.platform.database.repository import Between
 from server.platform.errors import InvalidError
 from server.platform.http.problems import MEDIA_TYPE, status_phrase
 from server.platform.service import Service
@@ -49,7 +50,7 @@ def _known_tags(
 Moment = Annotated[datetime | None, Query(description="ISO 8601 with a time zone, as `created` has it")]
 
 
-def _between(
+async def _between(
     since: Moment = None,
     until: Moment = None,
     label: Annotated[str, Query(max_length=200, description="A part of the label, in whatever case")] = "",
@@ -63,7 +64,25 @@ def _between(
     return Between(since, until, label)
 
 
-BetweenDep = Annotated[Between, Depends(_between)]
+class Page(TypedDict):
+    """Which part of a list somebody asks for, and of which machines it may be: the first arguments of a list."""
+
+    limit: int
+    after: int
+    machines: tuple[str, ...] | None
+    between: Between
+
+
+async def _page(
+    principal: PrincipalDep,
+    between: Annotated[Between, Depends(_between)],
+    limit: Limit = 50,
+    cursor: Cursor = 0,
+) -> Page:
+    return Page(limit=limit, after=cursor, machines=principal.machines, between=between)
+
+
+PageDep = Annotated[Page, Depends(_page)]
 #: Tags of a thing's states that whoever changes it knows (RFC 9110 section 13.1); None: whatever there is.
 Tags = frozenset[str] | None
 #: The tag of what is not there.

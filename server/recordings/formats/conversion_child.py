@@ -12,13 +12,14 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from daq import InputError, load_machine
+from daq import load_machine
 from daq.formats import mcap_file, mdf4
 from daq.machine.machine_file import Machine
 from daq.recordings.column_map import load_map
 from daq.recordings.recording_files import Table, read_table, write_columns
 from daq.recordings.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
+from server.platform.processes.child_speech import ended, say
 from server.recordings.formats.declared_size import refuse_bombs
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.formats.recording_statistics import statistics
@@ -59,19 +60,12 @@ def main(arguments: Sequence[str]) -> int:
     """Entry of the process, which is limited to what such a file may take; the exit code."""
     what, source, target, machine_file, shown = arguments
     limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
+    too_much = f"{shown}: needs too much memory; use a shorter recording"
     try:
-        do(what, Path(source), Path(target), load_machine(machine_file), shown)
-    except InputError as error:
-        print(json.dumps({"error": str(error)}))
-        return 2
-    except MemoryError:
-        print(json.dumps({"error": f"{shown}: needs too much memory; use a shorter recording"}))
-        return 2
+        return ended(lambda: do(what, Path(source), Path(target), load_machine(machine_file), shown), too_much)
     except ModuleNotFoundError as error:
         extra = NEEDS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        print(json.dumps({"error": f"this needs {error.name}; run: pip install 'hilfit[{extra}]'"}))
+        say(error=f"this needs {error.name}; run: pip install 'hilfit[{extra}]'")
         return 1
-    print(json.dumps({"summary": {}}))
-    return 0

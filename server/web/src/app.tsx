@@ -18,6 +18,7 @@ const VIEWS = {
   recordings: [later(() => import("./views/recordings")), t("common.recordings")],
   jobs: [later(() => import("./views/jobs")), t("common.jobs")],
   results: [later(() => import("./views/results")), t("common.results")],
+  valves: [later(() => import("./views/valves")), t("shell.valves")],
   calibrations: [later(() => import("./views/calibrations")), t("common.calibrations")],
   schedules: [later(() => import("./views/schedules")), t("common.schedules")],
   machines: [later(() => import("./views/machines")), t("common.machines")],

@@ -11,8 +11,7 @@ from access_fakes import Clock, Guarded, guarded_service
 from service_fakes import API
 
 from server.access.access_desk import Access
-from server.access.access_tables import pairing_codes
-from server.access.pairing import DIGITS, MOST_FAILURES, MOST_OPEN, PairingCodes, pairing_url
+from server.access.pairing import DIGITS, MOST_FAILURES, MOST_OPEN, PairingCodes, pairing_codes, pairing_url
 from server.access.rates import Rate, Rates
 from server.audit.audit_log import Audit
 from server.composition.declarations import TABLES

@@ -151,6 +151,10 @@ FOREIGN: dict[str, list[dict[str, Any]]] = {
         {"machine": "lever", "recordings": [{"id": "of-other"}]},
         {"machine": "other", "recordings": [{"id": "of-lever"}]},
     ],
+    "ValveOrder": [
+        {"machine": "lever", "recordings": [{"id": "of-other"}]},
+        {"machine": "other", "recordings": [{"id": "of-lever"}]},
+    ],
     "Proposal": [{"identification": "of-lever"}],
     "ExcitationOrder": [{"machine": "lever"}],
     "ScheduleWish": [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -13,7 +12,14 @@ from server.alarms import alarm_lifecycle as lifecycle
 from server.alarms.alarm_conditions import KINDS, AlarmKind, DeadBand, Timer, beyond, step
 from server.alarms.alarm_lifecycle import Alarm
 
-NEW = Alarm("a1", "lever", "channel_stale", "no measurement", "warning", "2026-01-01T00:00:00.000Z")
+NEW = Alarm(
+    id="a1",
+    machine="lever",
+    kind="channel_stale",
+    text="no measurement",
+    severity="warning",
+    raised="2026-01-01T00:00:00.000Z",
+)
 NOW = datetime(2026, 1, 1, 12, tzinfo=UTC)
 
 
@@ -78,7 +84,7 @@ def test_noise_about_a_limit_is_one_alarm() -> None:
 
 def test_an_unacknowledged_alarm_that_returns_is_counted() -> None:
     gone = lifecycle.clear(NEW, "2026-01-01T00:01:00.000Z")
-    again = replace(NEW, id="a2", raised="2026-01-01T00:02:00.000Z", text="another")
+    again = NEW.but(id="a2", raised="2026-01-01T00:02:00.000Z", text="another")
     back = lifecycle.raise_(gone, again)
     assert (back.id, back.count, back.raised, back.text, back.state) == ("a1", 2, again.raised, "another", "active")
 
@@ -87,13 +93,13 @@ def test_an_acknowledged_alarm_that_returns_is_new_and_stays_shelved() -> None:
     seen = lifecycle.acknowledge(NEW, "Ada")
     assert lifecycle.acknowledge(seen, "Bob").acknowledged_by == "Ada"
     gone = lifecycle.clear(lifecycle.shelve(seen, "Ada", "known", 60, NOW), "2026-01-01T00:01:00.000Z")
-    new = lifecycle.raise_(gone, replace(NEW, id="a2"))
+    new = lifecycle.raise_(gone, NEW.but(id="a2"))
     assert (new.id, new.count, new.acknowledged, new.shelved_until) == ("a2", 1, False, "2026-01-01T12:01:00.000Z")
 
 
 def test_while_active_only_its_text_and_severity_move() -> None:
-    worse = lifecycle.raise_(NEW, replace(NEW, id="a2", raised="later", text="worse", severity="critical"))
-    assert worse == replace(NEW, text="worse", severity="critical")
+    worse = lifecycle.raise_(NEW, NEW.but(id="a2", raised="later", text="worse", severity="critical"))
+    assert worse == NEW.but(text="worse", severity="critical")
 
 
 def test_clearing_twice_keeps_the_first_time() -> None:

@@ -23,10 +23,8 @@ from server.backups.backup_archive import KEPT, MANIFEST, Backups, restore
 from server.backups.backup_files import BackupContent
 from server.commands.command_line import main
 from server.composition.declarations import RESOURCES, TABLES
-from server.identifications.identification_store import Identifications
-from server.identifications.identification_tables import identifications
-from server.jobs.job_store import Jobs
-from server.jobs.job_tables import jobs
+from server.identifications.identification_store import Identifications, identifications
+from server.jobs.job_store import Jobs, jobs
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.schema import SCHEMA_VERSION
@@ -66,13 +64,27 @@ def test_a_backup_of_a_running_service_is_restored_elsewhere_and_jobs_are_there(
         assert again.follow(second.job)[-1]["state"] == "done"
 
 
+def sealed_recording(id: str, database: Database) -> RecordingRow:
+    return RecordingRow(
+        id=id,
+        machine="lever",
+        machine_version=1,
+        role="train",
+        label="",
+        state="sealed",
+        origin="recorded",
+        format="parquet",
+        created=database.now(),
+    )
+
+
 @pytest.fixture
 def files(tmp_path: Path) -> DataDirectory:
     """A store with a machine, and a recording's file."""
     files = DataDirectory(tmp_path / "data")
     database = Database(files.database, TABLES, changed=lambda: None)
     Machines(database).add("lever", 1, "hash")
-    row = RecordingRow("rec-1", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
+    row = sealed_recording("rec-1", database)
     Recordings(database).add(row)
     with database.write() as connection:
         of_job = dict.fromkeys(("id", "subject"), "idn-1") | dict.fromkeys(("label", "text", "created"), "")
@@ -166,7 +178,7 @@ def test_a_file_that_is_deleted_during_the_copy_is_left_out_and_reported(
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).write_text("{}")
     database = Database(files.database, TABLES, changed=lambda: None)
-    row = RecordingRow("rec-3", "lever", 1, "train", "", "sealed", "recorded", "parquet", database.now())
+    row = sealed_recording("rec-3", database)
     Recordings(database).add(row)
     database.close()
     (files.recordings / "rec-3.parquet").write_bytes(b"sealed")

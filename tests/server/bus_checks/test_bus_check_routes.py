@@ -19,7 +19,7 @@ from daq.commissioning.check import MachineCheck
 from daq.commissioning.delays import BusDelay, PairDelay
 from daq.frames.frame import Frame, row_dtype, row_from_frame
 from daq.quality import Quality
-from server.bus_checks.bus_check_schemas import BusCheck
+from server.bus_checks.bus_check_resource import shown
 from server.machines.machine_resource import LAUNCH
 
 pytestmark = pytest.mark.slow
@@ -132,7 +132,7 @@ def test_delays_are_given_in_milliseconds_with_what_each_joint_says() -> None:
     pair = PairDelay("boom", ("boom.head", "boom.rod"), "boom.angle", "effort", 0.0129, 0.0015, 0.95)
     delay = BusDelay("modbus", "can", 0.0123, 0.0012, (pair,))
     found = MachineCheck("crane", "2026-03-01 08:00 UTC", 20.0, 50.0, 5000, 0, 3.2, (), (), (delay,), ())
-    (told,) = BusCheck.of(found).delays
+    (told,) = shown(found).delays
     assert (told.bus, told.reference) == ("modbus", "can")
     assert (told.delay_ms, told.std_ms) == pytest.approx((12.3, 1.2))
     (by,) = told.told_by

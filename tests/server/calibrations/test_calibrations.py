@@ -13,7 +13,7 @@ from service_fakes import API, Running, recording_bytes
 
 from server.audit.audit_log import Audit
 from server.calibrations.calibration_comparison import compare_errors, compare_parameters
-from server.calibrations.calibration_content import content_of
+from server.calibrations.calibration_content import Parameter, content_of
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
@@ -232,14 +232,14 @@ def test_what_a_policy_does_is_in_the_audit_log(guarded: Guarded, identified: An
 
 
 def test_parameters_are_named_by_what_they_belong_to() -> None:
-    names = [entry["name"] for entry in content_of(report(1.0)).parameters]
+    names = [entry.name for entry in content_of(report(1.0)).parameters]
     assert names == ["joint1.f_c", "ZZ1", "stribeck:joint1.f_b"]
     assert "candidates" not in content_of(report(1.0)).model
 
 
 def test_parameters_that_one_of_them_lacks_and_units_that_differ_have_no_shift() -> None:
-    a = [{"name": "p", "value": 1.0, "std": 0.1, "unit": "N"}, {"name": "q", "value": 1.0, "std": 0.1, "unit": "N"}]
-    b = [{"name": "q", "value": 2.0, "std": 0.1, "unit": "kN"}, {"name": "r", "value": 1.0, "std": None, "unit": "m"}]
+    a = [Parameter(name=name, value=1.0, std=0.1, unit="N") for name in ("p", "q")]
+    b = [Parameter(name="q", value=2.0, std=0.1, unit="kN"), Parameter(name="r", value=1.0, std=None, unit="m")]
     shifts = compare_parameters(a, b)
     assert [(shift.name, shift.a, shift.b, shift.sigmas) for shift in shifts] == [
         ("p", 1.0, None, None),

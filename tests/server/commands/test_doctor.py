@@ -138,6 +138,13 @@ def test_a_machine_whose_interface_is_not_there(capsys: pytest.CaptureFixture[st
     assert "is not there" in out
 
 
+def test_where_uploaded_machines_may_go_is_said() -> None:
+    assert "nowhere" in probes.bus_places(()).text
+    assert probes.bus_places(("can:socketcan:can0", "tcp:192.0.2.0/24:502")).text.endswith(
+        "can:socketcan:can0, tcp:192.0.2.0/24:502"
+    )
+
+
 def test_where_webhooks_may_go_is_said() -> None:
     assert probes.webhook_places(()).text == "webhooks may be delivered to nowhere"
     places = ("https://erp.example", "http://192.0.2.7")

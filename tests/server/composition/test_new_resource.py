@@ -27,43 +27,30 @@ from server.platform.settings import Settings
 #: The folder of the toy, by file.
 FOLDER = {
     "__init__": '"""Toys of machines."""\n',
-    "toy_tables": """
-import sqlalchemy as sa
-from server.platform.database.schema import metadata
-
-toys = sa.Table(
-    "toys",
-    metadata,
-    sa.Column("number", sa.Integer, primary_key=True),
-    sa.Column("id", sa.String, nullable=False, unique=True),
-    sa.Column("job", sa.String, sa.ForeignKey("jobs.id"), nullable=False),
-    sa.Column("machine", sa.String, sa.ForeignKey("machines.name"), nullable=False),
-)
-""",
     "toy_store": """
-import sqlalchemy as sa
 from server.jobs.job_store import Jobs
-from toys.toy_tables import toys
+from server.platform.database.repository import Repository
+from server.platform.database.stored import Id, OfJob, OfMachine, Stored
 
 
-class Toys:
-    def __init__(self, database, files):
-        self._database, self._files = database, files
+class Toy(Stored, table="toys", noun="toy", created="id", label="id"):
+    id: Id
+    job: OfJob
+    machine: OfMachine
+
+
+class Toys(Repository[Toy]):
+    of = Toy
 
     def add(self, machine):
+        count = len(self.all())
+        toy = Toy(id=f"toy-{count}", job=f"job-of-toy-{count}", machine=machine)
         with self._database.write("toys", "jobs") as connection:
-            count = connection.execute(sa.select(sa.func.count()).select_from(toys)).scalar_one()
-            id, job = f"toy-{count}", f"job-of-toy-{count}"
             Jobs(self._database).insert(
-                connection, id=job, kind="toy", label="Play", subject=id, stages=("play",)
+                connection, id=toy.job, kind="toy", label="Play", subject=toy.id, stages=("play",)
             )
-            connection.execute(toys.insert().values(id=id, job=job, machine=machine))
-        return id, job
-
-    def list(self, machines=None):
-        query = sa.select(toys) if machines is None else sa.select(toys).where(toys.c.machine.in_(machines))
-        with self._database.read() as connection:
-            return [{"id": row.id, "machine": row.machine} for row in connection.execute(query)]
+            self.put(connection, toy)
+        return toy
 """,
     "toy_job": """
 from server.jobs.job_kinds import NUMERICAL
@@ -101,9 +88,9 @@ from server.jobs.job_runner import JobRunner
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.named_things import MachineName
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.bodies import Body
+from server.platform.http.bodies import Body, Listed
 from server.platform.http.route_parameters import ServiceDep
-from toys.toy_store import Toys
+from toys.toy_store import Toy, Toys
 
 router = APIRouter(prefix="/toys", tags=["toys"], route_class=TypedRoute)
 
@@ -112,21 +99,29 @@ class ToyOrder(Body):
     machine: MachineName
 
 
+class ToyResource(Toy):
+    pass
+
+
+class ToyList(Listed[ToyResource]):
+    pass
+
+
 @router.post("", status_code=202, dependencies=[require("engineer")])
 def make(body: ToyOrder, service: ServiceDep) -> dict[str, str]:
-    id, job = service[Toys].add(body.machine)
-    service[JobRunner].enqueue(job)
-    return {"id": id, "job": job}
+    toy = service[Toys].add(body.machine)
+    service[JobRunner].enqueue(toy.job)
+    return {"id": toy.id, "job": toy.job}
 
 
 @router.get("", dependencies=[require("read")])
-def list_toys(service: ServiceDep, principal: PrincipalDep) -> dict[str, list[dict[str, str]]]:
-    return {"items": service[Toys].list(principal.machines)}
+def list_toys(service: ServiceDep, principal: PrincipalDep) -> ToyList:
+    return ToyList.of(service[Toys].list(50, machines=principal.machines))
 
 
 @router.get("/{id}", dependencies=[require("read")])
-def get(id: str, service: ServiceDep) -> dict[str, str]:
-    return next(toy for toy in service[Toys].list() if toy["id"] == id)
+def get(id: str, service: ServiceDep) -> ToyResource:
+    return ToyResource.of(service[Toys].get(id))
 """,
     "toy_resource": """
 from functools import partial
@@ -137,8 +132,7 @@ from server.platform.files import DataDirectory
 from server.platform.resource import BackedUp, Phase, Resource, Running
 from toys.toy_job import ToyKind
 from toys.toy_routes import router
-from toys.toy_store import Toys
-from toys.toy_tables import toys
+from toys.toy_store import Toy, Toys
 
 told = []
 
@@ -148,22 +142,22 @@ def _running(parts):
 
 
 def _metrics(parts):
-    yield GaugeMetricFamily("toys", "Toys.", value=len(parts[Toys].list()))
+    yield GaugeMetricFamily("toys", "Toys.", value=len(parts[Toys].all()))
 
 
 TOYS = Resource(
     name="toys",
     routers=(router,),
-    tables=(toys,),
-    of_a_machine={"toys": toys},
+    tables=(Toy.table,),
+    of_a_machine={"toys": Toy.table},
     kept={"/toys": ("toys",)},
     provides={
-        Toys: lambda parts: Toys(parts[Database], parts[DataDirectory]),
+        Toys: lambda parts: Toys(parts[Database]),
         ToyKind: lambda parts: ToyKind(parts[DataDirectory]),
     },
     job_kinds=(ToyKind,),
     running=_running,
-    backed_up=BackedUp("toys", partial(named_results, toys)),
+    backed_up=BackedUp("toys", partial(named_results, Toy.table)),
     metrics=_metrics,
 )
 """,
@@ -209,7 +203,7 @@ def toy(guarded: Guarded) -> dict[str, str]:
 @pytest.mark.slow
 def test_it_is_served_and_described(guarded: Guarded, toy: dict[str, str]) -> None:
     found = guarded.client.get(f"{API}/toys/{toy['id']}", headers=guarded.bearer("viewer"))
-    assert found.json() == {"id": toy["id"], "machine": "lever"}
+    assert found.json() == {**toy, "machine": "lever"}
     paths = guarded.client.get(f"{API}/openapi.json").json()["paths"]
     assert set(paths[f"{API}/toys"]) == {"get", "post"}
     assert "304" in paths[f"{API}/toys"]["get"]["responses"], "its list is kept"
@@ -224,7 +218,7 @@ def test_it_is_in_the_access_matrix(guarded: Guarded, toy: dict[str, str]) -> No
     for path in (f"toys/{toy['id']}", f"jobs/{toy['job']}"):
         assert guarded.client.get(f"{API}/{path}", headers=other).status_code == 404
         assert guarded.client.get(f"{API}/{path}", headers=own).status_code == 200
-    assert guarded.client.get(f"{API}/toys", headers=other).json() == {"items": []}
+    assert guarded.client.get(f"{API}/toys", headers=other).json()["items"] == []
 
 
 def test_what_was_done_to_it_is_in_the_audit_log(guarded: Guarded, toy: dict[str, str]) -> None:

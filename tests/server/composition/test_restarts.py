@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,7 @@ from service_fakes import API, MACHINE, Fakes, Running, running_service
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs
 from server.machines.acquisition import Acquisition
-from server.recordings.recording_store import RecordingRow, Recordings
-from server.recordings.recording_tables import recordings
+from server.recordings.recording_store import RecordingRow, Recordings, recordings
 
 pytestmark = pytest.mark.slow
 
@@ -52,9 +50,9 @@ def test_a_cut_recording_is_recovered_at_the_next_start(tmp_path: Path) -> None:
     with running_service(tmp_path, Fakes()) as second:
         cut = second.client.get(f"{RECORDINGS}/rec-cut").json()
         assert (cut["state"], cut["statistics"]) == ("sealed", {"rows": 500, "recovered": True})
-        second.service[Recordings].add(replace(row, id="rec-empty"))
+        second.service[Recordings].add(row.but(id="rec-empty"))
         # Killed when the file was whole, before the store knew.
-        second.service[Recordings].add(replace(row, id="rec-whole", machine="lever", role="validate", state="failed"))
+        second.service[Recordings].add(row.but(id="rec-whole", machine="lever", role="validate", state="failed"))
         with second.service.database.write() as connection:
             connection.execute(recordings.update().where(recordings.c.id == "rec-whole").values(state="recording"))
         directory = second.service.files.recordings

@@ -26,11 +26,10 @@ from server.composition.declarations import TABLES
 from server.composition.worker import other_version, work
 from server.identifications.identification_store import Identification
 from server.jobs.claims import Claims
-from server.jobs.executors import SILENT_S, Heartbeat, Silence
+from server.jobs.executors import SILENT_S, Heartbeat, Silence, executors, hosts
 from server.jobs.job_kinds import NUMERICAL
 from server.jobs.job_runner import EXECUTOR, JobRunner
 from server.jobs.job_store import Jobs, Result
-from server.jobs.job_tables import executors, hosts
 from server.platform.database.engine import Database
 from server.platform.database.patience import patiently
 from server.platform.errors import StartError, TakenOver

@@ -9,12 +9,10 @@ from datetime import datetime, timedelta
 from typing import Any
 
 import pytest
-import sqlalchemy as sa
 from access_fakes import Guarded, guarded_service
 from service_fakes import API
 
-from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_tables import alarms
+from server.alarms.alarm_desk import Alarms, alarms
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
 from server.fleet.fleet_view import worst_joint
@@ -48,12 +46,17 @@ def ask(guarded: Guarded, path: str, role: Any = "viewer", machines: tuple[str, 
 def identify(guarded: Guarded, id: str, machine: str = "lever") -> Identification:
     """An identification that is done, with its report."""
     service = guarded.running.service
-    new = Identification(id, f"job-{id}", machine, 1, f"label of {id}", (), {}, service.now())
-
-    def job(connection: sa.Connection) -> None:
-        service[Jobs].insert(connection, id=new.job, kind="identification", label=id, subject=id, stages=("check",))
-
-    service[Identifications].add(new, job)
+    new = Identification(
+        id=id,
+        job=f"job-{id}",
+        machine=machine,
+        machine_version=1,
+        label=f"label of {id}",
+        recordings=(),
+        options={},
+        created=service.now(),
+    )
+    service[Jobs].order(service[Identifications], new, "identification", ("check",))
     place = service.files.identifications / id
     place.mkdir(parents=True)
     (place / "report.json").write_text(json.dumps(REPORT))

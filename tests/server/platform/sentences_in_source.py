@@ -56,12 +56,18 @@ def every_text(tree: ast.AST) -> Iterator[str]:
 
 
 def told(tree: ast.AST, errors: Collection[str]) -> Iterator[str]:
-    """First arguments of ``errors``, texts of problem documents, and what is assigned to ``detail``."""
+    """First arguments of ``errors``, texts of problem documents, and what is assigned to ``detail``.
+
+    What a repository says of each kind of thing that it does not have is said where that is declared, by its ``noun``.
+    """
     for node in ast.walk(tree):
         found: list[ast.expr] = []
         if isinstance(node, ast.Call):
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
             found = node.args[:1] if name in errors else node.args[2:3] if name == "problem" else []
+        elif isinstance(node, ast.ClassDef):
+            nouns = (keyword.value for keyword in node.keywords if keyword.arg == "noun")
+            yield from (f"there is no {noun.value} '{{}}'" for noun in nouns if isinstance(noun, ast.Constant))
         elif isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") in ("detail", "text", "refusal"):
             by_key = [one for one in ast.walk(node.value) if isinstance(one, ast.Dict)]
             found = [value for one in by_key for value in one.values] or [node.value]

@@ -11,9 +11,12 @@ import pytest
 
 from fitting.checks.findings import TEXTS
 from fitting.effects import effects
+from fitting.pipeline.stage_names import VALVE_WORDS
 from fitting.pipeline.stage_names import WORDS as STAGES
 from fitting.report.joint_words import _AS_WRITTEN, MOTOR, JointWords
 from fitting.report.languages import NAMES, content_of, language
+from fitting.valve.effects import EFFECTS as VALVE_EFFECTS
+from fitting.valve.laws import LAWS
 from server.platform.errors import ServiceError
 from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
 from tests.server.platform.sentences_in_source import ROOT, every_text, told, trees
@@ -98,6 +101,7 @@ def test_names_of_a_jobs_stages_have_a_german_text() -> None:
     fixed, _ = _known()
     assert {text for words in (STAGES, RECALIBRATION) for text in words.values()} <= fixed
     assert {text[:1].upper() + text[1:] for text in STAGES.values()} <= fixed
+    assert {text[:1].upper() + text[1:] for text in VALVE_WORDS.values()} <= _table("valve_de.ts")
 
 
 def _kinds(kind: type[Exception]) -> Iterator[type[Exception]]:
@@ -206,7 +210,13 @@ def _every(*places: str) -> set[str]:
     return (said | {re.sub(r"(\{[^}]*\})+", "{}", text) for both in data for text in both}) - UNSHOWN
 
 
-GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.ts")
+GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.ts", "valve_de.ts")
+#: What an identification of valves says of itself and refuses; texts of the command line, which no page shows.
+VALVES = ("fitting/valve", "fitting/pipeline/valve_stage.py")
+VALVES_UNSHOWN = {
+    "--to {}: there is no such format; use one of {}",
+    "not a valve's model: schema is not hilfit/valve-model/1; give model of a valve report",
+}
 
 
 @pytest.mark.parametrize(
@@ -217,6 +227,13 @@ GERMAN = ("refusals_de.ts", "machine_file_de.ts", "findings_de.ts", "fitting_de.
         ("findings", _every(*FINDING)),
         ("fitting", _told(*FITTING, errors=FITTING_ERRORS) - VALUES_ONLY),
         ("validation", _every(VALIDATION)),
+        (
+            "valves",
+            _told(*VALVES, errors=FITTING_ERRORS) - VALVES_UNSHOWN
+            | _every("fitting/valve/checks.py")
+            | {text for one in VALVE_EFFECTS.values() for text in (one.title, one.look_at, one.experiment)}
+            | {law.title for law in LAWS.values()},
+        ),
     ],
     ids=lambda one: one if isinstance(one, str) else "",
 )
@@ -230,7 +247,8 @@ def test_refusals_and_findings_have_a_german_text(what: str, said: set[str]) -> 
 @pytest.mark.slow
 def test_no_german_refusal_or_finding_is_left_over_from_a_sentence_that_changed() -> None:
     said = _told(*REFUSING, *MORE) | _every(*MACHINE_FILE, *FINDING, *MORE, VALIDATION)
-    said |= _told(*FITTING, errors=FITTING_ERRORS) | _every(*EVENTS)
+    said |= _told(*FITTING, errors=FITTING_ERRORS) | _every(*EVENTS) | _every(*VALVES) | _told(*VALVES)
+    said |= {text[:1].upper() + text[1:] for text in VALVE_WORDS.values()} | set(VALVE_WORDS.values())
     known = {key for table in GERMAN for key in _table(table)} | {*REPORT["checks"], *REPORT["devices"]}
     assert sorted(text for text in known - said if " " in text) == []
 

@@ -21,7 +21,7 @@ from server.backups.backup_archive import Backups, restore
 from server.backups.backup_files import BackupContent
 from server.commands.command_line import main
 from server.composition.declarations import RESOURCES, TABLES
-from server.jobs import job_tables
+from server.jobs.executors import executors
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
 from server.platform.database import database_copies as copies
@@ -275,11 +275,11 @@ def test_a_process_that_is_stopped_while_it_writes_does_not_hold_up_the_others(
 ) -> None:
     monkeypatch.setattr(database_module, "FROZEN_S", 1)
     stopped, other = (Database(f"{url}?options=-c%20lock_timeout%3D60s", TABLES, changed=nothing) for _ in range(2))
-    count = sa.select(sa.func.count()).select_from(job_tables.executors)
+    count = sa.select(sa.func.count()).select_from(executors)
     with pytest.raises(sa.exc.DBAPIError) as caught, stopped.write() as connection:  # and is stopped in the middle:
-        connection.execute(job_tables.executors.insert().values(id="stopped", host="h", started="", seen=""))
+        connection.execute(executors.insert().values(id="stopped", host="h", started="", seen=""))
         with other.write() as meanwhile:
-            meanwhile.execute(job_tables.executors.insert().values(id="other", host="h", started="", seen=""))
+            meanwhile.execute(executors.insert().values(id="other", host="h", started="", seen=""))
         connection.execute(count)
     assert away(caught.value), "it is done again, like anything that the database was away for"
     with stopped.write() as connection:

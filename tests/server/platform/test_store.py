@@ -126,13 +126,7 @@ def test_one_idempotency_key_makes_one_identification_also_at_once(database: Dat
             options={},
             created=database.now(),
         )
-        return identifications.add(
-            new,
-            lambda connection: jobs.insert(
-                connection, id=new.job, kind="identification", label="", subject=new.id, stages=("a",)
-            ),
-            IdempotencyKey("key", "same request"),
-        )
+        return jobs.order(identifications, new, "identification", ("a",), IdempotencyKey("key", "same request"))
 
     assert len({str(result) for result in at_once(4, order)}) == 1
     assert len(jobs.list(10).items) == 1

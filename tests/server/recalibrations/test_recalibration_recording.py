@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,21 @@ import pytest
 
 from server.jobs.job_kinds import JobError, StageRun
 from server.jobs.job_store import Job
-from server.recalibrations.recalibration_recording import TRIES, record
+from server.recalibrations.recalibration_recording import TRIES, RecordedStage
 from server.recalibrations.recalibration_store import Plan, Recalibration
 from server.recordings.recording_store import RecordingRow
 
 RATE = 50.0
-JOB = Job("job-1", "recalibration", "", "rcl-1", (), "running", None, 0.0, "", None, False, "", None, None)
-THIS = Recalibration("rcl-1", "job-1", "lever", None, "Nightly", Plan(duration_s=30.0, deadline_s=600.0), "")
+JOB = Job(id="job-1", kind="recalibration", label="", subject="rcl-1", stages=(), state="running", created="")
+THIS = Recalibration(
+    id="rcl-1",
+    job="job-1",
+    machine="lever",
+    schedule=None,
+    label="Nightly",
+    plan=Plan(duration_s=30.0, deadline_s=600.0),
+    created="",
+)
 
 
 class Site:
@@ -33,9 +40,20 @@ class Site:
     def start_recording(self, machine: str, role: str, label: str, seconds: float) -> RecordingRow:
         id = f"rec-{len(self.made) + 1}"
         rows = self.rows.pop(0)
-        row = RecordingRow(id, machine, 1, role, label, "sealed", "recorded", "parquet", "", statistics={"rows": rows})
+        row = RecordingRow(
+            id=id,
+            machine=machine,
+            machine_version=1,
+            role=role,
+            label=label,
+            state="sealed",
+            origin="recorded",
+            format="parquet",
+            created="",
+            statistics={"rows": rows},
+        )
         self.made[id] = row
-        return replace(row, state="recording")
+        return row.but(state="recording")
 
     def stop_recording(self, id: str) -> None:
         raise AssertionError("nobody asked to stop")
@@ -66,7 +84,7 @@ class Site:
         run = StageRun(
             JOB, "record", lambda fraction, text: self.said.append(text), lambda: False, store, Path(), False
         )
-        return record(run, THIS, self, store, store, self.pause)
+        return RecordedStage(run, THIS, self, store, store, self.pause).record()
 
 
 def test_a_recording_that_was_cut_is_made_again_and_the_whole_one_counts() -> None:

@@ -21,7 +21,7 @@ from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Recalibrations
 from server.recordings.recording_sessions import Sessions
 from server.recordings.recording_store import Recordings
-from server.schedules.schedule_store import Schedules, Slot
+from server.schedules.schedule_store import Schedules, SlotResource
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +41,9 @@ def test_each_scheduled_time_runs_once_and_proposes_a_calibration(site: Setting)
     assert events[-1]["state"] == "done", site.service[Jobs].get(job)
     assert {event["stage"] for event in events[1:]} == {"record", "identify", "compare", "propose"}
     assert "Recording" in [event["text"] for event in events]
-    assert site.slots(schedule) == (Slot("2026-06-01T13:00:00.000Z", job, "done", "", "cal-1"),)
+    assert site.slots(schedule) == (
+        SlotResource(slot="2026-06-01T13:00:00.000Z", job=job, state="done", note="", calibration="cal-1"),
+    )
     made = Recalibrations(site.service[Schedules]._database).get(site.service[Jobs].get(job).subject)
     assert list(made.recordings) == ["operation", "validate"]
     assert made.comparison is None
@@ -95,12 +97,10 @@ def test_two_servers_order_one_recalibration_per_slot(site: Setting) -> None:
     seen = site.service[Schedules].get(schedule.id)
     (job,) = site.later(1)
     # What the other one would do with what it read before.
-    new = replace(
-        Recalibrations(site.service[Schedules]._database).get(site.service[Jobs].get(job).subject), id="other"
-    )
+    new = site.service[Recalibrations].get(site.service[Jobs].get(job).subject).but(id="other")
     site.running.follow(job)
     slots = ["2026-06-01T13:00:00.000Z"]
-    assert not site.service[Schedules].claim(seen, slots, replace(new, job="job-other"), ("", ""))
+    assert not site.service[Schedules].claim(seen, slots, new.but(job="job-other"), ("", ""))
     assert len(site.slots(schedule)) == 1
 
 

@@ -94,3 +94,15 @@ def test_signals_of_a_machine_that_is_acquired(running: Running, recording: str)
     assert found["channels"]["joint1.torque"]["low"] == [None]
     assert running.client.get(url, params={"seconds": 30, "channel": "none"}).status_code == 422
     assert running.client.get(f"{API}/machines/absent/signals").status_code == 404
+
+
+def test_a_part_that_is_too_short_is_refused_before_a_process_starts(
+    running: Running, recording: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(*_: object, **__: object) -> None:
+        raise AssertionError("a process was started for it")
+
+    monkeypatch.setattr("server.traces.recorded_signals.run_child", started)
+    answer = running.client.post(f"{API}/recordings/{recording}/cut", json={"start": 4, "end": 4.9})
+    assert answer.status_code == 422
+    assert "end must be at least 1 s later than start" in answer.json()["detail"]

@@ -20,6 +20,7 @@ const MORE: Place[] = [
   { name: "pose", title: t("common.pose"), icon: "pose" },
   { name: "recordings", title: t("shell.recordingsShort"), icon: "recording" },
   { name: "jobs", title: t("common.jobs"), icon: "job" },
+  { name: "valves", title: t("shell.valves"), icon: "valve" },
   { name: "calibrations", title: t("shell.calibrationsShort"), icon: "calibration" },
   { name: "history", title: t("shell.history"), icon: "history" },
   { name: "schedules", title: t("common.schedules"), icon: "schedule" },

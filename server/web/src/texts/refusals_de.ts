@@ -9,6 +9,8 @@ import { FITTING } from "./fitting_de";
 
 /** What stands in sentences as a value: states, roles, kinds of things. */
 export const VALUES: Record<string, string> = {
+  identification: "Identifikation",
+  valve: "Ventile",
   proposed: "vorgeschlagen",
   approved: "freigegeben",
   rejected: "abgelehnt",
@@ -80,7 +82,6 @@ const SERVICE: Record<string, string> = {
     "Die Identifikation „$1“ hat keinen weiteren Versuch entworfen: Es war nichts mehr zu trennen",
   "identification '{}' has no report: its job {} is {}":
     "Die Identifikation „$1“ hat keinen Bericht: Ihr Auftrag $2 ist: $3",
-  "identification '{}' has no {}: its job {} is {}": "Die Identifikation „$1“ hat kein $2: Ihr Auftrag $3 ist: $4",
   "its identification {} was cancelled; run the schedule again":
     "Ihre Identifikation $1 wurde abgebrochen; den Zeitplan noch einmal ausführen",
   "bus '{}': {}": "Bus „$1“: $2",

@@ -5,8 +5,9 @@ import { REFUSALS, VALUES } from "./refusals_de";
 import { REPORT } from "./report_de.gen";
 import { compiled, translated } from "./sentences";
 import { SERVICE_FIXED, SERVICE_SENTENCES } from "./service_de";
+import { VALVE } from "./valve_de";
 
-const open = compiled({ ...REPORT, ...MACHINE_FILE, ...FINDINGS, ...REFUSALS });
+const open = compiled({ ...REPORT, ...MACHINE_FILE, ...FINDINGS, ...REFUSALS, ...VALVE });
 
 export const german = translated(
   { ...VALUES, ...open.fixed, ...SERVICE_FIXED },

@@ -13,6 +13,7 @@ const PATHS = {
   history: "M4 12a8 8 0 1 0 3-6.2L4 8m0-4v4h4m4-1v5l4 2",
   fleet: "M3 4h7v7H3Zm11 0h7v7h-7ZM3 14h7v6H3Zm11 0h7v6h-7Z",
   service: "M4 4h16v6H4Zm0 10h16v6H4ZM7 7h.1M7 17h.1M11 7h6m-6 10h6",
+  valve: "M3 9v10l18-10v10L3 9Zm9 5V5M8 5h8",
   more: "M5 12h.1M12 12h.1M19 12h.1",
   sun: "M12 8a4 4 0 1 0 0 8 4 4 0 0 0 0-8Zm0-5v2m0 14v2M3 12h2m14 0h2M5.6 5.6 7 7m10 10 1.4 1.4M5.6 18.4 7 17M17 7l1.4-1.4",
   moon: "M20 14A8 8 0 1 1 10 4a6.5 6.5 0 0 0 10 10Z",

@@ -18,6 +18,7 @@ type List = components["schemas"]["JobList"];
 
 const KINDS: Record<string, string> = {
   identification: t("jobs.identification"),
+  valve: t("jobs.valves"),
   excitation: t("jobs.designMotion"),
   recalibration: t("common.scheduledRecalibration"),
 };
@@ -29,6 +30,7 @@ const STAGES: Record<string, string> = {
   attribution: t("jobs.whatCausesRemainingError"),
   refit: t("jobs.fitAllJointlyOnce"),
   report: t("jobs.writeTheReport"),
+  valve: t("jobs.commandsToSpeeds"),
   design: t("jobs.designTheMotion"),
   record: t("jobs.record"),
   identify: t("jobs.fitNewRecordings"),
@@ -197,9 +199,11 @@ function ResultLink({ job }: { job: Job }) {
   const [href, words] =
     job.kind === "identification"
       ? [`#/results/${job.subject}`, t("common.viewTheResult")]
-      : job.kind === "recalibration"
-        ? ["#/calibrations", t("jobs.viewTheCalibrations")]
-        : [null, DASH];
+      : job.kind === "valve"
+        ? [`#/valves/${job.subject}`, t("common.viewTheResult")]
+        : job.kind === "recalibration"
+          ? ["#/calibrations", t("jobs.viewTheCalibrations")]
+          : [null, DASH];
   return href === null ? null : (
     <a class="button primary" href={href}>
       {words}

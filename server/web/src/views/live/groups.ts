@@ -45,7 +45,10 @@ const TITLES: [PlainKey, string[]][] = [
   ["live.pistonPositions", ["piston_position"]],
   ["live.pressuresHeadSide", ["head_pressure"]],
   ["live.pressuresRodSide", ["rod_pressure"]],
+  ["live.pressuresAtPorts", ["head_port_pressure", "rod_port_pressure"]],
   ["live.supply", ["supply_pressure", "tank_pressure"]],
+  ["live.commands", ["command"]],
+  ["live.spools", ["spool_position"]],
   ["live.forcesTorquesMeasured", ["cylinder_force", "external_force", "joint_effort", "motor_effort"]],
   ["live.temperatures", ["oil_temperature"]],
 ];

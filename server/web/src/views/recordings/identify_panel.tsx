@@ -12,17 +12,19 @@ import { type Selection, advice } from "./selection";
 import { t } from "../../texts";
 
 type Recording = components["schemas"]["RecordingResource"];
-type Identification = components["schemas"]["IdentificationResource"];
+type Made = Pick<components["schemas"]["IdentificationResource"], "job">;
 
 interface IdentifyProps {
   machine: string;
   recordings: Recording[];
   selection: Selection;
+  /** Whether the machine has valves whose commands are recorded. */
+  valves: boolean;
   onRole: (id: string, role: Role) => void;
   onClear: () => void;
 }
 
-export function IdentifyPanel({ machine, recordings, selection, onRole, onClear }: IdentifyProps) {
+export function IdentifyPanel({ machine, recordings, selection, valves, onRole, onClear }: IdentifyProps) {
   const session = useSession();
   const command = useCommand();
   const [label, setLabel] = useState("");
@@ -36,13 +38,14 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
         <p class="hint">{t("recordings.engineerCanOrderIdentification")}</p>
       </Panel>
     );
-  const order = (): void => {
+  const movable = chosen.some((one) => selection[one.id] !== "validate");
+  const order = (path: "/identifications" | "/valves"): void => {
     const json = {
       machine,
       label,
       recordings: chosen.map((one) => ({ id: one.id, role: selection[one.id] as Role })),
     };
-    void command.run<Identification>({ method: "POST", path: "/identifications", json, key }, (made) => {
+    void command.run<Made>({ method: "POST", path, json, key }, (made) => {
       setKey(randomName());
       onClear();
       go(`#/jobs/${made.job}`);
@@ -102,9 +105,19 @@ export function IdentifyPanel({ machine, recordings, selection, onRole, onClear 
       )}
       <CommandNotice of={command} />
       <div class="actions">
-        <Button kind="primary" busy={command.busy} disabled={wrong !== null || !session.online.value} onClick={order}>
+        <Button
+          kind="primary"
+          busy={command.busy}
+          disabled={wrong !== null || !session.online.value}
+          onClick={() => order("/identifications")}
+        >
           {t("common.identify")}
         </Button>
+        {valves && (
+          <Button busy={command.busy} disabled={!movable || !session.online.value} onClick={() => order("/valves")}>
+            {t("recordings.identifyValves")}
+          </Button>
+        )}
         {chosen.length > 0 && <Button onClick={onClear}>{t("recordings.chooseNone")}</Button>}
       </div>
     </Panel>

@@ -61,6 +61,7 @@ function Recordings({ machine }: { machine: string }) {
           <IdentifyPanel
             machine={machine}
             recordings={items}
+            valves={hasCommands(detail.value)}
             selection={selection}
             onRole={(id, role) => setSelection((now) => ({ ...now, [id]: role }))}
             onClear={() => setSelection({})}
@@ -120,6 +121,12 @@ function Recordings({ machine }: { machine: string }) {
       )}
     </div>
   );
+}
+
+/** Whether the machine file has a valve's command, without which there is nothing to identify of valves. */
+function hasCommands(machine: Machine | null): boolean {
+  const channels = (machine?.machine as { channels?: { quantity: string }[] } | undefined)?.channels ?? [];
+  return channels.some((one) => one.quantity === "command");
 }
 
 interface ChooseProps {

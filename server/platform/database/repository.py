@@ -1,0 +1,115 @@
+"""What all repositories do: read by id, list page by page, newest first, narrowed to what whoever asks may see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Generic, TypedDict, TypeVar, Unpack
+
+import sqlalchemy as sa
+
+from server.platform.database.engine import Database, Page, as_stored, page
+from server.platform.database.stored import Stored
+from server.platform.errors import NotFoundError
+
+Value = TypeVar("Value", bound=Stored)
+
+
+@dataclass(frozen=True)
+class Between:
+    """Of a list: what was made from ``since`` on and before ``until``, and whose label has ``labelled`` in it."""
+
+    since: datetime | None = None
+    until: datetime | None = None
+    labelled: str = ""
+
+    def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
+        """The query of these; times are stored as text that sorts."""
+        if self.since is not None:
+            query = query.where(created >= as_stored(self.since))
+        if self.until is not None:
+            query = query.where(created < as_stored(self.until))
+        return query.where(label.icontains(self.labelled, autoescape=True)) if self.labelled else query
+
+
+ANY_TIME = Between()
+
+
+class Narrowing(TypedDict, total=False):
+    """What narrows a list; None narrows nothing.
+
+    ``machines`` are those that whoever asks may see, the others but ``between`` what a row has in the column of that
+    name.
+    """
+
+    machines: tuple[str, ...] | None
+    between: Between
+    machine: str | None
+    role: str | None
+    state: str | None
+    kind: str | None
+    webhook: str | None
+
+
+class Repository(Generic[Value]):
+    """What is kept in one table.
+
+    Attributes
+    ----------
+    of : what a row of it is
+    """
+
+    of: type[Value]
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def get(self, id: str) -> Value:
+        """The one with this id; NotFoundError if there is none."""
+        with self._database.read() as connection:
+            return self.found(connection, id)
+
+    def found(self, connection: sa.Connection, id: str) -> Value:
+        """The one with this id, in a transaction; NotFoundError if there is none."""
+        rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
+        if not rows:
+            raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.table.name.removesuffix("s"): id})
+        return self.values(connection, rows)[0]
+
+    def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
+        """All of which something holds, the oldest first; of the ``newest`` so many, the newest first."""
+        number = self.of.table.c.number
+        query = sa.select(self.of.table).where(*where)
+        query = query.order_by(number) if newest is None else query.order_by(number.desc()).limit(newest)
+        with self._database.read() as connection:
+            return self.values(connection, connection.execute(query).all())
+
+    def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Value]:
+        """Newest first, narrowed to what is given.
+
+        What counts as time and label of a row are the columns that its declaration says, else ``created`` and
+        ``label``.
+        """
+        table, columns = self.of.table, dict[str, Any](narrowed)
+        between, seen = columns.pop("between", ANY_TIME), columns.pop("machines", None)
+        created, label = (table.c[table.info.get(name, name)] for name in ("created", "label"))
+        query = between.narrowed(sa.select(table), created, label)
+        if seen is not None:
+            query = query.where(table.c.machine.in_(seen))
+        query = query.where(*(table.c[name] == wanted for name, wanted in columns.items() if wanted is not None))
+        with self._database.read() as connection:
+            rows, cursor = page(connection, query, table.c.number, limit, after)
+            return Page(self.values(connection, rows), cursor)
+
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Value, ...]:
+        """What rows hold; with what is kept in other tables, of a repository that has some."""
+        return tuple(self.of.read(row) for row in rows)
+
+    def put(self, connection: sa.Connection, new: Value) -> None:
+        """Store a new one, in a transaction."""
+        connection.execute(self.of.table.insert().values(**new.columns()))
+
+    def update(self, connection: sa.Connection, id: str, **values: Any) -> None:
+        """Store other values of some columns, in a transaction."""
+        connection.execute(self.of.table.update().where(self.of.table.c.id == id).values(**values))

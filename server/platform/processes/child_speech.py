@@ -1,0 +1,33 @@
+"""What a child program says at its end, in the protocol of :mod:`server.platform.processes.children`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from daq.errors import HilfitError, InputError
+
+
+def say(**content: Any) -> None:
+    """Write a line of the protocol."""
+    print(json.dumps(content), flush=True)
+
+
+def ended(work: Callable[[], dict[str, Any] | None], too_much: str = "needs too much memory") -> int:
+    """Do the work of a child and say how it ended; the exit code.
+
+    Parameters
+    ----------
+    work : returns the summary; what it raises as HilfitError is the error, and 2 the code of an InputError
+    too_much : what is said, in one line, if there is not enough memory for it
+    """
+    try:
+        say(summary=work() or {})
+    except HilfitError as error:
+        say(error=str(error))
+        return 2 if isinstance(error, InputError) else 1
+    except (MemoryError, RecursionError):
+        say(error=too_much)
+        return 2
+    return 0
