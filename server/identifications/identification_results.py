@@ -28,7 +28,9 @@ class FitResults:
 
     def directory(self, id: str) -> Path:
         """Of one fit; NotFoundError if there is none."""
-        return kept_place(self._files, self._files.root / self.fits.of.table.name / id, self._jobs, self._fits.get(id).job)
+        return kept_place(
+            self._files, self._files.root / self.fits.of.table.name / id, self._jobs, self._fits.get(id).job
+        )
 
     def written(self, id: str, name: str) -> Path:
         """A file that every fit which is done has.
