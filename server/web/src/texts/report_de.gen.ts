@@ -1,4 +1,4 @@
-// fitting/report/languages/german.json sha256 2fd0cc33aaad18005e84fbf32518c3751312712da409bd6f478e362d0ac476a8
+// fitting/report/languages/german.json sha256 1dadf2ee0cc4380525e87427f187c3b644a03edad9873ae31978d92991951c16
 export const REPORT: Record<string, string> = {
   "moving mass": "bewegte Masse",
   "Coulomb friction": "coulombsche Reibung",
@@ -212,7 +212,7 @@ export const REPORT: Record<string, string> = {
   "improbable beside all others": "neben allen anderen unwahrscheinlich",
   "a spectral line": "eine Spektrallinie",
   "fits all samples worse than {}: chi-square higher by {}": "passt schlechter zu allen Werten als $1: Chi-Quadrat um $2 höher",
-  "found on pieces, but worth only {} on all samples": "auf Teilstücken gefunden, auf allen Werten aber nur $1 wert",
+  "found on pieces, but gains only {} of chi-square on all samples": "auf Teilstücken gefunden, gewinnt auf allen Werten aber nur $1 an Chi-Quadrat",
   "the best of its set on all samples": "auf allen Werten die beste Erklärung ihrer Gruppe",
   "nothing can be fitted": "nichts lässt sich anpassen",
   "nothing can be judged": "nichts lässt sich beurteilen",
