@@ -196,6 +196,6 @@ def _identification(site: Site, database: Database, machine: str, id: str, repor
     place = site.data_dir / "identifications" / id
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(report), encoding="utf-8")
-    result = Identifications.result(id, report["loop"]["verdict"], report["overall"])
+    result = Identifications.result(id, verdict=report["loop"]["verdict"], overall=report["overall"])
     jobs.finish(new.job, "done", "Done", result=result, place=".")
     return new
