@@ -60,7 +60,7 @@ def identify(guarded: Guarded, id: str, machine: str = "lever") -> Identificatio
     place = service.files.identifications / id
     place.mkdir(parents=True)
     (place / "report.json").write_text(json.dumps(REPORT))
-    result = Identifications.result(id, "effect_added", REPORT["overall"])
+    result = Identifications.result(id, verdict="effect_added", overall=REPORT["overall"])
     service[Jobs].finish(new.job, "done", "Done", result=result, place=".")
     return new
 
