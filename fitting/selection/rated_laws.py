@@ -1,20 +1,30 @@
-"""What laws of an unknown effect are worth: any smooth curve of a signal, or one of a few simple formulas."""
+"""What laws of an unknown effect are worth: any smooth curve of a signal, or one of a few simple formulas.
+
+They are rated with a few functions; a law that is chosen has as many as its curve takes.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.residual.laws import Law
-from fitting.residual.scoring import Candidates, Score
+from fitting.residual.scoring import Candidates, Score, score_terms
 from fitting.residual.simple_formulas import simple_curves
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import curve_evidence, curve_roots, formula_gains, log_mean, log_sum, named_evidence
 from fitting.selection.rated import Rated
 from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
+from fitting.signals.splines import spline_knots
+
+#: Basis functions that a law may have in the end: as many as its curve takes.
+RESOLUTIONS = (4, 6, 8, 12, 16, 24, 32)
 
 
 class RatedLaws:
@@ -97,3 +107,22 @@ def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, share
 def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
     """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``priors.SIMPLE`` a simple formula."""
     return log_sum(np.stack([curve, formula], axis=-1), weights=np.array([1 - priors.SIMPLE, priors.SIMPLE]))
+
+
+def resolved(model: Model, score: Score) -> Score:
+    """The law with as many basis functions as are most probable: a bump may be narrow, a slope needs few."""
+    law = score.term.content
+    assert isinstance(law, Law)
+    if isinstance(law, Surface):
+        return score
+    values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
+    terms = [
+        replace(score.term, content=replace(law, knots=tuple(spline_knots(values, count).tolist())))
+        for count in RESOLUTIONS
+    ]
+    trials = score_terms(model, terms, [1] * len(terms))
+    if not trials:
+        return score
+    gain, live = np.array([s.gain for s in trials]), np.array([float(s.live) for s in trials])
+    shown = np.sqrt(np.maximum(gain.max(), 9.0))
+    return trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]

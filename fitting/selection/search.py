@@ -31,8 +31,8 @@ from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.gains import BEYOND_BIAS, margin
 from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
+from fitting.selection.rated_laws import resolved
 from fitting.selection.rating import Rating
-from fitting.selection.resolution import resolved
 
 Progress = Callable[[float, str], None]
 
