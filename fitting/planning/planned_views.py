@@ -58,13 +58,14 @@ class ChamberModel:
 
 
 def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
-    """Chamber models of all cylinders with measured pressures, fitted on the fitted recordings.
+    """Chamber models of all cylinders with measured pressures, fitted on the fitted recordings with the links on.
 
     The floor is the machine's: a chamber that always carried a load has never been at its own.
     """
     found: list[ChamberModel | None] = []
     design = model.design
-    segments = [design.segments[i] for i in model.fitted]
+    loaded = [i for i in model.fitted if design.segments[i].loaded]
+    segments = [design.segments[i] for i in loaded]
     measured = [
         joint.cylinder is not None and not any(np.isnan(s.p1[0, j]) or np.isnan(s.p2[0, j]) for s in segments)
         for j, joint in enumerate(design.machine.joints)
@@ -81,7 +82,7 @@ def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
             continue
         step = max(1, sum(len(s) for s in segments) // 4000)
         v = np.concatenate([s.v[::step, number] for s in segments])
-        force = np.concatenate([model.views[i][number].force[::step] for i in model.fitted])
+        force = np.concatenate([model.views[i][number].force[::step] for i in loaded])
         p2 = np.concatenate([s.p2[::step, number] for s in segments])
         table = ChamberModel._features(v, force)
         scale = np.maximum(np.abs(table).max(axis=0), 1e-12)

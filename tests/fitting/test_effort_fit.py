@@ -71,7 +71,7 @@ def test_deviations_are_near_those_of_the_noise_where_the_model_is_right(rows: E
     assert 0.8 < float(np.median(ratio)) < 2.0  # weights by the noise are the best, so others are hardly better
 
 
-def test_the_parameters_error_is_exceeded_as_often_as_is_said() -> None:
+def test_the_parameters_error_is_exceeded_as_often_as_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     session = clean_session()
     design, fit = session.plain.design, session.base_model.fit
     rows = EffortRows(design, design.indices("validate"))
@@ -84,7 +84,8 @@ def test_the_parameters_error_is_exceeded_as_often_as_is_said() -> None:
         sums = [np.sum((R[:, :-1] @ moved) ** 2) for R in rows.triangles]
         drawn.append(np.sqrt(np.mean(np.array(sums) / rows.rows / floor**2)))
     for chance in (0.05, 0.3):
-        share = float(np.mean(np.array(drawn) > parameter_error(rows, fit, floor, chance)))
+        monkeypatch.setattr("fitting.estimators.effort_fit.CHANCE", chance)
+        share = float(np.mean(np.array(drawn) > parameter_error(rows, fit, floor)))
         assert abs(share - chance) < 3.5 * np.sqrt(chance * (1 - chance) / 400) + 0.02, chance
 
 

@@ -57,4 +57,6 @@ def test_an_upload_is_read_when_its_checks_fail(monkeypatch: pytest.MonkeyPatch,
     machine.write_text(MACHINE, encoding="utf-8")
     path = tmp_path / "made.csv"
     path.write_bytes(content(tmp_path, slipped))
-    assert inspect_recording.main(path, machine, "train") == 0
+    statistics = inspect_recording.look(path, machine, "train")["statistics"]
+    assert statistics["rows"] > 0
+    assert statistics["findings"] == []

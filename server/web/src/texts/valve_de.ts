@@ -8,8 +8,13 @@ export const VALVE: Record<string, string> = {
   "an orifice that the cylinder empties through": "eine Blende, durch die der Zylinder sich leert",
   "a compensator that needs its margin": "eine Druckwaage, die ihren Abstand braucht",
   "a power of the drop that feeds the cylinder": "eine Potenz des Druckabfalls, der den Zylinder speist",
-  "a curve in pieces (a spool that saturates)": "eine Kennlinie in Stücken (ein Schieber, der sättigt)",
-  "a curve with an exponent": "eine Kennlinie mit einem Exponenten",
+  "--after: is no valve report; give the valve.json of hilfit valve":
+    "--after: ist kein Ventilbericht; geben Sie die valve.json von hilfit valve an",
+  "joint '{}': has no cylinder.valve; one of {}": "Gelenk '$1': hat kein cylinder.valve; eines von $2",
+  "{}: a command of {} of full is all that --level, its speed and its travel allow, if it is 30 % faster than expected, and hardly moves it; give --after with a valve report":
+    "$1: ein Stellwert von $2 des vollen ist alles, was --level, seine Geschwindigkeit und sein Weg zulassen, wenn es 30 % schneller ist als erwartet, und bewegt es kaum; geben Sie --after mit einem Ventilbericht an",
+  "{}: no joint has a cylinder.valve; describe one in the machine file":
+    "$1: kein Gelenk hat ein cylinder.valve; beschreiben Sie eines in der Maschinendatei",
   "hysteresis of the spool": "Hysterese des Schiebers",
   "dither of the amplifier, dirt in the spool, the solenoid":
     "Dither des Verstärkers, Schmutz im Schieber, den Magneten",
