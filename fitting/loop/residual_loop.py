@@ -343,11 +343,12 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
         term = Term(line_effect(), line.joint, (line.on(parts) if parts else line).shape)
         before = signals.refit([item.score.term for item in accepted])
         for score in score_terms(before, [term], [1]):
+            if margin(score) <= 0:
+                continue
             trial = signals.refit([*(item.score.term for item in accepted), term])
             held_out = held_out_gain(trial.rows(), score.live, design.bank.reduced_rate_hz)
             gain = validate_gain(before, trial, prepared.validate) if prepared.validate else None
-            if margin(score) > 0:
-                accepted.append(Accepted(score, (), held_out, gain))
+            accepted.append(Accepted(score, (), held_out, gain))
     return lines, tuple(accepted)
 
 

@@ -44,8 +44,8 @@ def valve_stage(request: Request, progress: Progress = quiet) -> dict[str, Any]:
 def write_valves(found: Identified, output: Path, to: Sequence[str]) -> list[Path]:
     """Write inverses in some formats, then the report; the inverses' paths. A valve that never moved has none."""
     output.mkdir(parents=True, exist_ok=True)
-    movable = [model for model in found.models.values() if any(way.fastest > 0 for way in model.directions)]
-    written = [path for model in movable for name in to for path in export_valve(model, name, output / INVERSES).files]
+    moved = [model for model in found.models.values() if model.moves]
+    written = [path for model in moved for name in to for path in export_valve(model, name, output / INVERSES).files]
     with replacing(output / VALVE_REPORT) as temporary:
         temporary.write_text(json.dumps(found.report, indent=1) + "\n", encoding="utf-8")
     return written

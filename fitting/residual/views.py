@@ -183,21 +183,25 @@ def rod_laws(
     thin : every so many-th sample is enough (of long recordings)
     """
     kinds = {loaded: [i for i in fitted if design.segments[i].loaded == loaded] for loaded in (False, True)}
-    joints = range(len(design.machine.joints))
+    starts, joints = recording_starts(design), range(len(design.machine.joints))
     return {
-        loaded: tuple(_rod_law(design, own, forces, joint, thin) for joint in joints)
+        loaded: tuple(_rod_law(design, own, forces, starts, joint, thin) for joint in joints)
         for loaded, own in kinds.items()
         if own
     }
 
 
 def _rod_law(
-    design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], joint: int, thin: int
+    design: Design,
+    fitted: Sequence[int],
+    forces: Callable[[int], FloatArray],
+    starts: Mapping[int, float],
+    joint: int,
+    thin: int,
 ) -> RodLaw | None:
     segments = [design.segments[i] for i in fitted]
     if any(np.isnan(segment.p2[0, joint]) for segment in segments):
         return None
-    starts = recording_starts(design)
     together = np.concatenate(
         [
             rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]

@@ -56,7 +56,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     if to not in formats():
         raise InputError(f"--to {to}: there is no such format; use one of {', '.join(formats())}")
     require_folder(folder)
-    if not any(own.fastest > 0 for own in model.directions):
+    if not model.moves:
         raise InputError(f"{model.joint}: its valve was never seen to move it; there is nothing to export")
     return written(folder, formats()[to](model), model.left_out)
 

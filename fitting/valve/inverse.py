@@ -129,6 +129,11 @@ class ValveModel:
     error: float | None
 
     @property
+    def moves(self) -> bool:
+        """Whether it was seen to move its axis in some direction."""
+        return any(own.fastest > 0 for own in self.directions)
+
+    @property
     def asks(self) -> tuple[str, ...]:
         """Pressures that its laws are made of: where one of them is not known, the reference is taken for all."""
         needs = {LAWS[own.law].needs for own in self.directions} - {"nothing"}

@@ -34,6 +34,7 @@ from fitting.model.export.functions import identifier, rendered, written
 from fitting.model.export.words import require_folder
 from fitting.planning.guess import default_guess
 from fitting.valve.export import SAFETY
+from fitting.valve.identify import SCHEMA
 from fitting.valve.inverse import ValveModel
 
 FASTER = 1.3  # what a valve may give over what is expected of it
@@ -149,7 +150,7 @@ def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> li
         If the machine has no valves, or the report is none of its valves.
     """
     axes = {} if report is None else report.get("axes", {})
-    if report is not None and (report.get("schema") != "hilfit/valve/1" or not isinstance(axes, dict)):
+    if report is not None and (report.get("schema") != SCHEMA or not isinstance(axes, dict)):
         raise InputError("--after: is no valve report; give the valve.json of hilfit valve")
     found = []
     for joint in machine.joints:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, JsonValue
 
 from server.identifications.identification_store import Identification, RecordingChoice
 from server.platform.authorization.named_things import MachineName
@@ -12,6 +12,18 @@ from server.platform.http.bodies import Body, Flag, Label, Listed
 
 #: What a fit is ordered of.
 RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+#: An order of one, as the OpenAPI description shows it.
+ORDER_EXAMPLE: dict[str, JsonValue] = {
+    "examples": [
+        {
+            "machine": "folding-arm",
+            "recordings": [
+                {"id": "rec-0123456789abcdef", "role": "train"},
+                {"id": "rec-fedcba9876543210", "role": "validate"},
+            ],
+        }
+    ]
+}
 
 
 class IdentificationOptions(Body):
@@ -34,20 +46,7 @@ class IdentificationOptions(Body):
     resample: bool = False
 
 
-class IdentificationOrder(
-    Body,
-    json_schema_extra={
-        "examples": [
-            {
-                "machine": "folding-arm",
-                "recordings": [
-                    {"id": "rec-0123456789abcdef", "role": "train"},
-                    {"id": "rec-fedcba9876543210", "role": "validate"},
-                ],
-            }
-        ]
-    },
-):
+class IdentificationOrder(Body, json_schema_extra=ORDER_EXAMPLE):
     """What to identify."""
 
     machine: MachineName

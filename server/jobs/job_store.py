@@ -47,7 +47,7 @@ class Job(Stored, table="jobs", noun="job"):
     place: Annotated[str | None, HIDDEN] = None
 
 
-#: Of something that a job makes: what became of that job.
+#: State of the job that makes a resource; kept with the job.
 JobState = Annotated[State, BESIDE]
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from server.identifications.identification_schemas import RecordingChoices
+from server.identifications.identification_schemas import ORDER_EXAMPLE, RecordingChoices
 from server.platform.authorization.named_things import MachineName
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.valves.valve_fits import ValveFit
@@ -19,20 +19,7 @@ class ValveOptions(Body):
     bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
 
 
-class ValveOrder(
-    Body,
-    json_schema_extra={
-        "examples": [
-            {
-                "machine": "folding-arm",
-                "recordings": [
-                    {"id": "rec-0123456789abcdef", "role": "train"},
-                    {"id": "rec-fedcba9876543210", "role": "validate"},
-                ],
-            }
-        ]
-    },
-):
+class ValveOrder(Body, json_schema_extra=ORDER_EXAMPLE):
     """Whose valves to identify, from recordings with commands; those in the role ``validate`` are judged on."""
 
     machine: MachineName
