@@ -164,7 +164,7 @@ class SessionSignals:
         sampled_late = self._moved(model, resampled=False), self._prepared
         handed_on_late = self._moved(model, resampled=True), self._prepared
         best, self._prepared = min(sampled_late, handed_on_late, key=lambda tried: tried[0].fit.chi_square)
-        return best
+        return best if best is model else self.refit(best.terms)
 
     def delay_gain(self, model: Model, trial: Model) -> float:
         """Chi-square that moving the effort of ``model`` gains, without what smoothing it gains."""
@@ -183,7 +183,7 @@ class SessionSignals:
         moved = self.prepared((*model.terms, replace(term, rebuilt=(late,))))
         other_way = replace(self.prepared((*model.terms, replace(term, rebuilt=(-late,)))), noise=moved.noise)
         self._prepared = kept
-        return self._fitted(other_way, model.terms), self._fitted(moved, model.terms)
+        return self._refitted(other_way, model.terms, model), self._refitted(moved, model.terms, model)
 
     def _moved(self, model: Model, resampled: bool) -> Model:
         for _ in range(_REBUILDS):
@@ -192,10 +192,13 @@ class SessionSignals:
             if abs(late) < 0.05 * float(model.fit.std[part][0]):
                 break
             already = sum(model.terms[-1].rebuilt)
-            model = self.refit(
-                (*model.terms[:-1], replace(model.terms[-1], rebuilt=(already + late,), resampled=resampled))
-            )
+            terms = (*model.terms[:-1], replace(model.terms[-1], rebuilt=(already + late,), resampled=resampled))
+            model = self._refitted(self.prepared(terms), terms, model)
         return model
+
+    def _refitted(self, prepared: Prepared, terms: Sequence[Term], near: Model) -> Model:
+        """A fit whose columns are made of the forces of a model that is nearly the same: of moved efforts."""
+        return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, start=near, passes=1)
 
 
 def delays(session: Described, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:

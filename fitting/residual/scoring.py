@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.scratch import ScratchArrays
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect
 from fitting.effects.bounds import inside
 from fitting.residual.laws import laws
@@ -132,6 +132,7 @@ class Candidates:
             for place, own in self._groups.items()
         )
         self._columns: MutableMapping[int | None, FloatArray] = ScratchArrays() if size > _MOST_NUMBERS else {}
+        self._grams: dict[int, FloatArray] = {}  # of each candidate's own columns: no model changes them
         for place, numbers in self._groups.items():
             self._columns[place] = self._built(model, place, numbers)
 
@@ -148,51 +149,54 @@ class Candidates:
             if place in changed or (place is None and changed):
                 self._columns[place] = self._built(model, place, numbers)
 
-    def refresh(self, model: Model, numbers: Collection[int]) -> None:
-        """Make the columns of these candidates anew, from the model's present forces."""
+    def refresh(self, model: Model, numbers: Collection[int]) -> list[int]:
+        """Make the columns of these candidates anew, from the model's present forces; return those that hold any."""
+        all_stale: list[int] = []
         for place, own in self._groups.items():
             stale = [n for n in own if n in numbers and self.terms[n].uses_model]
             if not stale:
                 continue
             fresh = self._built(model, place, stale)
-            starts = dict(zip(own, np.cumsum([0, *(self._widths[n] for n in own[:-1])]).tolist(), strict=True))
-            into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in stale])
             columns = self._columns[place]
-            columns[:, into] = fresh
+            columns[:, self._into(place, stale)] = fresh
             self._columns[place] = columns
+            all_stale += stale
+        return all_stale
 
-    def scores(self, model: Model, places: Collection[int | None] | None = None) -> dict[int, Score]:
-        """Score of every candidate that has a live direction, by its number; ``places``: of these joints only."""
+    def scores(self, model: Model, numbers: Collection[int] | None = None) -> dict[int, Score]:
+        """Score of every candidate that has a live direction, by its number; ``numbers``: of these only."""
         result: dict[int, Score] = {}
-        for place, numbers in self._groups.items():
-            if places is not None and place not in places:
+        for place, group in self._groups.items():
+            asked = group if numbers is None else [n for n in group if n in numbers]
+            if not asked:
                 continue
-            C = self._columns[place]
+            C = self._columns[place] if len(asked) == len(group) else self._of(place, asked)
             if place is None:
                 Q, residual = np.vstack(model.fit.orthonormal), np.concatenate(model.fit.residual)
             else:
                 Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
-            shadow, products, norms = Q.T @ C, C.T @ residual, np.einsum("ij,ij->j", C, C)
-            told = None if model.unpriored is None else model.unpriored @ shadow
-            widths = np.array([self._widths[n] for n in numbers])
-            starts = np.concatenate([[0], np.cumsum(widths)[:-1]])
-            for width in np.unique(widths).tolist():
-                members = np.flatnonzero(widths == width)
-                where = starts[members][:, None] + np.arange(width)
-                own, shade, seen = (
-                    np.ascontiguousarray(part[:, where.ravel()].reshape(len(part), len(members), width).swapaxes(0, 1))
-                    for part in (C, shadow, shadow if told is None else told)
-                )
-                whole = own.swapaxes(1, 2) @ own
+            shadow, products = Q.T @ C, C.T @ residual
+            told = shadow if model.unpriored is None else model.unpriored @ shadow
+            for chosen, where in self._of_one_width(asked):
+                shade, seen = (np.moveaxis(part[:, where], 0, 1) for part in (shadow, told))
+                whole = np.array([self._grams[n] for n in chosen])
                 gram = whole - shade.swapaxes(1, 2) @ shade
-                plain = gram if told is None else whole - seen.swapaxes(1, 2) @ seen
-                chosen = [numbers[m] for m in members]
+                plain = gram if told is shadow else whole - seen.swapaxes(1, 2) @ seen
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
-                for member, score in _scored(own_terms, gram, plain, products[where], norms[where]):
+                norms = np.einsum("tii->ti", whole)
+                for member, score in _scored(own_terms, gram, plain, products[where], norms):
                     if place is None and score.gain > 0:
-                        score = _placed(score, model, own[member], shade[member])
+                        score = _placed(score, model, C[:, where[member]], shade[member])
                     result[chosen[member]] = score
         return result
+
+    def _of_one_width(self, numbers: Sequence[int]) -> Iterator[tuple[list[int], IntArray]]:
+        """Candidates (T,) of each width k, and where (T, k) their columns are among those of ``numbers``."""
+        widths = np.array([self._widths[n] for n in numbers])
+        starts = np.cumsum(widths) - widths
+        for width in np.unique(widths).tolist():
+            members = np.flatnonzero(widths == width)
+            yield [numbers[m] for m in members], starts[members][:, None] + np.arange(width)
 
     def width(self, number: int) -> int:
         """Number of a candidate's columns."""
@@ -233,10 +237,13 @@ class Candidates:
 
     def _of(self, place: int | None, numbers: Sequence[int]) -> FloatArray:
         """Columns of these candidates one after the other; all act at this place."""
+        return np.asarray(self._columns[place][:, self._into(place, numbers)])
+
+    def _into(self, place: int | None, numbers: Sequence[int]) -> IntArray:
+        """Where the columns of these candidates are among those of their place."""
         group = self._groups[place]
         starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
-        into = np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
-        return np.asarray(self._columns[place][:, into])
+        return np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
 
     def _built(self, model: Model, place: int | None, numbers: Sequence[int]) -> FloatArray:
         joints = range(len(model.views[0])) if place is None else range(place, place + 1)
@@ -251,6 +258,9 @@ class Candidates:
         for views in model.views:
             for view in views:
                 view.cache.clear()  # what shapes shared is of no use any more
+        for chosen, where in self._of_one_width(numbers):
+            own = np.moveaxis(block[:, where], 0, 1)
+            self._grams.update(zip(chosen, own.swapaxes(1, 2) @ own, strict=True))
         return block
 
 

@@ -221,7 +221,8 @@ def fit_model(
 ) -> Model:
     """Joint refit of drive, base and terms.
 
-    Columns that hold the model's own force depend on the fit; they are rebuilt from the last one, ``passes`` times.
+    Columns that hold the model's own force depend on the fit; where there are any, they are rebuilt from the last one,
+    ``passes`` times.
     Which of the drives' parameters the prior holds is found anew for these terms.
     """
     fitted = tuple(fitted)
@@ -244,7 +245,8 @@ def fit_model(
         fit, extra = start.fit, start.extra
     views = views_of(fit, extra)
     earlier: list[FloatArray] = []
-    for _ in range(passes if terms else 0):
+    moving = any(term.uses_model for term in terms)
+    for _ in range(passes if moving else bool(terms)):
         earlier.append(fit.theta)
         extra = extra_columns(design, views, terms)
         fit = fit_with(extra)

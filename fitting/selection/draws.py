@@ -47,7 +47,7 @@ class Draws:
                 if null is not None:
                     self._nulls[score.term.label] = null if known is None else known.joined(null)
             drawn += draws
-            known_now = [own for own in map(self._against, fresh) if own.plausible]
+            known_now = [own for own in map(self._against, scores) if own.plausible]
             best = max((own.calibrated - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
             if not OPEN[0] < best < OPEN[1]:
                 break  # more draws would not change the decision

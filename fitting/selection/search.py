@@ -7,8 +7,8 @@ the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,6 +78,15 @@ def attribute(
     return search.result()
 
 
+@dataclass(frozen=True)
+class _Scored:
+    """Scores of all candidates beside a model by their number, and the labels of those whose nulls were drawn."""
+
+    model: Model
+    scores: dict[int, Score]
+    drawn: set[tuple[object, ...]] = field(default_factory=set)
+
+
 class Search:
     """State of the search: the model so far, what was added and what was refused."""
 
@@ -110,9 +119,9 @@ class Search:
         joints = range(len(base.design.machine.joints))
         twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
         self.candidates = Candidates(base, [*terms, *laws, *twists], [*grid, *law_grid, *[len(twists)] * len(twists)])
-        self.scored: Model = base
-        self.scores: dict[int, Score] | None = None
-        self.drawn: set[tuple[object, ...]] = set()
+        self.scored = _Scored(base, self.candidates.scores(base))
+        self.before = self.scored  # beside the model that the last term was added to
+        self.fresh: set[int] = set()  # candidates whose columns were made anew since
         self.slots: list[Slot] = []
         self.open: list[Rated] = []
         self.left: Leftover | None = None
@@ -137,32 +146,35 @@ class Search:
 
         Scores of the last model are kept: after a refusal only what is believed of leftovers is another.
         """
-        if self.scores is None or self.scored is not model:
-            self.scores, self.drawn = self._scores(model), set()
-        scores, rating = self.scores, self._rating(model)
+        if self.scored.model is not model:
+            self.scored = self._scores_beside(model)
+        scores, drawn, rating = self.scored.scores, self.scored.drawn, self._rating(model)
         rated = rating.rated(scores)
         if not self.draws.wanted:
             return rated
         number = {score.term.label: n for n, score in scores.items()}
         for _ in range(MOST_ROUNDS):
             # What was drawn may lose by it, and others contend then: they are drawn as well.
-            chosen = [r for r in _contending(rated) if r.term.label not in self.drawn]
+            chosen = [r for r in _contending(rated, drawn) if r.term.label not in drawn]
             if not chosen:
                 break
-            self.drawn |= {r.term.label for r in chosen}
+            drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
             rated = rating.rated(scores)
         return rated
 
-    def _scores(self, model: Model) -> dict[int, Score]:
+    def _scores_beside(self, model: Model) -> _Scored:
         """Scores of all candidates beside a model, with columns made anew of those that matter."""
-        if self.scored is not model:
-            self.candidates.follow(self.scored, model)
-            self.scored = model
-            near = {n for n, score in self.candidates.scores(model).items() if score.gain > priors.SMALLEST**2}
-            self.candidates.refresh(model, near)
-        return self.candidates.scores(model)
+        self.candidates.follow(self.scored.model, model)
+        if model is self.before.model:
+            self.candidates.refresh(model, self.fresh)
+            self.fresh.clear()
+            return self.before
+        scores = self.candidates.scores(model)
+        anew = set(self.candidates.refresh(model, {n for n, s in scores.items() if s.gain > priors.SMALLEST**2}))
+        self.fresh |= anew
+        return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | self.candidates.scores(model, anew))
 
     def _open(self, rated: Sequence[Rated]) -> list[Rated]:
         """Those that are neither there nor refused."""
@@ -262,7 +274,8 @@ class Search:
         self.again.clear()
         self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
         self.table[place] = Candidate(*place, margin(score), "accepted", f"gains {score.gain:.0f} of chi-square")
-        self.model = trial
+        self.before, self.model = self.scored, trial
+        self.fresh.clear()
 
     def _spilled(self, score: Score) -> bool:
         """Whether a gain is what a joint with an unconfirmed law bends of the parameters that joints share.
@@ -345,7 +358,8 @@ class Search:
         item = self.accepted[number]
         others = [a for n, a in enumerate(self.accepted) if n != number]
         rest = [a.score.term for a in others]
-        model = self.base if tuple(rest) == self.base.terms else self.signals.refit(rest)
+        known = next((m for m in (self.base, self.before.model) if m.terms == tuple(rest)), None)
+        model = self.signals.refit(rest) if known is None else known
         all_, self.accepted = self.accepted, others
         rated = self._beside(self._rated(model), rest)
         own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
@@ -449,9 +463,14 @@ class Search:
             self.table[place] = Candidate(*place, margin(r.score), "rejected", reason)
 
 
-def _contending(rated: Sequence[Rated]) -> list[Rated]:
-    """Explanations whose odds noise in the regressors may decide; of a name that contends, those of other joints."""
-    first = [r for r in rated if r.log_odds > -priors.SAID_ODDS and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
+def _contending(rated: Sequence[Rated], drawn: Collection[tuple[object, ...]]) -> list[Rated]:
+    """Explanations whose odds noise in the regressors may decide; of a name that contends, those of other joints.
+
+    They contend with nothing, and with the best of those that were drawn: what is far below it stays there.
+    """
+    best = max((r.log_odds for r in rated if r.term.label in drawn), default=0.0)
+    least = max(best, 0.0) - priors.SAID_ODDS
+    first = [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
     ids = {r.term.id for r in first if r.term.uses_model and isinstance(r.term.content, Effect)}
     return first + [r for r in rated if r.term.id in ids and r not in first][:MOST_CONTENDERS]
 
