@@ -195,7 +195,7 @@ class Candidates:
         widths = np.array([self._widths[n] for n in numbers])
         starts = np.cumsum(widths) - widths
         for width in np.unique(widths).tolist():
-            members = np.flatnonzero(widths == width)
+            members = np.flatnonzero(widths == width).tolist()
             yield [numbers[m] for m in members], starts[members][:, None] + np.arange(width)
 
     def width(self, number: int) -> int:

@@ -44,8 +44,6 @@ NEAR = 0.25
 SHARED_Z = 4.0
 #: Contenders whose null is drawn.
 MOST_CONTENDERS = 12
-#: Times that contenders are drawn which came up because others lost.
-MOST_ROUNDS = 3
 
 
 def attribute(
@@ -150,14 +148,9 @@ class Search:
             self.scored = self._scores_beside(model)
         scores, drawn, rating = self.scored.scores, self.scored.drawn, self._rating(model)
         rated = rating.rated(scores)
-        if not self.draws.wanted:
-            return rated
         number = {score.term.label: n for n, score in scores.items()}
-        for _ in range(MOST_ROUNDS):
-            # What was drawn may lose by it, and others contend then: they are drawn as well.
-            chosen = [r for r in _contending(rated, drawn) if r.term.label not in drawn]
-            if not chosen:
-                break
+        # What was drawn may lose by it, and others contend then: they are drawn as well.
+        while self.draws.wanted and (chosen := [r for r in _contending(rated, drawn) if r.term.label not in drawn]):
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
