@@ -21,7 +21,6 @@ from fitting.regression.prior import Prior
 from fitting.residual.change_points import ChangePoint, change_points, joint_rows, step_at
 from fitting.residual.confirmation.confirmation import Misfit, misfit, validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
-from fitting.residual.confirmation.trials import mirrored_gain
 from fitting.residual.confirmation.uncertainty import with_doubts
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.laws import Law
@@ -165,12 +164,6 @@ class SessionSignals:
         handed_on_late = self._moved(model, resampled=True), self._prepared
         best, self._prepared = min(sampled_late, handed_on_late, key=lambda tried: tried[0].fit.chi_square)
         return best if best is model else self.refit(best.terms)
-
-    def delay_gain(self, model: Model, trial: Model) -> float:
-        """Chi-square that moving the effort of ``model`` gains, without what smoothing it gains."""
-        if not trial.terms[-1].rebuilt:
-            return model.fit.chi_square - trial.fit.chi_square
-        return mirrored_gain(*self.mirrored(model, trial))
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
         """``model`` with its effort moved as far as the last term of ``trial`` says the other way, and as it says.

@@ -226,14 +226,7 @@ class Search:
             and isinstance(r.term.content, Effect)
             and r.score.gain > NEAR * head.score.gain
         ][:WIDTH]
-        sharp = [self._moved(r, model) if r.term.delays_effort else rating.sharper(r, model) for r in near]
-        return by_formula([*sharp, *(r for r in rated if r not in near)])
-
-    def _moved(self, late: Rated, model: Model) -> Rated:
-        """A delay with what moving the effort gains: its column is its beginning only."""
-        trial = self.gate.with_term(model, late.term)
-        more = 0.5 * (self.signals.delay_gain(model, trial) - late.score.gain)
-        return late if more <= 0 else replace(late, log_odds=late.log_odds + more, exact=late.exact + more)
+        return by_formula([*(rating.sharper(r, model) for r in near), *(r for r in rated if r not in near)])
 
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""

@@ -16,14 +16,6 @@ from fitting.residual.null import Null
 from fitting.residual.terms import Model, Term
 
 
-def mirrored_gain(other_way: Model, moved: Model) -> float:
-    """Chi-square that a delay gains, without what smoothing does, of :meth:`Signals.mirrored`.
-
-    Chi-square is a parabola of the delay, so what was moved as far the other way has lost four times what it gains.
-    """
-    return (other_way.fit.chi_square - moved.fit.chi_square) / 4.0
-
-
 class Signals(Protocol):
     """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
 
@@ -42,10 +34,6 @@ class Signals(Protocol):
 
     def rebuilt(self, model: Model) -> Model:
         """The model with its last term moved into the signals as far as that term can be."""
-        ...
-
-    def delay_gain(self, model: Model, trial: Model) -> float:
-        """Chi-square that moving the effort gains, once the last term of ``trial`` is a delay that was moved."""
         ...
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
