@@ -153,7 +153,10 @@ class RodLaw:
 
     def __call__(self, signals: FloatArray) -> FloatArray:
         """Pressures (N,) in Pa from signals (N, 5)."""
-        return np.asarray(self.basis(self.knots, signals, self.speed_noise) @ self.coefficients)
+        *smooth, of_sign = np.split(self.coefficients, np.cumsum([len(knots) - 4 for knots in self.knots]))
+        parts = zip(self.knots, signals.T, smooth, strict=True)
+        sign = expected_sign(signals[:, 0], self.speed_noise)
+        return np.asarray(sum(evaluate(*own) for own in parts) + sign * (of_sign[0] + of_sign[1] * signals[:, 1]))
 
     @staticmethod
     def basis(knots: Sequence[FloatArray], signals: FloatArray, speed_noise: float) -> FloatArray:

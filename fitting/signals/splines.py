@@ -24,11 +24,12 @@ def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
     return np.concatenate([[low] * 4, (quantiles + even) / 2, [high] * 4])
 
 
-def evaluate(knots: FloatArray, values: npt.ArrayLike) -> FloatArray:
-    """Basis functions at ``values``, shape (N, functions); constant beyond the outer knots."""
+def evaluate(knots: FloatArray, values: npt.ArrayLike, coefficients: FloatArray | None = None) -> FloatArray:
+    """Basis functions at ``values``, shape (N, functions), or their sum (N,) with ``coefficients``; constant beyond the
+    outer knots."""
     inside = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
     # Coefficients of the identity: all functions at once, in compiled code.
-    return np.asarray(BSpline(knots, np.eye(len(knots) - 4), 3)(inside))
+    return np.asarray(BSpline(knots, np.eye(len(knots) - 4) if coefficients is None else coefficients, 3)(inside))
 
 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:
