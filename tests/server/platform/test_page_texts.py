@@ -269,7 +269,7 @@ REPORTED = (
 #: What is put together otherwise than it is read out of the source; `test_report_german.py` has it whole.
 PUT_TOGETHER = {
     "friction was estimated with the arm attached on", "it is", "they are", "not told", "poorly told",
-    "parameters as fitted", "the two position sensors disagree by {} mm, afterwards by {} mm{}",
+    "parameters as fitted", "position sensors", "the two position sensors disagree by {} mm, afterwards by {} mm{}",
     "{} {} a standard deviation above {} % of the value: {} poorly determined by these recordings",
 }  # fmt: skip
 
