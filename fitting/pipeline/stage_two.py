@@ -10,13 +10,14 @@ import numpy as np
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.loop.session import Session
-from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, stage_condition
+from fitting.pipeline.comparison import compare, cylinder_conditions, stage_condition
 from fitting.pipeline.estimator_choice import Choice, chosen
 from fitting.pipeline.results.stage_results import Cylinders, RigidBody, Stacked, StageResults
 from fitting.pipeline.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body, refit_rigid_body
 from fitting.pipeline.stage_names import Progress
 from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of
+from fitting.regression.solving import Fit
 from fitting.residual.terms import Model
 
 
@@ -85,21 +86,15 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:
     """Hierarchical against one-shot on the uncorrected recordings (:func:`fitting.pipeline.comparison.compare`)."""
     design, fit = session.plain.design, session.base_model.fit
-    contenders = {
-        "hierarchical": _contender(found.two_stage_ols or found.two_stage),
-        "one_shot": _contender(found.one_shot),
+    first = found.two_stage_ols or found.two_stage
+    worst = stage_condition(cylinder_conditions(design), first.condition_number)
+    contenders: dict[str, Stacked | Fit] = {
+        "hierarchical": replace(first, condition_number=worst),
+        "one_shot": found.one_shot,
     }
     if found.one_shot_with_unloaded is not None:
-        contenders["one_shot_with_unloaded"] = _contender(found.one_shot_with_unloaded)
-    first = contenders["hierarchical"]
-    worst = stage_condition(cylinder_conditions(design), first.condition_number)
-    contenders["hierarchical"] = Contender(first.theta, first.std, first.told, worst)
-    contenders["joint_refit"] = Contender(fit.theta, fit.std, fit.told, fit.condition_number)
-    return compare(design, contenders, floor, np.random.default_rng(21))
-
-
-def _contender(found: Stacked) -> Contender:
-    return Contender(found.theta, found.std, found.told, found.condition_number)
+        contenders["one_shot_with_unloaded"] = found.one_shot_with_unloaded
+    return compare(design, contenders | {"joint_refit": fit}, floor, np.random.default_rng(21))
 
 
 def std(errors: FloatArray) -> float | None:
