@@ -163,7 +163,7 @@ FITTING = (
     *(f"fitting/{name}" for name in ("arm", "estimators", "excitation", "loop", "pipeline", "planning", "regression")),
     *("fitting/report/html.py", "fitting/report/schema/definition.py", "fitting/signals/preparation.py"),
     "daq/motion_files.py",
-    *(f"fitting/model/{name}.py" for name in ("codec", "comparison", "prediction", "tails")),
+    *(f"fitting/model/{name}.py" for name in ("codec", "prediction", "tails")),
 )
 #: Kinds of errors there, and those of its own.
 FITTING_ERRORS = ERRORS | {"HilfitError", "NotPossibleError", "ReportError"}
