@@ -80,10 +80,11 @@ def _code(name: str) -> str:
 
 def _found(found: Found) -> str:
     rows = []
-    for name, joint, evidence, rivals in found.lines:
-        shape = ", ".join(f"{k} = {v:.3g}" for k, v in evidence["term"]["shape"].items())
+    for name, joint, item, rivals in found.lines:
+        evidence = item["evidence"]
+        shape = ", ".join(f"{k} = {v:.3g}" for k, v in item["term"]["shape"].items())
         held = f"{evidence['held_out_z']:.1f}"
-        validate = evidence["validate_gain"]
+        validate = evidence.get("validate_gain")
         rows.append(
             [
                 _code(name),

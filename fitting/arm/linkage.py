@@ -18,12 +18,13 @@ import numpy.typing as npt
 from daq.errors import InputError
 from daq.machine.linkages import Direct, FourBar, Linkage, Polynomial, Rack, ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
-from fitting.arm.rocker import rocker_motion
 from fitting.arrays import FloatArray
 
 _polynomial = np.polynomial.polynomial
 #: Parameters of a four-bar linkage that a wrong length shows in, m; its points only move what these do.
 _FOUR_BAR = ("rod_arm", "coupler_arm", "coupler", "retracted")
+#: Sine of the opening angle that a stretched chain counts with: machine files keep away from it, noise may not.
+_LEAST_SINE = 1e-6
 _STEP = 1e-5  # m: differences of a closed form over twice this are right to 1e-9
 
 
@@ -45,7 +46,7 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     """
     linkage, q = reduced(linkage), np.asanyarray(q) * 1.0
     if isinstance(linkage, FourBar):
-        turned, ratio, _ = rocker_motion(linkage, q)
+        turned, ratio, _ = _rocker_motion(linkage, q)
         return lever_arm(linkage.at_rocker, turned) * ratio
     if isinstance(linkage, ThreePin):
         return np.asarray(linkage.a * linkage.b * np.sin(q + linkage.offset) / linkage.length(q))
@@ -72,7 +73,7 @@ def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     """
     linkage, q = reduced(linkage), np.asanyarray(q) * 1.0
     if isinstance(linkage, FourBar):
-        turned, ratio, bend = rocker_motion(linkage, q)
+        turned, ratio, bend = _rocker_motion(linkage, q)
         return lever_arm_slope(linkage.at_rocker, turned) * ratio**2 + lever_arm(linkage.at_rocker, turned) * bend
     if isinstance(linkage, ThreePin):
         r = lever_arm(linkage, q)
@@ -80,6 +81,34 @@ def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
     if isinstance(linkage, Polynomial):
         return np.asarray(_polynomial.polyval(q, _polynomial.polyder(np.asarray(linkage.coefficients), 2)))
     return np.zeros(q.shape)
+
+
+def _rocker_motion(linkage: FourBar, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Direction of a four-bar linkage's coupler arm (rad) and its first and second derivative by ``q`` (1, 1/rad).
+
+    With ``w`` from the rocker's pivot to the coupler's pin on the link (length ``g``, bearing ``gamma``), ``u`` from
+    the joint's axis to that pin, ``k`` the coupler arm and ``c`` the coupler, the arm stands at ``phi = gamma +- beta``
+    with ``cos beta = (k^2 + g^2 - c^2) / (2 k g)``. The pin moves on a circle, ``w' = z x u`` and ``w'' = -u`` per unit
+    of ``q``, so ``g' = w . w' / g``, ``gamma' = w . u / g^2`` and so on; ``beta`` depends on ``g`` alone.
+    """
+    w, u = linkage.link_pin(q)
+    k, c = linkage.coupler_arm, linkage.coupler
+    g = np.maximum(np.linalg.norm(w, axis=-1), 1e-12)
+    moved = np.stack([-u[..., 1], u[..., 0]], axis=-1)
+    along = np.sum(w * u, axis=-1)
+    g1 = np.sum(w * moved, axis=-1) / g
+    g2 = (np.sum(u * u, axis=-1) - along - g1**2) / g
+    gamma1 = along / g**2
+    gamma2 = g1 / g - 2 * gamma1 * g1 / g
+    cosine = linkage.closing_cosine(q)
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, _LEAST_SINE**2))
+    slope, bend = (g**2 - k**2 + c**2) / (2 * k * g**2), (k**2 - c**2) / (k * g**3)  # of the cosine, by g
+    beta1 = -slope / sine
+    beta2 = -bend / sine - slope**2 * cosine / sine**3
+    side = 1.0 if linkage.side == "left" else -1.0
+    first = gamma1 + side * beta1 * g1
+    second = gamma2 + side * (beta2 * g1**2 + beta1 * g2)
+    return linkage.rocker(q), np.asarray(first), np.asarray(second)
 
 
 def piston_motion(

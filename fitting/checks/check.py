@@ -26,13 +26,12 @@ from fitting.checks.inertias import inertia_findings
 from fitting.checks.machine_numbers import machine_findings
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
-from fitting.checks.mistakes.arm_motion import positions_of
 from fitting.checks.mistakes.clocks import Clock, clock_of
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR
 from fitting.checks.mistakes.other_causes import with_couplings, with_payload
 from fitting.checks.mistakes.physical import Trial
-from fitting.checks.mistakes.samples import take_samples
+from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search
 from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
 from fitting.checks.motions import motion_findings
@@ -195,17 +194,11 @@ def _usable(
     for finding in found:
         if finding.code != "unit" or finding.recording is not None:
             continue
-        unit = finding.cure.partition("'")[2].partition("'")[0]
         for channel in machine.channels:
-            named = finding.channel == channel.name
-            every = finding.channel is None and (
-                channel.quantity in finding.text
-                or (channel.quantity.endswith("_pressure") and "all pressures" in finding.text)
-            )
-            if not (named or every):
+            if channel.name not in (finding.channels or (finding.channel,)):
                 continue
             options = gains(machine.si_unit(channel), machine.conversion(channel).factor)
-            gain = next((g for g, says in options.items() if says == unit), None)
+            gain = next((g for g, says in options.items() if says == finding.says), None)
             if gain is None:
                 return [], False
             kept = [
@@ -219,13 +212,13 @@ def _usable(
 
 def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Finding:
     """Two position sensors of a joint that contradict each other, with what explains it if anything does."""
-    option = own.option
-    other = () if option is None or option.other is None else (option.other,)
-    names = tuple(machine.joints[k].name for k in (own.joint, *other))
+    option = own.hypothesis
+    names = tuple(machine.joints[k].name for k in ((own.joint,) if option is None else option.joints))
     if option is None:
         return finding_of("positions_disagree", joint=names[0], before=own.before, unit="of the motion", strength=4.0)
-    channel = machine.channel(option.quantity, names[0]) if option.quantity else None
-    channels = [c.name for n in names if option.quantity and (c := machine.channel(option.quantity, n))]
+    quantity = next(iter(option.channels), None)
+    channel = machine.channel(quantity, names[0]) if quantity else None
+    channels = [c.name for n in names if quantity and (c := machine.channel(quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
     text = option.text.format(channel=channel.name if channel else "", joint=names[0])
     lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
@@ -233,7 +226,7 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
         option.code,
         f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by {own.after:.1%} then)",
         option.cure + where,
-        alternatives=tuple(_named(machine, names[0], option.quantity, text) for text in own.alternatives),
+        alternatives=tuple(_named(machine, names[0], quantity, text) for text in own.alternatives),
         joint=names[0],
         channel=channel.name if channel else None,
         before=own.before,
@@ -253,18 +246,10 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     samples = take_samples(machine, measured)
     if samples is None or not samples.loaded.any():
         return found
-    changed = machine
-    for own in disagreements(machine, samples):
-        found.append(_of_positions(machine, own, places))
-        if own.option is not None and own.option.machine is not None:
-            changed = _merged(changed, own.option.machine, own.joint)
-        if own.option is not None and own.option.samples is not None:
-            mine, theirs = samples.signals, own.option.samples.signals
-            joints = (own.joint, own.option.other)
-            samples = samples.replaced({k: v for k, v in theirs.items() if v is not mine[k] and k[1] in joints})
+    disagree, trial = disagreements(Trial(samples, machine, positions_of(machine, samples)))
+    found += [_of_positions(machine, own, places) for own in disagree]
     if any(f.code == "positions_disagree" for f in found):
         return found
-    trial = Trial(samples, changed, positions_of(changed, samples))
     clock = clock_of(trial)
     if clock is not None:
         found.append(_of_clock(clock))
@@ -345,11 +330,6 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         else (),
         strength=1.0 + float(np.log(own.before / own.after)),
     )
-
-
-def _merged(machine: Machine, other: Machine, joint: int) -> Machine:
-    joints = tuple(other.joints[k] if k == joint else own for k, own in enumerate(machine.joints))
-    return machine.model_copy(update={"joints": joints})
 
 
 def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording], places: Places) -> Finding:

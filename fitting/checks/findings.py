@@ -28,6 +28,8 @@ class Finding:
     before, after : misfit (or another number that the text names) as the files are, and with the cure
     unit : of both
     factor : number that was interpreted (a gain, an offset, a delay), if there is one
+    says : unit that values look like, where another was declared
+    channels : all that it is about, where they are several
     alternatives : what explains the data as well, and cannot be told apart by them
     strength : for the order of findings: natural logarithm of how much better the data fit with the cure
     """
@@ -43,6 +45,8 @@ class Finding:
     after: float | None = None
     unit: str = ""
     factor: float | None = None
+    says: str | None = None
+    channels: tuple[str, ...] = ()
     alternatives: tuple[str, ...] = ()
     strength: float = 0.0
 
@@ -59,7 +63,7 @@ class Finding:
 
 _LEFT_OPEN = {"channel": "{channel}", "joint": "{joint}"}
 #: What of the values in its texts a finding has as well.
-_OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor"})
+_OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor", "says"})
 
 
 def finding_of(

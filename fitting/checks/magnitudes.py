@@ -115,6 +115,8 @@ def _impossible(
                     channel=None if every else channel.name,
                     before=top,
                     unit="Pa",
+                    says=unit,
+                    channels=tuple(c.name for c in channels) if every else (),
                     strength=9.0,
                 )
             )
@@ -217,6 +219,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
                 joint=channel.joint,
                 channel=channel.name,
                 before=beyond,
+                says=says,
                 strength=7.0 if says else 4.0,
             )
         )
@@ -259,6 +262,8 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
                 f"all channels of quantity {quantity}: {first.text.partition(': ')[2]} ({first.channel})",
                 first.cure.replace("its unit", "the unit"),
                 before=first.before,
+                says=first.says,
+                channels=tuple(str(f.channel) for f in own),
                 strength=first.strength + 1,
             )
             result = [whole, *(f for f in result if f not in own)]

@@ -21,11 +21,9 @@ import numpy as np
 import yaml
 
 from daq.machine.machine_file import Machine, parse_machine
-from fitting.arm.base_parameters import reduce_parameters
+from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arrays import FloatArray
-from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
-from fitting.regression.design import build_design
-from fitting.residual.views import Views, build_views
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Ranges, Shape
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import PositionNoise, Segment, motion_segment
 
@@ -54,7 +52,7 @@ class _Bench:
     """One arm with an unloaded and a loaded recording; ``views[segment][joint]``."""
 
     machine: Machine
-    views: Views
+    views: tuple[tuple[DriveView, ...], ...]
 
 
 def check_effect(effect: Effect) -> None:
@@ -311,14 +309,45 @@ def _bench(name: str, joints: tuple[tuple[str, str | None, float, tuple[str, ...
     machine = _machine(name, joints)
     n = len(joints)
     base = reduce_parameters(machine)
-    bank = filter_bank(_RATE, 3.0)
-    noise = (PositionNoise(1e-5, 1e-4, 1e-3),) * n
-    segments = [_segment(machine, loaded, number) for number, loaded in enumerate((False, True))]
-    design = build_design(machine, base, bank, noise, segments)
-    rng = np.random.default_rng(3)
     # Loads of both signs, friction of a like size: every branch of an effect is entered.
-    theta = rng.normal(size=len(design.parameters)) * 20.0
-    return _Bench(machine, build_views(design, theta, (0, 1)))
+    rng = np.random.default_rng(3)
+    values, friction = rng.normal(size=len(base)) * 20.0, rng.normal(size=(2, n)) * 20.0
+    segments = [_segment(machine, loaded, number) for number, loaded in enumerate((False, True))]
+    loads = [own.loaded * (base_regressor(machine, base, own.q, own.qd, own.qdd) @ values) / own.r for own in segments]
+    forces = [load + friction[0] * own.x + friction[1] * own.v for own, load in zip(segments, loads, strict=True)]
+    ranges = tuple(
+        Ranges(
+            x=(min(own.x[:, j].min() for own in segments), max(own.x[:, j].max() for own in segments)),
+            v=max(np.abs(own.v[:, j]).max() for own in segments),
+            force=max(np.abs(own[:, j]).max() for own in forces),
+            time=(0.0, float(segments[0].t[-1])),
+        )
+        for j in range(n)
+    )
+
+    def views_of(own: Segment, force: FloatArray, load: FloatArray) -> tuple[DriveView, ...]:
+        shared: dict[str, FloatArray] = {}
+        return tuple(
+            DriveView(
+                machine=machine,
+                joint=joint,
+                segment=own,
+                bank=filter_bank(_RATE, 3.0),
+                noise=(PositionNoise(1e-5, 1e-4, 1e-3),) * n,
+                forces=force,
+                loads=load,
+                rod_pressures=lambda: own.p2,
+                ranges=ranges,
+                clock=own.t,
+                base=base,
+                base_values=values,
+                loaded_recordings=(1,),
+                shared=shared,
+            )
+            for joint in range(n)
+        )
+
+    return _Bench(machine, tuple(map(views_of, segments, forces, loads)))
 
 
 def _machine(name: str, joints: tuple[tuple[str, str | None, float, tuple[str, ...]], ...]) -> Machine:

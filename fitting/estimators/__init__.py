@@ -6,13 +6,13 @@ estimator with one file, one line of TOML and one call of :func:`fitting.estimat
 
 from __future__ import annotations
 
+from daq.seams import ESTIMATORS
 from fitting.estimators.base import Estimate, Estimator
 from fitting.estimators.context import StageTwo, TakesStage, within
 from fitting.estimators.covariance import Colour, residual_draws
 from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.estimators.possible import PossibleFit
 from fitting.estimators.recursive import RecursiveLeastSquares
-from fitting.estimators.registry import estimator, estimator_ids
 from fitting.estimators.ridge import RidgeTowardPrior
 from fitting.estimators.weighted import WeightedLeastSquares
 
@@ -32,3 +32,14 @@ __all__ = [
     "residual_draws",
     "within",
 ]
+
+
+def estimator_ids() -> tuple[str, ...]:
+    """Ids of all installed estimators, sorted."""
+    return ESTIMATORS.names()
+
+
+def estimator(name: str) -> Estimator:
+    """The estimator with this id (``InputError``, one line, if there is none or it is none)."""
+    made: Estimator = ESTIMATORS.make(name, Estimator)
+    return made

@@ -6,20 +6,23 @@
 ``limits``          limits and how much of them is used; supply flow and chamber pressure
 ``problem``         an unconstrained problem: free coefficients in, a motion inside its limits out
 ``search``          criterion, penalties, and the minimisation from competing starts
-``design``          one motion, or a sequence of motions that complement each other
-``gathered``        what motions and recordings have told already
+``design``          one motion, or a sequence that complement each other and what was told already
 ``cylinders``       signals for free cylinders (stage 1): band-limited, and a staircase
 ``staircase``       constant speeds, slow to fast
 ``experiments``     motions that tell effects apart: staircases, reversals, two poses, a neighbour
-``shapes``          steps, bursts and waves that experiments are joined from
 ``series``          random Fourier motions, for searches without gradients
 =================== =====================================================================
 """
 
 from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, design_cylinder_motion
-from fitting.excitation.design import Excitation, design_motion, design_sequence
+from fitting.excitation.design import (
+    Excitation,
+    design_motion,
+    design_sequence,
+    information_of,
+    information_of_recording,
+)
 from fitting.excitation.experiments import KINDS, Arm, Experiment, experiment, menu
-from fitting.excitation.gathered import information_of, information_of_recording
 from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions

@@ -30,7 +30,6 @@ from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
 from fitting.arrays import FloatArray
 from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.limits import HydraulicLimits, limits_used
-from fitting.excitation.shapes import ACCELERATION_OF_STEP, SPEED_OF_STEP, burst, step, wave
 from fitting.excitation.staircase import staircase
 
 #: Static drive efforts (N, n) at joint positions (N, n).
@@ -38,6 +37,8 @@ Holding = Callable[[FloatArray], FloatArray]
 
 KINDS = ("staircase", "slow_reversals", "frequencies", "two_poses", "neighbour", "free_cylinder")
 
+#: Largest slopes of the fifth-order step ``10 s^3 - 15 s^4 + 6 s^5``: of itself and of its first derivative.
+_SPEED_OF_STEP, _ACCELERATION_OF_STEP = 1.875, 5.7735
 _HIGHEST = 0.6  # Hz
 _REVERSAL_SHARE = 0.06  # of the way that the joint has
 _SLOWEST = 0.03  # of the top speed: some mm/s, where friction bends; slower ones reverse too slowly to be timed
@@ -195,8 +196,8 @@ def _seconds_of_step(arm: Arm, start: FloatArray, end: FloatArray) -> float:
         way, distance = arm.way(joint), abs(end[joint] - start[joint])
         seconds = max(
             seconds,
-            SPEED_OF_STEP * distance / way.speed,
-            float(np.sqrt(ACCELERATION_OF_STEP * distance / way.acceleration)),
+            _SPEED_OF_STEP * distance / way.speed,
+            float(np.sqrt(_ACCELERATION_OF_STEP * distance / way.acceleration)),
         )
     return 1.05 * seconds
 
@@ -215,7 +216,7 @@ def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[s
     ratio = max(1.2, min(ratio, (np.sqrt(max(4 * most - 3, 0.0)) - 1) / 2))
     frequencies = tuple(float(highest / ratio**k) for k in (2, 1, 0))
     cycles = max(2, int(arm.seconds / sum(1 / f for f in frequencies)))
-    parts = [amplitude * burst(arm.time(cycles / f)[:-1], f, cycles) for f in frequencies]
+    parts = [amplitude * _burst(arm.time(cycles / f)[:-1], f, cycles) for f in frequencies]
     course = np.append(np.concatenate(parts), 0.0)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] += course
@@ -252,10 +253,10 @@ def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
     course = arm.stairs(max(strokes, 8.0), 4, 0.05)
     start = arm.middle
     start[arm.joint] = light[arm.joint] = heavy[arm.joint] = course[0]
-    parts = [start[None, :], step(start, light, first, rate)]
+    parts = [start[None, :], _step(start, light, first, rate)]
     for pose in (light, heavy):
         if pose is heavy:
-            parts.append(step(light, heavy, there, rate))
+            parts.append(_step(light, heavy, there, rate))
         part = arm.held(len(course), pose)
         part[:, arm.joint] = course
         parts.append(part)
@@ -294,12 +295,12 @@ def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
     # Creeping over the whole way and back, 1.5 times: slow, and never at rest for long.
     creep = 1.5 / arm.seconds
     amplitude = min(way.half, way.speed / (9.0 * creep), way.acceleration / (70.0 * creep**2))
-    q[:, arm.joint] += amplitude * wave(time, arm.seconds, creep)
+    q[:, arm.joint] += amplitude * _wave(time, arm.seconds, creep)
     for place, other in enumerate(others):
         near = arm.way(other)
         frequency = (0.3, 0.43)[place]
         size = min(near.half, near.speed / (9.0 * frequency), near.acceleration / (70.0 * frequency**2))
-        q[:, other] += size * wave(time, arm.seconds, frequency)
+        q[:, other] += size * _wave(time, arm.seconds, frequency)
     names = " and ".join(arm.machine.joints[k].name for k in others)
     return f"{names} swing while {arm.name} creeps over its stroke; the others hold", q
 
@@ -351,3 +352,26 @@ def _kept(arm: Arm, q: FloatArray, kind: str) -> Motion:
 
 def _unit(arm: Arm) -> str:
     return "rad" if arm.machine.joints[arm.joint].type == "revolute" else "m"
+
+
+def _fifth_order(s: FloatArray) -> FloatArray:
+    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+
+
+def _step(start: FloatArray, end: FloatArray, seconds: float, rate_hz: float) -> FloatArray:
+    """Fifth-order step from one pose (n,) to another, shape (N, n), end included."""
+    s = np.arange(1, round(seconds * rate_hz) + 1) / round(seconds * rate_hz)
+    return start + (end - start) * _fifth_order(s)[:, None]
+
+
+def _burst(time: FloatArray, frequency: float, cycles: int) -> FloatArray:
+    """``cycles`` periods of a sine of amplitude 1, faded in and out over half a period each; 0 afterwards."""
+    length = cycles / frequency
+    edge = np.clip(2 * np.minimum(time, length - time) * frequency, 0.0, 1.0)
+    return np.where(time <= length, _fifth_order(edge) * np.sin(2 * np.pi * frequency * time), 0.0)
+
+
+def _wave(time: FloatArray, seconds: float, frequency: float) -> FloatArray:
+    """A sine of amplitude 1 over the whole time, faded in and out within its first and last period or 3 s."""
+    edge = np.clip(np.minimum(time, seconds - time) / max(min(1 / frequency, seconds / 4), 3.0), 0.0, 1.0)
+    return _fifth_order(edge) * np.sin(2 * np.pi * frequency * time)

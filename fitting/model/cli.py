@@ -89,7 +89,7 @@ def compare(
     from dataclasses import asdict
 
     from fitting.model.codec import load_model
-    from fitting.model.comparison import compare
+    from fitting.model.prediction import compare
 
     with working("comparing", show=not json):
         one, seen = opened(first, recording, columns, resample)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import zip_longest
-
 import numpy as np
 
 from fitting.loop.attribution import attributed
@@ -13,33 +11,13 @@ from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.noise_scale import words as noise_words
 from fitting.loop.residual_loop import is_ripple, other_bands
 from fitting.loop.session import Session
-from fitting.pipeline.results.loop_results import (
-    AcceptedTerm,
-    Attributed,
-    Bias,
-    Cutoff,
-    Designed,
-    Limit,
-    OtherBand,
-    Program,
-    Rival,
-    SpectralLine,
-    UnconfirmedLaw,
-)
+from fitting.pipeline.results.loop_content import accepted_term, detection_limits, unconfirmed_law
+from fitting.pipeline.results.loop_results import Attributed, Designed, OtherBand, Program, SpectralLine
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.stage_names import NEXT_MOTION, Progress
-from fitting.planning.detection import visible_size
-from fitting.report.drawing_data import spline_curve
-from fitting.residual.findings import Accepted, Attribution, Family, Unconfirmed
-from fitting.residual.laws import Law
-from fitting.residual.surfaces import second_variable
-from fitting.selection.evidence import least_gain
-from fitting.selection.gains import margin
+from fitting.residual.findings import Attribution, Family
 from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
-
-#: Chance with which an effect of the size of its detection limit is found.
-LIMIT_POWER = 0.95
 
 
 def attribution(session: Session, results: StageResults, progress: Progress) -> Attributed:
@@ -59,12 +37,12 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     progress(0.92, "designing the experiment that tells rivals apart")
     result = Attributed(
         verdict=found.verdict,
-        accepted=tuple(_accepted(a) for a in found.accepted),
+        accepted=tuple(accepted_term(session.machine, item) for item in found.accepted),
         candidates=tuple(c for c in found.candidates if c.id != "law"),
-        limits=_limits(found),
+        limits=detection_limits(session.machine, found),
         hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
-        unconfirmed=tuple(_unconfirmed(item, names) for item in found.unconfirmed),
+        unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
         lines=tuple(
             SpectralLine(
                 joint=line.joint,
@@ -83,28 +61,6 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     )
     session.forget_search()
     return result
-
-
-def _unconfirmed(item: Unconfirmed, names: tuple[str, ...]) -> UnconfirmedLaw:
-    law, score = item.score.term.content, item.score
-    assert isinstance(law, Law)
-    covariance = np.asarray(np.linalg.pinv(score.information, rcond=1e-8, hermitian=True), float)
-    return UnconfirmedLaw(
-        joint=score.term.joint or 0,
-        variable=law.variable(names),
-        second_variable=second_variable(law, names).get("second_variable"),
-        times_sign_of_speed=law.signed,
-        only_while=law.only or None,
-        unit=law.unit,
-        law=spline_curve(law, np.array(score.values), covariance),
-        evidence={
-            "score": margin(score),
-            "gain": score.gain,
-            "held_out_gain": item.held_out.gain,
-            "held_out_z": item.held_out.z,
-            "validate_gain": item.validate_gain,
-        },
-    )
 
 
 def _called(family: Family, names: tuple[str, ...]) -> str:
@@ -126,44 +82,6 @@ def _next_experiment(session: Session, found: Attribution) -> Designed | None:
     motion = asked.motion
     columns = {name: np.round(column, 7) for name, column in motion.columns.items()}
     return Designed(content, Program(motion.rods, motion.time, columns, asked.text, asked.chance))
-
-
-def _accepted(item: Accepted) -> AcceptedTerm:
-    score, null = item.score, item.score.null
-    return AcceptedTerm(
-        term=score.term,
-        score=margin(score),
-        gain=score.gain,
-        surviving=score.surviving,
-        held_out_gain=item.held_out.gain,
-        held_out_z=item.held_out.z,
-        validate_gain=item.validate_gain,
-        witness=item.witness,
-        cutoffs=tuple(Cutoff(*cutoff) for cutoff in item.cutoffs),
-        null=None if null is None else Bias(null.draws, null.inflation),
-        rivals=tuple(
-            Rival(r.term.id, r.term.joint, margin(r), p)
-            for r, p in zip_longest(item.rivals, item.rival_probabilities[: len(item.rivals)])
-        ),
-        probability=item.probability,
-    )
-
-
-def _limits(found: Attribution) -> tuple[Limit, ...]:
-    accused = {a.score.term.family for a in found.accepted}
-    limits = []
-    for score in found.limits:
-        if score.term.family in accused or isinstance(score.term.content, Law):
-            continue
-        # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
-        needed = least_gain(score.live, score.grid)
-        told = [number for number, std in enumerate(score.stds) if std > 0]
-        if not told:
-            continue
-        parameter = score.term.content.parameters[told[0]]
-        smallest = visible_size(needed, score.live, LIMIT_POWER) * score.stds[told[0]]
-        limits.append(Limit(score.term.id, score.term.joint, smallest, LIMIT_POWER, parameter.name, parameter.unit))
-    return tuple(limits)
 
 
 def found_corrections(session: Session, results: StageResults) -> Corrections:

@@ -9,8 +9,7 @@ of parameters need a truth, which no recording holds: ``benchmarks/stages.py`` m
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,25 +17,11 @@ import numpy.typing as npt
 
 from fitting.arm.base_parameters import condition_number
 from fitting.arrays import BoolArray, FloatArray
+from fitting.pipeline.results.stage_results import Stacked
 from fitting.regression.design import Design, effort_errors
 from fitting.regression.flags import FLAG_PERCENT
+from fitting.regression.solving import Fit
 from fitting.residual.confirmation.confirmation import overall_change
-
-
-@dataclass(frozen=True)
-class Contender:
-    """One way to the parameters of the base model.
-
-    Attributes
-    ----------
-    theta, std, told : (p,) in the design's order
-    condition_number : of the regression with the most columns that this way has to solve
-    """
-
-    theta: FloatArray
-    std: FloatArray
-    told: BoolArray
-    condition_number: float | None
 
 
 def cylinder_conditions(design: Design) -> dict[str, float]:
@@ -53,15 +38,16 @@ def cylinder_conditions(design: Design) -> dict[str, float]:
 
 
 def compare(
-    design: Design, contenders: Mapping[str, Contender], floor: npt.ArrayLike, rng: np.random.Generator
+    design: Design, contenders: Mapping[str, Stacked | Fit], floor: npt.ArrayLike, rng: np.random.Generator
 ) -> dict[str, Any]:
     """The comparison as plain JSON.
 
     Parameters
     ----------
     design : design of the uncorrected recordings, on which all were fitted
-    contenders : by name; ``hierarchical`` and ``one_shot`` have to be among them, the latter with an unloaded recording
-        in it as ``one_shot_with_unloaded``
+    contenders : ways to the parameters of the base model by name, with the condition number of the regression with the
+        most columns that each has to solve; ``hierarchical`` and ``one_shot`` have to be among them, the latter with an
+        unloaded recording in it as ``one_shot_with_unloaded``
     floor : (n,) noise floor per joint
     rng : of the intervals' bootstrap
 
@@ -131,15 +117,12 @@ def hardly_told(theta: FloatArray, std: FloatArray) -> BoolArray:
 def said(result: Mapping[str, Any]) -> str:
     """The outcome in words: conditioning and held-out error, each for what it is."""
     ways = result["contenders"]
-    numbers = {name: way["condition_number"] for name, way in ways.items()}
-    first, second = numbers["hierarchical"], numbers["one_shot"]
-    sentences = []
-    if first is not None and second is not None:
-        better = "better" if first < second else "worse"
-        sentences.append(
-            f"The two stages are {better} conditioned than the one-shot regression (condition number {first:.3g} "
-            f"against {second:.3g})."
-        )
+    first, second = (ways[name]["condition_number"] for name in ("hierarchical", "one_shot"))
+    better = "better" if first < second else "worse"
+    sentences = [
+        f"The two stages are {better} conditioned than the one-shot regression (condition number {first:.3g} "
+        f"against {second:.3g})."
+    ]
     motion = "on the validation motion" if result["role"] == "validate" else "on the motion that was fitted"
     against = result["against"]
     way, bounds = _way(against["one_shot"])
@@ -177,7 +160,6 @@ def _reason(way: str | None, other: str | None) -> str:
     return "two-stage fitting makes no difference here."
 
 
-def stage_condition(cylinders: Mapping[str, float], rigid_body: float | None) -> float | None:
+def stage_condition(cylinders: Mapping[str, float], rigid_body: float) -> float:
     """Condition number of the hierarchical way: the worst of all its regressions."""
-    known: Sequence[float] = [c for c in (*cylinders.values(), rigid_body) if c is not None]
-    return max(known) if known else None
+    return max((*cylinders.values(), rigid_body))

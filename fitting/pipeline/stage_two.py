@@ -2,26 +2,79 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fitting.arm.geometry import geometry_of
+from daq.errors import InputError
+from fitting.arm.base_parameters import BaseParameters
+from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import FloatArray
-from fitting.loop.session import Session
-from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, stage_condition
-from fitting.pipeline.estimator_choice import Choice, chosen
+from fitting.estimators import Colour, Estimator, StageTwo, estimator, estimator_ids, within
+from fitting.loop.session import Options, Session
+from fitting.pipeline.comparison import compare, cylinder_conditions, stage_condition
 from fitting.pipeline.results.stage_results import Cylinders, RigidBody, Stacked, StageResults
 from fitting.pipeline.rigid_body_stage import StackedEstimate, identify_one_shot, identify_rigid_body, refit_rigid_body
 from fitting.pipeline.stage_names import Progress
+from fitting.regression.body_prior import BodyPrior, read_body_prior
 from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of
+from fitting.regression.solving import Fit
 from fitting.residual.terms import Model
+
+#: The joint refit of both stages beside a plausible arm: no plug-in, because it is the loop's own fit.
+JOINT = "gls"
+_COLOURS: dict[str, Colour] = {"hac": "hac", "bootstrap": "bootstrap", "white": "white"}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """An estimator with what it needs.
+
+    Attributes
+    ----------
+    name : id, as in the report
+    estimator : None for the joint refit; stage 2 by itself then is ordinary least squares
+    colour : which covariance
+    prior : of the base parameters, or None
+    """
+
+    name: str
+    estimator: Estimator | None
+    colour: Colour
+    prior: BodyPrior | None
+
+
+def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice:
+    """The estimator that the options ask for, found, and fit to be used on this arm.
+
+    Raises
+    ------
+    InputError
+        One line: no such estimator or covariance, an extra that is not installed, a prior that is missing or wrong.
+    """
+    colour: Colour = _COLOURS.get(options.covariance, "white")
+    if options.covariance not in _COLOURS:
+        raise InputError(f"there is no covariance '{options.covariance}'; use one of {', '.join(_COLOURS)}")
+    prior = None if options.prior is None else read_body_prior(Path(options.prior), base)
+    if options.estimator == JOINT:
+        if prior is not None:
+            raise InputError(f"{options.prior}: a prior is used by the estimators 'ridge' and 'possible' only")
+        return Choice(JOINT, None, colour, None)
+    if options.estimator not in estimator_ids():
+        raise InputError(
+            f"there is no estimator '{options.estimator}'; use one of {', '.join(sorted((JOINT, *estimator_ids())))}"
+        )
+    found = estimator(options.estimator)
+    # What it cannot do without is missed now and not after the recordings are prepared; rows come later.
+    within(found, StageTwo(geometry, base, colour, prior))
+    return Choice(options.estimator, found, colour, prior)
 
 
 def choice(session: Session) -> Choice:
-    """The estimator that the session's options ask for (:func:`fitting.pipeline.estimator_choice.chosen`)."""
+    """The estimator that the session's options ask for (:func:`chosen`)."""
     return chosen(session.options, session.base, geometry_of(session.machine))
 
 
@@ -85,21 +138,15 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:
     """Hierarchical against one-shot on the uncorrected recordings (:func:`fitting.pipeline.comparison.compare`)."""
     design, fit = session.plain.design, session.base_model.fit
-    contenders = {
-        "hierarchical": _contender(found.two_stage_ols or found.two_stage),
-        "one_shot": _contender(found.one_shot),
+    first = found.two_stage_ols or found.two_stage
+    worst = stage_condition(cylinder_conditions(design), first.condition_number)
+    contenders: dict[str, Stacked | Fit] = {
+        "hierarchical": replace(first, condition_number=worst),
+        "one_shot": found.one_shot,
     }
     if found.one_shot_with_unloaded is not None:
-        contenders["one_shot_with_unloaded"] = _contender(found.one_shot_with_unloaded)
-    first = contenders["hierarchical"]
-    worst = stage_condition(cylinder_conditions(design), first.condition_number)
-    contenders["hierarchical"] = Contender(first.theta, first.std, first.told, worst)
-    contenders["joint_refit"] = Contender(fit.theta, fit.std, fit.told, fit.condition_number)
-    return compare(design, contenders, floor, np.random.default_rng(21))
-
-
-def _contender(found: Stacked) -> Contender:
-    return Contender(found.theta, found.std, found.told, found.condition_number)
+        contenders["one_shot_with_unloaded"] = found.one_shot_with_unloaded
+    return compare(design, contenders | {"joint_refit": fit}, floor, np.random.default_rng(21))
 
 
 def std(errors: FloatArray) -> float | None:

@@ -22,7 +22,7 @@ from daq.recordings.recording_files import replacing
 from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
-from fitting.loop.kinematic_check import KinematicLaw, Kinematics, kinematics
+from fitting.loop.kinematic_check import Kinematics, kinematics
 from fitting.loop.residual_loop import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
@@ -33,7 +33,8 @@ from fitting.pipeline.check_gate import checked, with_explanation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
 from fitting.pipeline.estimation import estimation
 from fitting.pipeline.plausibility import physics
-from fitting.pipeline.results.loop_results import Attributed, Kinematic, Program, Rival, UnconfirmedLaw
+from fitting.pipeline.results.loop_content import kinematic, position_law
+from fitting.pipeline.results.loop_results import Attributed, Program
 from fitting.pipeline.results.results import build_report, final_fit
 from fitting.pipeline.results.stage_results import (
     RESULTS,
@@ -56,7 +57,6 @@ from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, o
 from fitting.regression.noise import effort_floor
 from fitting.regression.solving import Fit
 from fitting.report import presented, write_report
-from fitting.report.drawing_data import spline_curve
 from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.residual.terms import Model
@@ -108,32 +108,14 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
     found = Kinematics(Corrections(session.machine))
     if session.options.loop:
         found = kinematics(session.search.session, progress)
-    names = tuple(joint.name for joint in session.machine.joints)
     return Residual(
         # What is above the error that the fit leaves is no noise floor; that error is a bound from above.
         noise_floor=tuple(np.where(valid, floor, left).tolist()),
         floor_valid=tuple(valid.tolist()),
         measured=bool(prepared.pairs),
-        kinematics=tuple(Kinematic.of(f) for f in found.findings),
-        laws=tuple(_position_law(law, names) for law in found.laws),
+        kinematics=tuple(kinematic(session.machine, finding) for finding in found.findings),
+        laws=tuple(position_law(session.machine, law) for law in found.laws),
         hypotheses=found.hypotheses,
-    )
-
-
-def _position_law(found: KinematicLaw, names: tuple[str, ...]) -> UnconfirmedLaw:
-    """A law of what two position sensors disagree by, m."""
-    law = found.law.law
-    return UnconfirmedLaw(
-        joint=found.joint,
-        variable=law.variable(names),
-        second_variable=None,
-        times_sign_of_speed=False,
-        only_while=None,
-        unit=law.unit,
-        law=spline_curve(law, found.values, found.covariance),
-        evidence={"gain": found.gain, "between": "position sensors"},
-        probability=found.probability,
-        could_be=tuple(Rival(name, found.joint, 0.0, p) for name, p in found.could_be),
     )
 
 

@@ -64,7 +64,7 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if results[Residual].laws:
         return "unexplained", []
     if kinematics:
-        return ("ambiguous" if any(f.rivals for f in kinematics) else "effect_added"), []
+        return ("ambiguous" if any(f.effect["indistinguishable_from"] for f in kinematics) else "effect_added"), []
     if said != "nothing_missing":
         return said, []
     against = against_nothing_missing(results, joints)
@@ -76,7 +76,8 @@ def label(results: StageResults) -> str | None:
     found, residual = results[Attributed], results[Residual]
     if not found.looked:
         return None
-    faint = any(abs(c.value) < NAMED_FROM * c.std for item in found.accepted for c in item.cutoffs[1:])
+    others = [cutoff for item in found.accepted for cutoff in item.evidence.get("cutoffs", ())[1:]]
+    faint = any(abs(own["value"]) < NAMED_FROM * own["std"] for own in others)
     if faint or any(other.found for other in found.other_bands):
         return "depends_on_band"
     silent = not (found.accepted or found.unconfirmed or found.lines or residual.kinematics or residual.laws)

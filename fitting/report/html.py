@@ -5,10 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import os
 import re
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
+from daq.recordings.recording_files import replacing
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
@@ -72,27 +72,15 @@ def write_report(
     cleaned = validate_report(report)
     contents = {"report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
     contents |= {name: render_html(cleaned, figures, spoken) for name, spoken in pages.items()}
-    waiting: list[tuple[Path, Path]] = []
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        for name, content in contents.items():
-            handle, temporary = tempfile.mkstemp(prefix=f".{name}-", dir=directory)
-            waiting.append((Path(temporary), directory / name))
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            # mkstemp makes files for the owner only; a report is for everybody the directory is for.
-            Path(temporary).chmod(0o644)
-        for temporary_path, final in waiting:
-            temporary_path.replace(final)
+        with ExitStack() as together:
+            for name, content in contents.items():
+                temporary = together.enter_context(replacing(directory / name))
+                temporary.write_text(content, encoding="utf-8", newline="\n")
     except OSError as error:
         raise ReportError(
             f"{directory}: cannot write the report: {error.strerror}; choose another directory"
         ) from error
-    finally:
-        for temporary_path, _ in waiting:
-            temporary_path.unlink(missing_ok=True)
     return directory / "report.json", directory / PAGE
 
 

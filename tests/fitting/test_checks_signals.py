@@ -202,7 +202,7 @@ def test_a_parked_joint_is_a_remark() -> None:
 def test_a_finding_is_json_with_all_that_it_says() -> None:
     own = Finding("unit", "joint1.q: looks like deg", "set its unit to 'deg'", joint="joint1", factor=0.0175)
     said = json.loads(json.dumps(own.to_json()))
-    assert Finding(**{**said, "alternatives": tuple(said["alternatives"])}) == own
+    assert Finding(**said | {key: tuple(said[key]) for key in ("alternatives", "channels")}) == own
     assert own.line == "joint1.q: looks like deg; set its unit to 'deg'"
 
 

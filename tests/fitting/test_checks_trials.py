@@ -17,10 +17,9 @@ from daq.recordings.recording import Recording, write_recording
 from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
 from fitting.checks.machine_numbers import machine_findings
-from fitting.checks.mistakes.arm_motion import positions_of
 from fitting.checks.mistakes.motion_trials import recordings as role_trials
 from fitting.checks.mistakes.physical import Trial, fit
-from fitting.checks.mistakes.samples import take_samples
+from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained

@@ -214,7 +214,7 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
     seen: list[tuple[tuple[str, ...], tuple[str, ...]]] = []
     motion = asked().motion
     program = Program(motion.rods, motion.time, {"joint2": np.zeros(31)}, "a swing", 0.4)
-    load = AcceptedTerm(LOAD, 90.0, 100.0, 0.5, 80.0, 5.0, None, "")
+    load = AcceptedTerm(LOAD)
     chances = {1: (0.6, 0.3), 2: (0.98, 0.01)}
 
     def computed(stages, request, session, results, progress):

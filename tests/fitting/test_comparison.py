@@ -9,11 +9,12 @@ import pytest
 from synthetic_arm import clean_session, exact_design, planar_machine, truth
 
 from fitting.arm.base_parameters import condition_number
-from fitting.pipeline.comparison import Contender, compare, cylinder_conditions, said, stage_condition
+from fitting.pipeline.comparison import compare, cylinder_conditions, said, stage_condition
+from fitting.pipeline.results.stage_results import Stacked
 
 
-def contender(theta: np.ndarray, std: float = 1.0, condition: float | None = 10.0) -> Contender:
-    return Contender(theta, np.full(len(theta), std), np.ones(len(theta), dtype=bool), condition)
+def contender(theta: np.ndarray, std: float = 1.0) -> Stacked:
+    return Stacked("ols", {}, theta, np.full(len(theta), std), np.ones(len(theta), dtype=bool), 10.0, {}, {})
 
 
 def test_a_perfect_and_a_spoiled_model_differ_by_what_was_spoiled() -> None:
@@ -79,10 +80,9 @@ def test_each_cylinders_condition_is_that_of_its_own_columns() -> None:
 def test_the_hierarchy_is_as_badly_conditioned_as_its_worst_part() -> None:
     assert stage_condition({"joint1": 3.0, "joint2": 40.0}, 12.0) == 40.0
     assert stage_condition({}, 12.0) == 12.0
-    assert stage_condition({}, None) is None
 
 
-def outcome(one_shot: list[float], unloaded: list[float] | None = None, **conditions: float | None) -> dict[str, Any]:
+def outcome(one_shot: list[float], unloaded: list[float] | None = None, **conditions: float) -> dict[str, Any]:
     """A comparison with these intervals in per cent."""
     numbers = {"hierarchical": 5.0, "one_shot": 9.0, **conditions}
     against = {"one_shot": {"change_percent": float(np.mean(one_shot)), "ci95_percent": one_shot}}
@@ -110,6 +110,6 @@ def test_the_words_follow_the_numbers(result: dict[str, Any], says: str) -> None
 
 
 def test_where_there_is_nothing_to_compare_it_says_so() -> None:
-    result = outcome([0.0, 0.0], hierarchical=None)
+    result = outcome([0.0, 0.0])
     result["against"]["one_shot"] = {"change_percent": None, "ci95_percent": None}
-    assert said(result) == "There is no error to compare."
+    assert said(result).endswith("There is no error to compare.")

@@ -20,8 +20,8 @@ from fitting.estimators import Estimator, estimator, estimator_ids
 from fitting.estimators.conformance import check_estimator
 from fitting.loop.session import Options
 from fitting.pipeline.cylinder_stage import identify_cylinders
-from fitting.pipeline.estimator_choice import Choice, chosen
 from fitting.pipeline.rigid_body_stage import identify_rigid_body, refit_rigid_body
+from fitting.pipeline.stage_two import Choice, chosen
 
 IDS = ("ols", "possible", "ridge", "wls")
 

@@ -15,7 +15,7 @@ from daq.errors import HilfitError
 from fitting.checks.findings import Finding
 from fitting.effects import effect
 from fitting.pipeline.cylinder_stage import CylinderEstimate
-from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Bias, Cutoff, Rival
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed
 from fitting.pipeline.results.stage_results import (
     RESULTS,
     Checked,
@@ -57,19 +57,8 @@ def test_every_number_comes_back_with_all_its_digits(values: list[float]) -> Non
 def test_terms_and_hypotheses_come_back_as_they_are() -> None:
     named = Term(effect("stribeck"), 1, {"v_s": 0.03})
     law = Term(Law("position", 0, True, False, tuple(np.linspace(0.0, 1.0, 20))), 0)
-    accepted = AcceptedTerm(
-        named,
-        90.0,
-        101.5,
-        0.4,
-        80.0,
-        6.0,
-        None,
-        "",
-        (Cutoff(2.1, 1.0, 0.1),),
-        Bias(3, 1.2),
-        (Rival("law", 0, 1.0, None),),
-    )
+    evidence = {"score": 90.0, "cutoffs": [{"hz": 2.1, "value": 1.0, "std": 0.1}], "replicas": 3}
+    accepted = AcceptedTerm(named, ({"id": "law", "joint": "boom", "probability": None},), evidence, 0.7)
     result = Attributed("ambiguous", accepted=(accepted,), hypotheses=(Hypothesis((named, law), 0.7),))
     found = through_a_file(result)
     assert found == result

@@ -10,7 +10,7 @@ import pytest
 
 from fitting.checks.findings import Finding
 from fitting.effects import effect
-from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Cutoff, Kinematic, OtherBand
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, OtherBand
 from fitting.pipeline.results.stage_results import Checked, Fitted, Physics, Refitted, Residual, StageResults
 from fitting.pipeline.verdict import NEEDED, label, verdict
 from fitting.residual.terms import Term
@@ -54,7 +54,7 @@ def results(**changes: Any) -> StageResults:
 
 def gap(*rivals: str) -> Kinematic:
     """A finding between two position sensors."""
-    return Kinematic((), (), (), 100.0, 40.0, 1e-3, 1e-4, rivals, 1.0, (0.0,) * len(rivals))
+    return Kinematic((), {"indistinguishable_from": [{"id": rival} for rival in rivals]}, {})
 
 
 JOINTS = ("boom", "arm")
@@ -140,18 +140,6 @@ def test_what_cannot_be_told_says_what_to_record_next() -> None:
 @pytest.mark.parametrize(("value", "beside"), [(100.0, None), (30.0, "depends_on_band")])
 def test_a_name_that_another_bandwidth_would_not_give_depends_on_it(value: float, beside: str | None) -> None:
     """At three standard deviations nothing is named."""
-    named = AcceptedTerm(
-        term=Term(effect("stribeck"), 0),
-        score=60.0,
-        gain=70.0,
-        surviving=0.5,
-        held_out_gain=50.0,
-        held_out_z=5.0,
-        validate_gain=20.0,
-        witness="",
-        cutoffs=(Cutoff(3.0, 100.0, 10.0), Cutoff(2.1, value, 10.0), Cutoff(3.9, 100.0, 9.0)),
-        null=None,
-        rivals=(),
-        probability=0.99,
-    )
+    cutoffs = [{"hz": hz, "value": v, "std": 10.0} for hz, v in ((3.0, 100.0), (2.1, value), (3.9, 100.0))]
+    named = AcceptedTerm(Term(effect("stribeck"), 0), evidence={"cutoffs": cutoffs}, probability=0.99)
     assert label(results(attribution__verdict="effect_added", attribution__accepted=(named,))) == beside

@@ -32,9 +32,21 @@ COUNTS = (0.25, 0.5, 2.0, 4.0)
 ZEROS = (-0.5, -0.33, -0.2, 0.2, 0.33, 0.5)
 
 
-def times_too(gain: float) -> str:
-    """``2 times too large`` for a factor that values have to be multiplied with."""
-    return f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
+def misread(machine: Machine, number: int, quantity: str) -> Iterator[tuple[tuple[str, str, str], float, float]]:
+    """What one position sensor of a joint may be misread as: words, and the gain and offset that put it right.
+
+    It counts the other way (a piston's zero is at the other end then), has another unit, or another scale.
+    """
+    joint, piston = machine.joints[number], quantity == "piston_position"
+    channel = machine.channel(quantity, joint.name)
+    assert channel is not None
+    about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
+    yield worded("sign/piston" if piston else "sign/joint"), -1.0, about
+    for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
+        yield worded("unit/like", says=unit), gain, 0.0
+    for gain in COUNTS:
+        times = f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
+        yield worded("scale/counts", times_too=times), gain, 0.0
 
 
 def exchanged(machine: Machine, quantity: str, first: int, second: int) -> tuple[str, str, str]:
@@ -62,19 +74,15 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
         if signal is None or channel is None:
             continue
         piston = quantity == "piston_position"
-        about = joint.cylinder.stroke if piston and joint.cylinder is not None else 0.0
-        yield Hypothesis(
-            *worded("sign/piston" if piston else "sign/joint"), (j,),
-            mapped((quantity, j), -1.0, about), (quantity,), factor=-1.0,
-        )  # fmt: skip
-        si = machine.si_unit(channel)
-        for gain, unit in gains(si, machine.conversion(channel).factor).items():
+        for said, gain, offset in misread(machine, j, quantity):
             # A smaller position is tried only where the one as it is goes beyond what the joint can do.
-            if _fits(trial, j, signal.mapped(gain)) and (abs(gain) > 1 or not _fits(trial, j, signal)):
-                yield Hypothesis(
-                    *worded("unit/like", says=unit), (j,), mapped((quantity, j), gain), (quantity,), factor=gain,
-                )  # fmt: skip
-        if not piston and si == "rad":
+            small = said[0] == "unit" and abs(gain) <= 1 and _fits(trial, j, signal)
+            fits = said[0] == "sign" or (not small and _fits(trial, j, signal.mapped(gain)))
+            if fits and (exchanges or said[0] != "scale"):
+                price = 1.65 if said[0] == "scale" else 1.0
+                build = mapped((quantity, j), gain, offset)
+                yield Hypothesis(*said, (j,), build, (quantity,), factor=gain, price=price)
+        if not piston and machine.si_unit(channel) == "rad":
             for degrees in (90, -90, 180):
                 offset = float(np.deg2rad(degrees))
                 yield Hypothesis(
@@ -91,17 +99,11 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                         mapped((quantity, j), 1.0, offset), (quantity,),
                         factor=offset, price=1.6,
                     )  # fmt: skip
-        for gain in COUNTS if exchanges else ():
-            if _fits(trial, j, signal.mapped(gain)):
-                yield Hypothesis(
-                    *worded("scale/counts", times_too=times_too(gain)), (j,),
-                    mapped((quantity, j), gain), (quantity,), factor=gain, price=1.65,
-                )  # fmt: skip
         for other in range(j + 1, len(machine.joints)) if exchanges else ():
             if samples.get(quantity, other) is not None and trial.positions[other] == quantity:
                 yield Hypothesis(
                     *exchanged(machine, quantity, j, other), (j, other),
-                    _exchanged(quantity, j, other), (quantity,), price=1.1,
+                    exchange(quantity, j, other), (quantity,), price=1.1,
                 )  # fmt: skip
 
 
@@ -115,7 +117,7 @@ def _fits(trial: Trial, number: int, signal: Signal) -> bool:
     return bool(np.percentile(signal.value, 1) > low - slack and np.percentile(signal.value, 99) < high + slack)
 
 
-def _exchanged(quantity: str, j: int, other: int) -> Build:
+def exchange(quantity: str, j: int, other: int) -> Build:
     a, b = (quantity, j), (quantity, other)
     return on_samples(lambda own: own.replaced({a: own.signals[b], b: own.signals[a]}))
 
@@ -136,7 +138,7 @@ def times(trial: Trial) -> Iterator[Hypothesis]:
     for rate in RATES:
         yield Hypothesis(
             *worded(f"clock_rate/{fast(rate)}", percent=1e2 * abs(rate)), (),
-            _stretched(efforts, rate), EFFORTS, factor=rate, price=1.3,
+            stretched(efforts, rate), EFFORTS, factor=rate, price=1.3,
         )  # fmt: skip
     for factor in TRUE_RATES:
         yield Hypothesis(
@@ -169,7 +171,7 @@ def _faster(factor: float) -> Build:
     return on_samples(change)
 
 
-def _stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
+def stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
     return on_samples(lambda own: own.moved(keys, rate * own.since))
 
 

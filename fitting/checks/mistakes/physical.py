@@ -32,8 +32,7 @@ from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import BoolArray, FloatArray
-from fitting.checks.mistakes.arm_motion import Motion, motion_of
-from fitting.checks.mistakes.samples import Samples
+from fitting.checks.mistakes.samples import Motion, Samples, motion_of
 from fitting.regression.prior import moving_mass
 
 #: Points along each edge of a link's box. Three tell its mass, centre and spread.

@@ -18,10 +18,22 @@ from daq.machine.machine_file import Machine
 from fitting.arm.linkage import parameter_names
 from fitting.arrays import FloatArray
 from fitting.checks.findings import worded
-from fitting.checks.mistakes.factors import gains
-from fitting.checks.mistakes.machine_trials import changed_joint
-from fitting.checks.mistakes.motion_trials import COUNTS, DELAYS, RATES, exchanged, fast, late, times_too
-from fitting.checks.mistakes.samples import Samples, Signal
+from fitting.checks.mistakes.hypothesis import Hypothesis
+from fitting.checks.mistakes.machine_trials import changed_joint, on_machine
+from fitting.checks.mistakes.motion_trials import (
+    DELAYS,
+    RATES,
+    delayed,
+    exchange,
+    exchanged,
+    fast,
+    late,
+    mapped,
+    misread,
+    stretched,
+)
+from fitting.checks.mistakes.physical import Trial
+from fitting.checks.mistakes.samples import Samples
 
 #: Misfit (of the piston's spread) and distance (of the stroke) up to which two sensors agree: what effects do.
 AGREE, NEAR = 0.08, 0.15
@@ -32,32 +44,6 @@ _THE_SAME, _LEAST, _MOST_ALTERNATIVES = 1.1, 0.002, 3
 
 
 @dataclass(frozen=True)
-class Option:
-    """A mistake that may explain why two sensors contradict each other.
-
-    Attributes
-    ----------
-    code, text, cure, key : of the finding
-    machine, samples : with the mistake taken back, where it is in one of them
-    price : simplicity: of two that explain alike, the one with the lower price is said
-    quantity : sensor to blame, or None for the linkage or for both
-    other : number of the joint that the sensor is exchanged with
-    factor : number that it stands for
-    """
-
-    code: str
-    text: str
-    cure: str
-    samples: Samples | None
-    price: float = 1.0
-    quantity: str | None = None
-    other: int | None = None
-    key: tuple[str | int, ...] = ()
-    factor: float | None = None
-    machine: Machine | None = None
-
-
-@dataclass(frozen=True)
 class Disagreement:
     """Two sensors that contradict each other, and what explains it.
 
@@ -65,14 +51,14 @@ class Disagreement:
     ----------
     joint : number of the joint
     before, after : misfit over the piston's spread
-    option : what explains it; None: nothing that was tried
+    hypothesis : what explains it; None: nothing that was tried
     alternatives : what explains as much
     """
 
     joint: int
     before: float
     after: float
-    option: Option | None = None
+    hypothesis: Hypothesis | None = None
     alternatives: tuple[str, ...] = ()
 
 
@@ -92,13 +78,14 @@ def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[fl
     return float(np.sqrt(np.mean(inner**2))) / spread, middle / cylinder.stroke
 
 
-def disagreements(machine: Machine, samples: Samples) -> list[Disagreement]:
-    """Joints whose two sensors contradict each other."""
+def disagreements(trial: Trial) -> tuple[list[Disagreement], Trial]:
+    """Joints whose two sensors contradict each other, and the trial with what explains it taken back."""
+    machine, samples = trial.machine, trial.samples
     loaded = samples.loaded
     found: list[Disagreement] = []
     settled: set[int] = set()
     if np.count_nonzero(loaded) < 50:
-        return []
+        return [], trial
     bad = {}
     for number, joint in enumerate(machine.joints):
         if joint.cylinder is None or not all(samples.get(k, number) for k in ("joint_position", "piston_position")):
@@ -107,31 +94,32 @@ def disagreements(machine: Machine, samples: Samples) -> list[Disagreement]:
         misfit, off = gap(machine, number, q, x)
         if misfit > AGREE or abs(off) > NEAR:
             bad[number] = (misfit, off)
+    right = trial
     for number, (misfit, off) in bad.items():
         if number in settled:
             continue
-        best = _explained(machine, samples, number, misfit, off, bad)
+        best = _explained(trial, number, misfit, off, bad)
         found.append(best or Disagreement(number, misfit, misfit))
-        if best is not None and best.option is not None and best.option.other is not None:
-            settled.add(best.option.other)
-    return found
+        if best is not None and best.hypothesis is not None:
+            settled.update(best.hypothesis.joints)
+            right = best.hypothesis.build(right, {})[0]
+    return found, right
 
 
-def _explained(
-    machine: Machine, samples: Samples, number: int, misfit: float, off: float, bad: Mapping[int, object]
-) -> Disagreement | None:
-    loaded = samples.loaded
+def _explained(trial: Trial, number: int, misfit: float, off: float, bad: Mapping[int, object]) -> Disagreement | None:
+    loaded = trial.samples.loaded
     results = []
-    for option in _options(machine, samples, number, bad):
-        q, x = (own[loaded] for own in _both(option.samples or samples, number))
-        left, distance = gap(option.machine or machine, number, q, x)
+    for option in _options(trial, number, bad):
+        tried, _ = option.build(trial, {})
+        q, x = (own[loaded] for own in _both(tried.samples, number))
+        left, distance = gap(tried.machine, number, q, x)
         if left < _LEFT and abs(distance) < NEAR and (left < misfit / _CLEAR or abs(off) > NEAR):
             results.append((option.price * max(left, 0.004) * (1 + 4 * abs(distance)), left, option))
     if not results:
         return None
     _, left, option = min(results, key=lambda item: item[0])
     others = [own for _, near, own in results if own is not option and near < max(_THE_SAME * left, _LEAST)]
-    also = [own.text for own in others if own.code != option.code or own.quantity != option.quantity]
+    also = [own.text for own in others if own.code != option.code or own.channels != option.channels]
     return Disagreement(number, misfit, left, option, tuple(dict.fromkeys(also))[:_MOST_ALTERNATIVES])
 
 
@@ -140,60 +128,36 @@ def _both(samples: Samples, number: int) -> tuple[FloatArray, FloatArray]:
     return samples.signals["joint_position", number].value, samples.signals["piston_position", number].value
 
 
-def _options(machine: Machine, samples: Samples, number: int, bad: Mapping[int, object]) -> Iterator[Option]:
-    cylinder = machine.joints[number].cylinder
+def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothesis]:
+    cylinder = trial.machine.joints[number].cylinder
     assert cylinder is not None
-    for quantity, about in (("joint_position", 0.0), ("piston_position", cylinder.stroke)):
-        yield from _of_channel(machine, samples, number, quantity, about)
-        yield from _exchanged(machine, samples, number, quantity, bad)
+    for quantity in ("joint_position", "piston_position"):
+        for said, gain, offset in misread(trial.machine, number, quantity):
+            price = 1.4 if said[0] == "scale" else 1.0
+            build = mapped((quantity, number), gain, offset)
+            yield Hypothesis(*said, (number,), build, (quantity,), factor=gain, price=price)
+        for degrees in (90, -90, 180) if quantity == "joint_position" else ():
+            offset = float(np.deg2rad(degrees))
+            build = mapped((quantity, number), 1.0, offset)
+            said = worded("offset/sensor", degrees=degrees)
+            yield Hypothesis(*said, (number,), build, (quantity,), factor=offset, price=1.5)
+        # Exchanged with that of another joint whose sensors contradict each other as well.
+        for other in bad:
+            if other != number and trial.samples.get(quantity, other) is not None:
+                said = exchanged(trial.machine, quantity, number, other)
+                yield Hypothesis(*said, (number, other), exchange(quantity, number, other), (quantity,))
     if isinstance(cylinder.linkage, ThreePin):
-        yield from _pins(machine, samples, number, cylinder.linkage)
-    yield from _of_clocks(samples, number)
-
-
-def _of_channel(machine: Machine, samples: Samples, number: int, quantity: str, about: float) -> Iterator[Option]:
-    """One sensor counts the other way (its zero is at ``about`` then), or has another unit, scale or offset."""
-    channel = machine.channel(quantity, machine.joints[number].name)
-    assert channel is not None
-    signal, mine = samples.signals[quantity, number], quantity == "joint_position"
-
-    def option(said: tuple[str, str, str], new: Signal, price: float, factor: float) -> Option:
-        changed = samples.replaced({(quantity, number): new})
-        return Option(*said, changed, price, quantity, factor=factor)
-
-    yield option(worded("sign/joint" if mine else "sign/piston"), signal.mapped(-1.0, about), 1.0, -1.0)
-    for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
-        yield option(worded("unit/like", says=unit), signal.mapped(gain), 1.0, gain)
-    for gain in COUNTS:
-        yield option(worded("scale/counts", times_too=times_too(gain)), signal.mapped(gain), 1.4, gain)
-    for degrees in (90, -90, 180) if mine else ():
-        offset = float(np.deg2rad(degrees))
-        yield option(worded("offset/sensor", degrees=degrees), signal.mapped(1.0, offset), 1.5, offset)
-
-
-def _exchanged(machine: Machine, samples: Samples, number: int, quantity: str, bad: Iterable[int]) -> Iterator[Option]:
-    """It is exchanged with that of another joint whose sensors contradict each other as well."""
-    signal = samples.signals[quantity, number]
-    for other in bad:
-        theirs = samples.get(quantity, other)
-        if other != number and theirs is not None:
-            swapped = samples.replaced({(quantity, number): theirs, (quantity, other): signal})
-            yield Option(*exchanged(machine, quantity, number, other), swapped, 1.0, quantity, other)
-
-
-def _of_clocks(samples: Samples, number: int) -> Iterator[Option]:
-    """The clock of the piston's sensor is off, or runs at another rate."""
+        yield from _pins(trial.machine, trial.samples, number, cylinder.linkage)
+    sensor = ("piston_position", number)
     for delay in (*DELAYS, -0.15, 0.15):
-        moved = samples.moved([("piston_position", number)], delay)
         said = worded("clock_offset/sensor", seconds=abs(delay), late=late(delay))
-        yield Option(*said, moved, 1.3, "piston_position", factor=delay)
+        yield Hypothesis(*said, (number,), delayed([sensor], delay), sensor[:1], factor=delay, price=1.3)
     for rate in RATES:
-        moved = samples.moved([("piston_position", number)], rate * samples.since)
         said = worded(f"clock_rate/sensor_{fast(rate)}", percent=1e2 * abs(rate))
-        yield Option(*said, moved, 1.3, "piston_position", factor=rate)
+        yield Hypothesis(*said, (number,), stretched([sensor], rate), sensor[:1], factor=rate, price=1.3)
 
 
-def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Option]:
+def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Hypothesis]:
     """One length or the offset of the pins estimated from both sensors."""
     loaded = samples.loaded
     q, x = _both(samples, number)
@@ -218,8 +182,8 @@ def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) ->
         if abs(best[1] - value) < (0.12 if name == "offset" else 0.1 * abs(value)):
             continue
         unit = "rad" if name == "offset" else "m"
-        yield Option(
-            *worded("linkage/estimated", name=name, new=best[1], old=value, unit=unit), None, 1.8,
-            key=("joints", number, "cylinder", "linkage", name), factor=best[1] / value if value else None,
-            machine=changed_joint(machine, number, "linkage", {name: best[1]}),
+        yield Hypothesis(
+            *worded("linkage/estimated", name=name, new=best[1], old=value, unit=unit), (number,),
+            on_machine(lambda m, k=name, v=best[1]: changed_joint(m, number, "linkage", {k: v})),  # type: ignore[misc]
+            key=("joints", number, "cylinder", "linkage", name), factor=best[1] / value if value else None, price=1.8,
         )  # fmt: skip

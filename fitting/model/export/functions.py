@@ -20,9 +20,9 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.printing import Dialect, curves_of, statements
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.moment import State
+from fitting.model.export.tracing.recursion import State
 from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
-from fitting.model.export.words import Written
+from fitting.model.export.words import Written, said_of
 
 #: Letter of the variables of each array that a function takes; other arguments are single numbers.
 ARRAYS = {"q": "q", "qd": "v", "qdd": "a", "memory": "m", "head": "h", "rod": "p"}
@@ -174,6 +174,21 @@ def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, 
     price = motion.price(model, own)
     cost = "" if price is None else f"; the error on another motion is {100 * price:+.1f} % of the model's own"
     return own, (f"the drives' inertias as they were found: none is below zero here{cost}",)
+
+
+def heading(tracer: Tracer, *, remembers: bool = True) -> list[str]:
+    """Lines at the beginning of an exported program; ``remembers`` where it has what the model does."""
+    lines = [
+        *said_of(tracer.model, tracer.left_out),
+        "Signs of speeds are smooth: their expectation under the noise of the measured speed.",
+        "t: seconds since the motion began.",
+    ]
+    if tracer.memory and remembers:
+        lines.append(
+            f"init sets {len(tracer.memory)} numbers of memory at a motion's first moment, step at each later one, "
+            "seconds (dt) after the one before; otherwise what has a history is settled."
+        )
+    return lines
 
 
 def written(folder: Path, texts: Mapping[str, str], left_out: Sequence[str]) -> Written:

@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from daq.errors import InputError
 from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import narrow
-
-if TYPE_CHECKING:
-    from fitting.model.export.tracing.tracing import Tracer
 
 
 @dataclass(frozen=True)
@@ -64,18 +60,3 @@ def refitted(model: ArmModel, rest: ArmModel) -> list[str]:
         return []
     whole, without = per_joint(model, model.errors), per_joint(model, rest.errors)
     return [f"the rest was fitted again without it; error on another motion: {without}; of the whole model: {whole}"]
-
-
-def heading(tracer: Tracer, *, remembers: bool = True) -> list[str]:
-    """Lines at the beginning of an exported program; ``remembers`` where it has what the model does."""
-    lines = [
-        *said_of(tracer.model, tracer.left_out),
-        "Signs of speeds are smooth: their expectation under the noise of the measured speed.",
-        "t: seconds since the motion began.",
-    ]
-    if tracer.memory and remembers:
-        lines.append(
-            f"init sets {len(tracer.memory)} numbers of memory at a motion's first moment, step at each later one, "
-            "seconds (dt) after the one before; otherwise what has a history is settled."
-        )
-    return lines

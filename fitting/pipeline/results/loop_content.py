@@ -1,9 +1,14 @@
-"""What the loop found, as ``loop`` of report.json."""
+"""What the loop found, as ``loop`` of report.json.
+
+What is said of a finding whatever the final fit makes of its size is made when it is found, and is part of the stage's
+result; :func:`loop_content` puts it together with what the final fit says.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -11,27 +16,22 @@ import numpy as np
 from daq.machine.machine_file import Machine
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
+from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw, step_to_json
 from fitting.loop.session import Session
-from fitting.pipeline.results.loop_results import (
-    AcceptedTerm,
-    Attributed,
-    Kinematic,
-    Limit,
-    Resolution,
-    Rival,
-    SpectralLine,
-    UnconfirmedLaw,
-)
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, Resolution, SpectralLine
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.verdict import label, verdict
+from fitting.planning.detection import visible_size
 from fitting.regression.drive import effort_unit
-from fitting.report.drawing_data import law_curve, worst_place
+from fitting.report.drawing_data import law_curve, spline_curve, worst_place
 from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
-from fitting.residual.findings import Candidate, Hypothesis
+from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
+from fitting.selection.evidence import least_gain
+from fitting.selection.gains import margin
 
 #: Where play is (shape ``sensor``), by the efforts; None of all other effects.
 _PLACES = {
@@ -45,7 +45,8 @@ _CHOICES = {
     "about": ("place: along the cylinder", "place: about the joint"),
     "friction": ("bent by: the load alone", "bent by: load and friction"),
 }
-_EVIDENCE = ("score", "gain", "held_out_gain", "held_out_z", "validate_gain", "surviving", "witness", "cutoffs")
+#: Chance with which an effect of the size of its detection limit is found.
+LIMIT_POWER = 0.95
 
 
 def loop_content(session: Session, results: StageResults, model: Model, terms: list[Term]) -> dict[str, Any]:
@@ -56,14 +57,14 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
     added = {term.family for term in terms}
     for finding in kinematics:
         if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
-            effects.append(_kinematic_effect(machine, finding))
+            effects.append(finding.effect)
     for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
         if isinstance(term.content, Law):
             unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
         else:
             effects.append(_added_effect(machine, term, term.content, model, number, accepted))
     effects += [_line_effect(names, line) for line in found.lines if line.ripple and not line.in_band]
-    unexplained += [_unconfirmed(machine, item) for item in (*results[Residual].laws, *found.unconfirmed)]
+    unexplained += [*results[Residual].laws, *found.unconfirmed]
     said, reasons = verdict(results, names)
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
     return {
@@ -72,12 +73,9 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
         "reasons": reasons,
         "effects": effects,
         "unexplained": unexplained,
-        "candidates": [_kinematic_candidate(names, finding) for finding in kinematics]
-        + [asdict(tried) | _named(tried, names) for tried in found.candidates],
-        "detection_limits": [
-            asdict(limit) | _named(limit, names) | {"unit": own_unit(machine, limit.joint, limit.unit)}
-            for limit in found.limits
-        ],
+        "candidates": [finding.candidate for finding in kinematics]
+        + [asdict(tried) | _named(machine, tried.id, tried.joint) for tried in found.candidates],
+        "detection_limits": list(found.limits),
         "hypotheses": _hypotheses(found.hypotheses, names),
         "changes": [_change(change, names) for change in found.changes],
         "looked": found.looked,
@@ -98,20 +96,16 @@ def _added_law(
     machine: Machine, term: Term, law: Law, model: Model, number: int, accepted: AcceptedTerm
 ) -> dict[str, Any]:
     """A law that was added to the model, as number ``number`` of its terms."""
-    names = tuple(joint.name for joint in machine.joints)
-    return in_own_units(
+    return _law_entry(
         machine,
-        {
-            **_law_place(law, names[term.joint or 0], names),
-            **second_variable(law, names),
-            "law": law_curve(law, model, model.term_slice(number)),
-            "unit": law.unit,
-            "amplitude": _amplitude(model, number),
-            "added": True,
-            "probability": accepted.probability,
-            "could_be": _rivals(accepted.rivals, list(names)),
-            "evidence": _evidence(accepted),
-        },
+        law,
+        term.joint or 0,
+        law=law_curve(law, model, model.term_slice(number)),
+        amplitude=_amplitude(model, number),
+        added=True,
+        probability=accepted.probability,
+        could_be=list(accepted.rivals),
+        evidence=accepted.evidence,
     )
 
 
@@ -124,9 +118,9 @@ def _added_effect(
         **_head(content, None if term.joint is None else names[term.joint]),
         "parameters": _term_parameters(term, model, model.term_slice(number), machine),
         "amplitude": _amplitude(model, number),
-        "indistinguishable_from": _rivals(accepted.rivals, names),
+        "indistinguishable_from": list(accepted.rivals),
         "probability": accepted.probability,
-        "evidence": _evidence(accepted),
+        "evidence": accepted.evidence,
     }
 
 
@@ -136,46 +130,133 @@ def _head(content: Effect, joint: str | None) -> dict[str, Any]:
     return {"id": content.id, "joint": joint, **said}
 
 
-def _kinematic_candidate(names: Sequence[str], finding: Kinematic) -> dict[str, Any]:
-    """A correction of positions among the candidates that were tried."""
-    step = finding.steps[0]
-    return {
-        "id": step["effect"],
-        "joint": names[step["joint"]],
+def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
+    """A finding between two position sensors, with its entries among the effects and the candidates."""
+    rivals = zip(finding.rivals, finding.rival_probabilities, strict=True)
+    shape, content = finding.steps[0].shape, finding.effect
+    parameters: dict[str, Any] = {
+        p.name: {"value": value, "std": std, "unit": own_unit(machine, finding.joint, unit)}
+        for p, unit, value, std in zip(
+            content.parameters, content.gap_units(shape), finding.values, finding.stds, strict=True
+        )
+    }
+    joint = machine.joints[finding.joint].name
+    found = {
+        **_head(content, joint),
+        "parameters": parameters | _shape_values(content, shape, machine, finding.joint),
+        "indistinguishable_from": [_likely(machine, rival, finding.joint, share) for rival, share in rivals],
+        "probability": finding.probability,
+        "evidence": {key: getattr(finding, key) for key in ("score", "gain", "gap_before", "gap_after")},
+    }
+    tried = {
+        "id": content.id,
+        "joint": joint,
         "score": finding.score,
         "status": "accepted",
         "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
-        f"{finding.gap_after * 1e3:.3g} mm{_PLACES[step['shape'].get('sensor')]}",
+        f"{finding.gap_after * 1e3:.3g} mm{_PLACES[shape.get('sensor')]}",
+    }
+    return Kinematic(tuple(step_to_json(step) for step in finding.steps), found, tried)
+
+
+def position_law(machine: Machine, found: KinematicLaw) -> dict[str, Any]:
+    """A law of what two position sensors disagree by, m; what it could be all the same stands beside it."""
+    curve = spline_curve(found.law.law, found.values, found.covariance)
+    return _law_entry(
+        machine,
+        found.law.law,
+        found.joint,
+        law=curve,
+        evidence={"gain": found.gain, "between": "position sensors"},
+        probability=found.probability,
+        could_be=[_likely(machine, name, found.joint, p) for name, p in found.could_be],
+        added=False,
+    )
+
+
+def unconfirmed_law(machine: Machine, item: Unconfirmed) -> dict[str, Any]:
+    """A law of what is there in the fitted motions, and does not hold on others."""
+    score, law = item.score, item.score.term.content
+    assert isinstance(law, Law)
+    covariance = np.asarray(np.linalg.pinv(score.information, rcond=1e-8, hermitian=True), float)
+    return _law_entry(
+        machine,
+        law,
+        score.term.joint or 0,
+        law=spline_curve(law, np.array(score.values), covariance),
+        evidence=_gains(item),
+        probability=None,
+        could_be=[],
+        added=False,
+    )
+
+
+def _law_entry(machine: Machine, of: Law, joint: int, **said: Any) -> dict[str, Any]:
+    """A law of a joint with what is ``said`` of it."""
+    names = tuple(own.name for own in machine.joints)
+    where = _law_place(of, names[joint], names) | second_variable(of, names)
+    return in_own_units(machine, {**where, "unit": of.unit, **said})
+
+
+def accepted_term(machine: Machine, item: Accepted) -> AcceptedTerm:
+    """A term that was added, with its rivals and with what speaks for it; what was not measured is left out."""
+    null = item.score.null
+    evidence = {
+        **_gains(item),
+        "surviving": item.score.surviving,
+        "witness": item.witness,
+        "cutoffs": [dict(zip(("hz", "value", "std"), cutoff, strict=True)) for cutoff in item.cutoffs],
+    }
+    evidence = {key: value for key, value in evidence.items() if value not in (None, "", [])}
+    evidence |= {} if null is None else {"replicas": null.draws, "inflation": null.inflation}
+    rivals = [
+        _likely(machine, rival.term.id, rival.term.joint, probability)
+        for rival, probability in zip_longest(item.rivals, item.rival_probabilities[: len(item.rivals)])
+    ]
+    return AcceptedTerm(item.score.term, tuple(rivals), evidence, item.probability)
+
+
+def _gains(item: Accepted | Unconfirmed) -> dict[str, Any]:
+    return {
+        "score": margin(item.score),
+        "gain": item.score.gain,
+        "held_out_gain": item.held_out.gain,
+        "held_out_z": item.held_out.z,
+        "validate_gain": item.validate_gain,
     }
 
 
-def _evidence(accepted: AcceptedTerm) -> dict[str, Any]:
-    """What speaks for a term; what was not measured is left out."""
-    content = asdict(replace(accepted, rivals=()))
-    evidence = {key: content[key] for key in _EVIDENCE if content[key] not in (None, "", ())}
-    if accepted.null is not None:
-        evidence |= {"replicas": accepted.null.draws, "inflation": accepted.null.inflation}
-    return evidence
+def detection_limits(machine: Machine, found: Attribution) -> tuple[dict[str, Any], ...]:
+    """Of each effect that was not added the smallest size that these recordings would have shown."""
+    accused, limits = {a.score.term.family for a in found.accepted}, []
+    for score in found.limits:
+        content, joint = score.term.content, score.term.joint
+        told = [number for number, std in enumerate(score.stds) if std > 0]
+        if score.term.family in accused or isinstance(content, Law) or not told:
+            continue
+        # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
+        size = visible_size(least_gain(score.live, score.grid), score.live, LIMIT_POWER)
+        parameter = content.parameters[told[0]]
+        limits.append(
+            {
+                "smallest": size * score.stds[told[0]],
+                "power": LIMIT_POWER,
+                "parameter": parameter.name,
+                "unit": own_unit(machine, joint, parameter.unit),
+                **_named(machine, content.id, joint),
+            }
+        )
+    return tuple(limits)
 
 
-def _unconfirmed(machine: Machine, item: UnconfirmedLaw) -> dict[str, Any]:
-    """A law that was not added, as the report has it."""
-    names = [joint.name for joint in machine.joints]
-    content = asdict(item) | {"joint": names[item.joint], "added": False, "could_be": _rivals(item.could_be, names)}
-    if item.second_variable is None:
-        del content["second_variable"]
-    return in_own_units(machine, content)
-
-
-def _rivals(rivals: Sequence[Rival], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Effects that explain the same, with their probabilities."""
-    return [_named(rival, names) | {"probability": rival.probability} for rival in rivals]
-
-
-def _named(entry: Candidate | Limit | Rival, names: Sequence[str]) -> dict[str, Any]:
+def _named(machine: Machine, name: str, joint: int | None) -> dict[str, Any]:
     """An effect as it is named wherever it stands: id, title and joint."""
-    joint = None if entry.joint is None else names[entry.joint]
-    return {"id": entry.id, "title": effect(entry.id).title, "joint": joint}
+    return {"id": name, "title": effect(name).title, "joint": None if joint is None else machine.joints[joint].name}
+
+
+def _likely(machine: Machine, name: str, joint: int | None, probability: float | None) -> dict[str, Any]:
+    """An effect that explains the same, with its probability."""
+    return _named(machine, name, joint) | {"probability": probability}
 
 
 def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[str, Any]]:
@@ -197,32 +278,6 @@ def _law_place(law: Law, joint: str | None, names: Sequence[str]) -> dict[str, A
     """What a law is a law of, and where."""
     variable, only = law.variable(tuple(names)), law.only or None
     return {"joint": joint, "variable": variable, "times_sign_of_speed": law.signed, "only_while": only}
-
-
-def _kinematic_effect(machine: Machine, finding: Kinematic) -> dict[str, Any]:
-    first = finding.steps[0]
-    content = effect(first["effect"])
-    joint = machine.joints[first["joint"]].name
-    parameters: dict[str, Any] = {
-        p.name: {"value": value, "std": std, "unit": own_unit(machine, first["joint"], unit)}
-        for p, unit, value, std in zip(
-            content.parameters, content.gap_units(first["shape"]), finding.values, finding.stds, strict=True
-        )
-    }
-    parameters.update(_shape_values(content, first["shape"], machine, first["joint"]))
-    return {
-        **_head(content, joint),
-        "parameters": parameters,
-        "indistinguishable_from": _rivals(
-            [
-                Rival(rival, first["joint"], 0.0, share)
-                for rival, share in zip(finding.rivals, finding.rival_probabilities, strict=True)
-            ],
-            [own.name for own in machine.joints],
-        ),
-        "probability": finding.probability,
-        "evidence": {key: getattr(finding, key) for key in ("score", "gain", "gap_before", "gap_after")},
-    }
 
 
 def _line_effect(names: list[str], line: SpectralLine) -> dict[str, Any]:

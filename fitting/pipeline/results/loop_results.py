@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from daq.motion_files import Rods
-from fitting.loop.kinematic_check import KinematicFinding, step_to_json
 from fitting.pipeline.results.stored_types import Json, Numbers, StoredHypothesis, StoredTerm, stored
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Candidate
@@ -20,110 +19,29 @@ class Kinematic:
     Attributes
     ----------
     steps : what was rebuilt, as :func:`fitting.loop.kinematic_check.step_to_json` has it
-    values, stds : totals of its parameters
-    gain, score : chi-square that it takes, and log posterior odds against nothing
-    gap_before, gap_after : root mean square of the filtered gap, m
-    rivals, rival_probabilities : what explains the gap as well
-    probability : that it is this
+    effect, candidate : its entries of ``loop`` in report.json
     """
 
     steps: tuple[Json, ...]
-    values: tuple[float, ...]
-    stds: tuple[float, ...]
-    gain: float
-    score: float
-    gap_before: float
-    gap_after: float
-    rivals: tuple[str, ...]
-    probability: float
-    rival_probabilities: tuple[float, ...]
-
-    @classmethod
-    def of(cls, found: KinematicFinding) -> Kinematic:
-        """A finding with its steps as JSON."""
-        return cls(**{**vars(found), "steps": tuple(step_to_json(step) for step in found.steps)})
-
-
-@stored
-@dataclass(frozen=True)
-class Cutoff:
-    """An effect's leading parameter at another cut-off of the identification filter."""
-
-    hz: float
-    value: float
-    std: float
-
-
-@stored
-@dataclass(frozen=True)
-class Bias:
-    """Replicas that a null distribution was drawn from, and the variance found over the theory's."""
-
-    draws: int
-    inflation: float
-
-
-@stored
-@dataclass(frozen=True)
-class Rival:
-    """What explains the same; ``joint`` is its number, None of what acts everywhere."""
-
-    id: str
-    joint: int | None
-    score: float
-    probability: float | None
+    effect: Json
+    candidate: Json
 
 
 @stored
 @dataclass(frozen=True)
 class AcceptedTerm:
-    """A term that was added to the model, with its evidence (:class:`fitting.residual.findings.Accepted`)."""
+    """A term that was added to the model (:class:`fitting.residual.findings.Accepted`).
 
-    term: StoredTerm
-    score: float
-    gain: float
-    surviving: float
-    held_out_gain: float
-    held_out_z: float
-    validate_gain: float | None
-    witness: str
-    cutoffs: tuple[Cutoff, ...] = ()
-    null: Bias | None = None
-    rivals: tuple[Rival, ...] = ()
-    probability: float | None = None
-
-
-@stored
-@dataclass(frozen=True)
-class Limit:
-    """The smallest size of an effect's parameter that these recordings would have shown, with the chance ``power``."""
-
-    id: str
-    joint: int | None
-    smallest: float
-    power: float
-    parameter: str
-    unit: str
-
-
-@stored
-@dataclass(frozen=True)
-class UnconfirmedLaw:
-    """Structure of a joint that no term was added for; ``law`` is its curve, ``evidence`` what speaks for it.
-
-    What two position sensors disagree by has a probability, and effects that it could be all the same.
+    Attributes
+    ----------
+    term : the effect or law
+    rivals, evidence, probability : what report.json says of it, however large the final fit finds it
     """
 
-    joint: int
-    variable: str
-    second_variable: str | None
-    times_sign_of_speed: bool
-    only_while: str | None
-    unit: str
-    law: Json
-    evidence: Json
+    term: StoredTerm
+    rivals: tuple[Json, ...] = ()
+    evidence: Json = field(default_factory=dict)
     probability: float | None = None
-    could_be: tuple[Rival, ...] = ()
 
 
 @stored
@@ -179,10 +97,11 @@ class Attributed:
     verdict : of the loop alone
     looked : False where nobody looked
     accepted : terms of the model, in their order
-    candidates, limits : what was tried, and what would have been seen
+    candidates : what was tried
+    limits, unconfirmed : what would have been seen, and laws that were not added: entries of report.json
     hypotheses : explanations of the efforts, the most probable first
     nothing : probability that nothing is missing in the efforts
-    unconfirmed, lines, changes, other_bands : what else was seen
+    lines, changes, other_bands : what else was seen
     next_experiment : what would close an ambiguity
     warnings : sentences
     """
@@ -191,10 +110,10 @@ class Attributed:
     looked: bool = True
     accepted: tuple[AcceptedTerm, ...] = ()
     candidates: tuple[Candidate, ...] = ()
-    limits: tuple[Limit, ...] = ()
+    limits: tuple[Json, ...] = ()
     hypotheses: tuple[StoredHypothesis, ...] = ()
     nothing: float = 1.0
-    unconfirmed: tuple[UnconfirmedLaw, ...] = ()
+    unconfirmed: tuple[Json, ...] = ()
     lines: tuple[SpectralLine, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
     other_bands: tuple[OtherBand, ...] = ()

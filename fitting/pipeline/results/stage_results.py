@@ -18,7 +18,7 @@ from daq.validation_words import in_words
 from fitting.checks.findings import Finding
 from fitting.loop.weighting import Weights
 from fitting.pipeline.cylinder_stage import CylinderEstimate
-from fitting.pipeline.results.loop_results import Attributed, Kinematic, UnconfirmedLaw
+from fitting.pipeline.results.loop_results import Attributed, Kinematic
 from fitting.pipeline.results.stored_types import Flags, Json, Numbers, StoredHypothesis, stored
 
 _T = TypeVar("_T")
@@ -111,7 +111,7 @@ class Residual:
     floor_valid : (n,) False where what is given is the error that the fit leaves, a bound from above
     measured : whether it was measured by two runs of one motion
     kinematics : what was found between position sensors
-    laws : what they disagree by without a known cause
+    laws : what they disagree by without a known cause, as report.json has it
     hypotheses : explanations of what they disagree by, the most probable first
     """
 
@@ -119,7 +119,7 @@ class Residual:
     floor_valid: tuple[bool, ...]
     measured: bool
     kinematics: tuple[Kinematic, ...] = ()
-    laws: tuple[UnconfirmedLaw, ...] = ()
+    laws: tuple[Json, ...] = ()
     hypotheses: tuple[StoredHypothesis, ...] = ()
 
     @property

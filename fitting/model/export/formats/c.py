@@ -19,6 +19,7 @@ from fitting.model.export.functions import (
     Program,
     expected,
     forward_program,
+    heading,
     program_of,
     rendered,
     states,
@@ -26,7 +27,7 @@ from fitting.model.export.functions import (
     written,
 )
 from fitting.model.export.printing import Dialect
-from fitting.model.export.words import Written, heading, require_folder
+from fitting.model.export.words import Written, require_folder
 
 #: States of the self-test, and the largest difference that passes, as a share of the largest effort.
 _STATES = 24

@@ -7,9 +7,9 @@ from typing import Any
 
 from daq.errors import InputError
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.functions import Function, Program, identifier, program_of, rendered, written
+from fitting.model.export.functions import Function, Program, heading, identifier, program_of, rendered, written
 from fitting.model.export.printing import Dialect
-from fitting.model.export.words import Written, heading
+from fitting.model.export.words import Written
 
 DIALECT = Dialect(
     end=";",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.simulators import written_bodies
+from fitting.model.export.bodies import written_bodies
 from fitting.model.export.words import Written
 
 

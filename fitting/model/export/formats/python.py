@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.functions import ARRAYS, Function, Program, program_of, rendered, written
+from fitting.model.export.functions import ARRAYS, Function, Program, heading, program_of, rendered, written
 from fitting.model.export.printing import PYTHON
-from fitting.model.export.words import Written, heading
+from fitting.model.export.words import Written
 
 
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:

@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.functions import Function, Program, indexed, program_of, rendered, written
+from fitting.model.export.functions import Function, Program, heading, indexed, program_of, rendered, written
 from fitting.model.export.printing import Dialect
-from fitting.model.export.words import Written, heading
+from fitting.model.export.words import Written
 
 #: DT is the language's own word for a date and time.
 _WORDS = {"t": "t_s", "dt": "dt_s"}

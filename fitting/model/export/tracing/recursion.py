@@ -1,16 +1,28 @@
-"""Newton's and Euler's recursion in nodes."""
+"""One moment of an arm, and Newton's and Euler's recursion, in nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from fitting.arm.geometry import Geometry
 from fitting.arrays import FloatArray
 from fitting.model.export.tracing.graph import Graph, Node
-from fitting.model.export.tracing.moment import State, Value
 
+#: A number or a node.
+Value = Any
 Vector = tuple[Value, Value, Value]
+
+
+@dataclass(frozen=True)
+class State:
+    """A moment: position, speed, acceleration of every joint (n nodes or numbers each), time since the beginning."""
+
+    q: Sequence[Value]
+    qd: Sequence[Value]
+    qdd: Sequence[Value]
+    t: Value
 
 
 def newton_euler(

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fitting.model.export.tracing.graph import Graph, Node
-from fitting.model.export.tracing.moment import Value
+from fitting.model.export.tracing.recursion import Value
 
 _COMPARED: dict[Any, Callable[[Value, Value], Value]] = {
     np.greater: lambda a, b: a > b,

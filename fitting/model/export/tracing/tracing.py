@@ -1,8 +1,8 @@
 """A model as expressions of one moment: position, speed and acceleration of every joint, and the time.
 
 The rigid body is Newton's and Euler's recursion (:mod:`~fitting.model.export.tracing.recursion`) with the base
-parameters on their own columns (the other standard parameters are zero). Drives and linkages are written out
-(:mod:`~fitting.model.export.tracing.machine_nodes`). Effects and laws are *traced*: their own code runs on arrays of
+parameters on their own columns (the other standard parameters are zero). Drives and linkages are written out. Effects
+and laws are *traced*: their own code runs on arrays of
 nodes instead of numbers (:mod:`~fitting.model.export.tracing.traced_arrays`), so no formula exists twice. One that
 has a history is traced at some moments at once and becomes a recurrence
 (:mod:`~fitting.model.export.tracing.memory`). A term that cannot be traced (a derivative, a formula that asks for
@@ -20,27 +20,83 @@ import numpy as np
 
 from daq.errors import InputError
 from daq.machine.linkages import FourBar, reduced
+from fitting.arm.dynamics import coupled_regressor
+from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.effects.base import BodyColumn, DriveView, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import beyond, segment_of, without
 from fitting.model.export.tracing.graph import Graph, Node, spline_curve
-from fitting.model.export.tracing.machine_nodes import MachineNodes
 from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
-from fitting.model.export.tracing.moment import State, Value
-from fitting.model.export.tracing.recursion import newton_euler
-from fitting.model.export.tracing.traced_arrays import traced
+from fitting.model.export.tracing.recursion import State, Value, newton_euler
+from fitting.model.export.tracing.traced_arrays import sign, traced
 from fitting.model.export.words import refitted
 from fitting.model.motion import heated
 from fitting.regression.design import Design
+from fitting.regression.drive import drive_columns, known_effort
 from fitting.residual.laws import Law
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
-from fitting.residual.views import views_of_segment
+from fitting.residual.views import RodLaw, views_of_segment
 from fitting.signals.preparation import Segment
 
 #: What terms with a history say: nothing (settled), what they say at a motion's first moment, or at a later one.
 Past = Literal["settled", "first", "later"]
+
+
+class _MachineNodes:
+    """Expressions of the machine itself, without effects: links, drives, linkages, chamber pressures.
+
+    Attributes
+    ----------
+    geometry : of the links
+    """
+
+    def __init__(self, model: ArmModel, graph: Graph) -> None:
+        self.model, self.graph = model, graph
+        self.geometry, self._arm = geometry_of(model.arm), model.arm
+
+    def links(self, state: State, base: FloatArray, gravity: FloatArray | None = None) -> tuple[Node, ...]:
+        """Joint efforts of links and coupled motors; with ``gravity`` that of the links alone."""
+        n = len(state.q)
+        standard = self.model.base.standard_example(base)
+        g = self.geometry.gravity if gravity is None else gravity
+        tau = newton_euler(self.graph, self.geometry, standard[: 10 * n].reshape(n, 10), state, g)
+        if gravity is not None or not self.geometry.coupled:
+            return tau
+        noise = np.array([own.speed for own in self.model.noise])
+        qd, qdd = (traced([[self.graph.of(value) for value in own]]) for own in (state.qd, state.qdd))
+        motors = coupled_regressor(self.geometry, qd, qdd, speed_noise=noise)[0] @ standard[10 * n :]
+        return tuple(self.graph.of(own + more) for own, more in zip(tau, motors, strict=True))
+
+    def drive(self, joint: int, theta: FloatArray, segment: Segment) -> Value:
+        """Effort of the drive's own mass, stiffness and friction, the known part included."""
+        own, x, v, a = self.model.parameters, *(rows[:, joint] for rows in (segment.x, segment.v, segment.a))
+        columns = drive_columns(own.drive[joint], x, v, a, self.model.noise[joint].speed)
+        return (columns @ theta[own.drive_slice(joint)] + known_effort(self._arm.joints[joint], v, a))[0]
+
+    def rod(self, law: RodLaw, segment: Segment, joint: int, force: Value) -> Node:
+        """Expected rod pressure."""
+        v = segment.v[0, joint]
+        signals = (v, force, segment.x[0, joint], segment.a[0, joint], segment.t[0])
+        total, place = self.graph.number(0.0), 0
+        for signal, knots in zip(signals, law.knots, strict=True):
+            count = len(knots) - 4
+            total = total + self.graph.curve(signal, spline_curve(knots, law.coefficients[place : place + count]))
+            place += count
+        way = sign(self.graph, v, law.speed_noise)
+        of_sign, of_both = law.coefficients[place : place + 2].tolist()
+        return self.graph.of(total + of_sign * way + of_both * (way * force))
+
+    def pressures(self, own: Pass, segment: Segment, drives: Sequence[Node]) -> dict[str, tuple[Node, ...]]:
+        """Pressures ``head`` and ``rod`` of all joints, Pa; none where one has no cylinder, or none was measured."""
+        rod, head = list[Node](), list[Node]()
+        for joint, (law, described) in enumerate(zip(own.rods, self._arm.joints, strict=True)):
+            if law is None or described.cylinder is None:
+                return {}
+            rod.append(self.rod(law, segment, joint, drives[joint]))
+            head.append((drives[joint] + rod[-1] * described.cylinder.rod_area) / described.cylinder.head_area)
+        return {"head": tuple(head), "rod": tuple(rod)}
 
 
 class Tracer:
@@ -58,7 +114,7 @@ class Tracer:
         self.model, self.graph = model, Graph()
         self.left_out: list[str] = []
         self.lost = set[int]()
-        self._machine, self._arm = MachineNodes(model, self.graph), model.arm
+        self._machine, self._arm = _MachineNodes(model, self.graph), model.arm
         self._remembered: dict[int, Remembered] = {}
         for joint in self._arm.joints:
             if joint.cylinder is not None and isinstance(reduced(joint.cylinder.linkage), FourBar):
