@@ -13,7 +13,6 @@ import pytest
 import schemathesis
 from access_fakes import Guarded, guarded_service
 from hypothesis import HealthCheck, Phase, given, seed, settings
-from hypothesis.strategies import SearchStrategy
 from schemathesis import GenerationMode
 from schemathesis.checks import not_a_server_error
 from schemathesis.specs.openapi.checks import (
@@ -65,40 +64,31 @@ def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
     return HOST | {"Authorization": f"Bearer {token}"}
 
 
-@pytest.fixture(scope="module")
-def operations(guarded: Guarded) -> list[tuple[str, SearchStrategy[Any]]]:
-    """Name of each operation, and made-up requests of it; those are worked out once for all principals."""
-    found = [result.ok() for result in schema_of(guarded).get_all_operations()]
-    assert len(found) > 60
-    wrong = GenerationMode.NEGATIVE
-    return [(own.label, own.as_strategy() | own.as_strategy(generation_mode=wrong)) for own in found]
-
-
 @pytest.mark.parametrize("who", ["nobody", *ROLES, "engineer of lever"])
-def test_generated_requests_are_answered_as_described(
-    guarded: Guarded, operations: list[tuple[str, SearchStrategy[Any]]], who: str
-) -> None:
-    found = [surprise(*operation, headers_of(guarded, who)) for operation in operations]
+def test_generated_requests_are_answered_as_described(guarded: Guarded, who: str) -> None:
+    operations = [found.ok() for found in schema_of(guarded).get_all_operations()]
+    assert len(operations) > 60
+    found = [surprise(operation, headers_of(guarded, who)) for operation in operations]
     assert not any(found), "\n\n".join(filter(None, found))
 
 
-def surprise(label: str, requests: SearchStrategy[Any], headers: dict[str, str]) -> str | None:
+def surprise(operation: Any, headers: dict[str, str]) -> str | None:
     """What was wrong with an answer to one operation."""
 
     @seed(1)
     @settings(
         max_examples=EXAMPLES, deadline=None, database=None, phases=PHASES, suppress_health_check=list(HealthCheck)
     )
-    @given(case=requests)
+    @given(case=operation.as_strategy() | operation.as_strategy(generation_mode=GenerationMode.NEGATIVE))
     def ask(case: Any) -> None:
         case.call_and_validate(checks=CHECKS, headers=headers, timeout=60)
 
     try:
         ask()
     except BaseExceptionGroup as error:
-        return f"{label}: {error.exceptions[0]}"
+        return f"{operation.label}: {error.exceptions[0]}"
     except AssertionError as error:
-        return f"{label}: {error}"
+        return f"{operation.label}: {error}"
     return None
 
 
