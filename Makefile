@@ -18,8 +18,8 @@ install = @$(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --
 # Of each target that is fuzzed; FUZZ names some of them, all without it.
 FUZZ_SECONDS ?= 60
 FUZZ ?=
-# Tests at once. A third worker on two cores gained 2 of 75 s in make test-quick, for a third more of processor time.
-JOBS ?= 2
+# Tests at once: one more than the two cores that these are meant for, since many wait for simulated machines and devices.
+JOBS ?= 3
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
@@ -33,8 +33,11 @@ help: ## this list
 demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; everything goes to hilfit-demo/
 	$(BIN)/hilfit demo
 
-test: check ## the checks, then every test; the slowest twenty are listed at the end
-	$(PYTEST) -n $(JOBS) --durations 20
+test: $(VENV)/.dev ## every test and, beside them, the checks; the slowest twenty are listed at the end
+	$(BIN)/ruff check .
+	@$(MAKE) --no-print-directory check > $(VENV)/check.log 2>&1 & checking=$$!; \
+	$(PYTEST) -n $(JOBS) --durations 20; tested=$$?; \
+	wait $$checking; checked=$$?; cat $(VENV)/check.log; exit $$((tested | checked))
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
 	$(PYTEST) -n $(JOBS) -m "not slow" --durations 5 -p no:schemathesis
@@ -69,7 +72,7 @@ picture: $(VENV)/.dev ## the picture on the first screen, made anew
 	$(BIN)/python -m benchmarks.picture docs/_static/before-after.png
 
 readme: $(VENV)/.dev ## the result of the demonstration in README.md, made anew
-	$(BIN)/python tests/server/commands/readme_result.py
+	$(BIN)/python -m benchmarks.readme
 
 paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 	$(BIN)/hilfit bench paper --page docs/paper.md

@@ -24,8 +24,9 @@ from benchmarks.storm.clock import SetClock
 
 #: The small disk: what the service keeps free (256 MiB), and room for the storm and PostgreSQL.
 DISK_BYTES = 900 * 2**20
-#: Seconds that a fault lasts, and between two of them.
-LASTS_S, CALM_S = (2.0, 5.0), (4.0, 9.0)
+#: Seconds, from and to, that a fault lasts, and that lie between two of them.
+Pace = tuple[tuple[float, float], tuple[float, float]]
+PACE: Pace = ((2.0, 5.0), (4.0, 9.0))
 #: Seconds by which the clock is set, one after the other: less than what the schedules write down one by one.
 JUMPS_S = (1020.0, -1500.0, 660.0, -240.0)
 #: FS_IOC_GETFLAGS, FS_IOC_SETFLAGS and FS_IMMUTABLE_FL of linux/fs.h.
@@ -190,6 +191,7 @@ class Weather:
     ----------
     faults : in an order of chance, each once before one comes again
     chance : of order and lengths
+    pace : s that a fault lasts, and that lie between two, each from and to
 
     Attributes
     ----------
@@ -197,12 +199,13 @@ class Weather:
     seen : how often each began
     """
 
-    def __init__(self, faults: Sequence[Fault], chance: random.Random) -> None:
+    def __init__(self, faults: Sequence[Fault], chance: random.Random, pace: Pace = PACE) -> None:
         self.faults = tuple(faults)
         self._chance = chance
+        self._lasts, self._calm = pace
         self._left: list[Fault] = []
         self._now: Fault | None = None
-        self._until = time.monotonic() + chance.uniform(*CALM_S)
+        self._until = time.monotonic() + chance.uniform(*self._calm)
         self.seen: Counter[str] = Counter()
 
     @property
@@ -227,7 +230,7 @@ class Weather:
         if not self._left:
             self._left = self._chance.sample(self.faults, len(self.faults))
         self._now = self._left.pop()
-        self._until = time.monotonic() + self._chance.uniform(*LASTS_S)
+        self._until = time.monotonic() + self._chance.uniform(*self._lasts)
         self.seen[self._now.name] += 1
         self._now.begin()
 
@@ -236,4 +239,4 @@ class Weather:
         over, self._now = self._now, None
         if over is not None:
             over.end()
-        self._until = time.monotonic() + self._chance.uniform(*CALM_S)
+        self._until = time.monotonic() + self._chance.uniform(*self._calm)

@@ -26,10 +26,12 @@ from benchmarks.storm.asking import becomes_quiet, prepare, real_order, undistur
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
 from benchmarks.storm.faults import (
+    PACE,
     ClockSet,
     Fault,
     FullDisk,
     ImmutableStore,
+    Pace,
     ReadOnlySessions,
     Weather,
     may_be_immutable,
@@ -73,6 +75,8 @@ def run(
     longest: float,
     real: int = REAL,
     faults: bool = True,
+    pace: Pace = PACE,
+    everywhere: bool = True,
     apart: bool = False,
 ) -> Outcome:
     """The whole storm.
@@ -84,8 +88,9 @@ def run(
         until then
     longest : seconds that it goes on at most
     real : real identifications that are ordered after that, and hit; the others have light stages
-    faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came, and until a
-        job was cancelled in each stage
+    faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came
+    pace : of the faults (:class:`benchmarks.storm.faults.Weather`)
+    everywhere : with faults, the storm also goes on until a job was cancelled in each stage
     apart : workers are in network namespaces and share no folder, only PostgreSQL and an S3 server
 
     Raises
@@ -106,9 +111,9 @@ def run(
                 make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
             chance = random.Random(seed)
-            weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed))
+            weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed), pace)
             storm = _Storm(directory, simulated.machine_path, server, files, weather, chance, say, elsewhere)
-            return storm.run(seconds, longest, kills, real)
+            return storm.run(_Asked(seconds, longest, kills, real, everywhere))
 
 
 def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
@@ -157,7 +162,7 @@ class _Storm:
     say: Say
     elsewhere: Elsewhere
 
-    def run(self, seconds: float, longest: float, kills: int, real: int) -> Outcome:
+    def run(self, asked: _Asked) -> Outcome:
         """As :func:`run`."""
         files, postgresql = self.files, self.postgresql
         url = None if postgresql is None else postgresql.new_database()
@@ -174,12 +179,12 @@ class _Storm:
             with _database(files, url, herd) as database:
                 name, recording = prepare(client, self.machine)
                 count_results(database)
-                first = self._first_real(client, told, name) if real else _Undisturbed({}, 0.0)
+                first = self._first_real(client, told, name) if asked.real else _Undisturbed({}, 0.0)
             traffic = Traffic(client, told, name, recording)
             traffic.start()
-            course = self._killed(herd, told, traffic, _Asked(seconds, longest, kills, real), first)
+            course = self._killed(herd, told, traffic, asked, first)
             traffic.stop()
-            end = self._ended(herd, client, QUIET_S + 2 * real * first.seconds)
+            end = self._ended(herd, client, QUIET_S + 2 * asked.real * first.seconds)
             seen = DataDirectory(files.root, storage)
             with _database(seen, url) as database:
                 checks = list(all_checks(database, seen, told, own))
@@ -192,8 +197,8 @@ class _Storm:
                     host.process.kill()
                     host.process.wait()
         found = (
-            course.check(kills),
-            *_killed_real(herd, real, course.after, course.after_s),
+            course.check(asked.kills),
+            *_killed_real(herd, asked.real, course.after, course.after_s),
             *_weather(self.weather, herd, told, course.revived),
         )
         return Outcome((*found, *end, *checks, *_said(herd, told)))
@@ -216,7 +221,7 @@ class _Storm:
 
         def wanted(past: float) -> bool:
             places = {cancel.where for cancel in told.cancels.values()}
-            weather = not self.weather.all_seen or not places.issuperset(STAGES)
+            weather = not self.weather.all_seen or (asked.everywhere and not places.issuperset(STAGES))
             return past < asked.seconds or herd.total < asked.kills or (bool(self.weather.faults) and weather)
 
         killing.go_on(wanted, asked.longest)
@@ -257,6 +262,7 @@ class _Asked:
     longest: float
     kills: int
     real: int
+    everywhere: bool
 
 
 @dataclass(frozen=True)

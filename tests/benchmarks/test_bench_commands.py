@@ -11,6 +11,8 @@ import pytest
 
 from benchmarks.attribution import runs
 from benchmarks.cli import BENCHMARKS
+from benchmarks.demonstration import SMALL, beside_readme
+from benchmarks.readme import numbers, printed_result
 from server.commands import command_line as cli
 
 Run = Callable[..., tuple[int, str, str]]
@@ -118,3 +120,17 @@ def test_the_regressor_is_timed(run: Run) -> None:
     content = json.loads(out)
     assert content["benchmark"] == "regressor"
     assert [check["measured"] is not None for check in content["checks"]][::2] == [True, True]
+
+
+def test_errors_are_laid_beside_those_that_the_readme_prints() -> None:
+    floor, before, after = (numbers(printed_result())[place::3] for place in range(3))
+    errors = {
+        f"joint{place}": {"noise_floor": row[0], "before": {"validate": row[1]}, "after": {"validate": row[2]}}
+        for place, row in enumerate(zip(floor, before, after, strict=True))
+    }
+    assert len(errors) == 6 and beside_readme({"errors": errors}) == 0.0
+    errors["joint1"]["after"] = {"validate": 1.3 * after[1]}
+    assert beside_readme({"errors": errors}) == pytest.approx(0.3)
+    errors["joint1"]["after"] = {"validate": after[1]}
+    errors["joint5"]["noise_floor"] = floor[5] + 0.03  # less than what is printed of small ones is worth
+    assert beside_readme({"errors": errors}) == pytest.approx(0.03 / SMALL)

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import io
 import os
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
+
+# Arms and valves with known parameters are those of the tests of the identification.
+sys.path.insert(0, str(Path(__file__).parents[1] / "fitting"))
+
 from postgresql_server import postgresql
 from service_fakes import Fakes, Running, recording_bytes, running_service
 

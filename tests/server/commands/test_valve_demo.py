@@ -105,7 +105,7 @@ def test_the_whole_job_writes_no_command(
 
 
 def test_a_second_one_in_the_same_folder_is_refused_and_the_first_ends_on_ctrl_c(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "server.commands.command_line", "demo", "--valve"]
+    command = [sys.executable, "-m", "server.commands.command_line", "demo", "--valve", "--seconds", "20"]
     said: list[str] = []
     second: Any = None
     with subprocess.Popen(
@@ -114,10 +114,11 @@ def test_a_second_one_in_the_same_folder_is_refused_and_the_first_ends_on_ctrl_c
     ) as running:  # fmt: skip
         assert running.stdout is not None and running.stderr is not None
         for line in running.stderr:
-            said.append(line)
-            if second is None and "recording valve-boom" in line:
+            if second is None and "planning" in line:
                 second = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+            if "recording valve-boom" in line and not any("recording" in earlier for earlier in said):
                 os.killpg(running.pid, signal.SIGINT)
+            said.append(line)
         printed = running.stdout.read()
     assert (second.returncode, second.stdout) == (2, "")
     assert second.stderr.startswith("hilfit: hilfit-demo: another demo is running in this directory")

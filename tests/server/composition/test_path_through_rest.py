@@ -25,8 +25,9 @@ from server.commands.demo_command import PLAN, design_motions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 SPEED = 4.0
-#: Machine time of each recording: enough to tell the demo's effect, and no longer.
+#: Machine time of each recording, and the recordings: enough to tell the demo's effect, and no more.
 SECONDS = 30.0
+RECORDED = [row for row in PLAN if row[0] != "train-2"]
 MACHINE = "folding-arm"
 
 
@@ -109,7 +110,7 @@ def test_record_identify_and_read_the_report(tmp_path: Path) -> None:
 
         live = wait_until("frames come", lambda: client.get(f"{API}/live").json())[MACHINE]
         assert live["channels"]["joint1.head_pressure"]["quality"] == "fresh"
-        recorded = [record(client, data_dir, name, role, motions[motion]) for name, role, motion in PLAN]
+        recorded = [record(client, data_dir, name, role, motions[motion]) for name, role, motion in RECORDED]
         assert client.get(f"{API}/recordings", params={"machine": MACHINE}).json()["items"] == recorded[::-1]
 
         order = {"machine": MACHINE, "recordings": [{"id": row["id"]} for row in recorded]}

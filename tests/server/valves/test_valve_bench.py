@@ -13,6 +13,7 @@ import can
 import pytest
 import yaml
 from service_fakes import API, Fakes, Running, running_service
+from valve_bench import Bench, machine_of, written
 
 from daq.machine.machine_file import machine_to_yaml
 from server.valves.valve_fits import ValveResults
@@ -31,10 +32,7 @@ def site(tmp_path: Path) -> Iterator[Running]:
 
 
 @pytest.mark.slow
-def test_a_bench_is_identified_over_rest(site: Running, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "fitting"))
-    from valve_bench import Bench, machine_of, written
-
+def test_a_bench_is_identified_over_rest(site: Running, tmp_path: Path) -> None:
     machine = machine_of()
     tree = yaml.safe_load(machine_to_yaml(machine))
     tree["buses"] = [{"name": "can0", "type": "canopen", "interface": "virtual", "channel": "valves"}]

@@ -1,7 +1,7 @@
 """The results of the demonstrations in README.md, as the commands print them.
 
 ``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they say there.
-A test runs the first again and compares.
+``hilfit bench demo`` runs the first again and compares the numbers, a test of a shorter one compares the words.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import textwrap
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-README = Path(__file__).parents[3] / "README.md"
+README = Path(__file__).parents[1] / "README.md"
 _BLOCK = re.compile(r"(?<=^```\n)acquired .*?(?=^```$)", re.MULTILINE | re.DOTALL)
 _VALVES = re.compile(r"(?<=^```\n) +error over the speed's RMS.*?(?=^```$)", re.MULTILINE | re.DOTALL)
 _WIDTH = 120
