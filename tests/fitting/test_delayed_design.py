@@ -131,7 +131,7 @@ def arms() -> tuple[SessionSignals, SessionSignals, float]:
 
 
 def mirrored_gain(signals: SessionSignals, model: Model, late: float) -> float:
-    """A quarter of what efforts moved the other way lose to those moved right: chi-square is a parabola of the delay."""
+    """A quarter of what efforts moved the other way lose to those moved right: chi-square is a parabola of delay."""
     other_way, moved = signals.mirrored(model, signals.refit([replace(LATENCY, rebuilt=(late,))]))
     return (other_way.fit.chi_square - moved.fit.chi_square) / 4.0
 
