@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, cast
@@ -19,7 +20,7 @@ from server.platform.errors import (
 )
 from server.platform.files import DataDirectory, sync_directory
 from server.platform.processes.children import ChildResult
-from server.recordings.file_children import FileChildren
+from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -132,14 +133,16 @@ class RecordingUploads:
         """What a process of its own says of a file; InvalidError if it is no good recording."""
         machine_file = self._files.machine_file(machine, version)
         log = self._files.recordings / "inspect.log"
-        result = self._children.run("inspect", str(file), str(machine_file), role, log=log, timeout_s=INSPECTION_S)
-        if result.outcome == "input":
-            raise InvalidError((result.error or "").replace(str(file), label))
-        if result.outcome == "failed" and result.error is not None and "ended by" in result.error:
-            raise InvalidError(f"{label}: cannot be read; export it again")
-        if result.outcome != "done":
-            raise ServiceError(f"{label}: looking at it failed; {result.error}")
-        return result
+        result = self._children.run(
+            "server.recordings.inspect_recording", file, machine_file, role, log=log, timeout_s=INSPECTION_S
+        )
+        if result.outcome == "done":
+            return result
+        raise refusal(
+            replace(result, error=(result.error or "").replace(str(file), label)),
+            InvalidError(f"{label}: cannot be read; export it again"),
+            ServiceError(f"{label}: looking at it failed; {result.error}"),
+        )
 
 
 def _same_file(other: str | None) -> list[dict[str, str | None]]:
