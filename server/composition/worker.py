@@ -93,12 +93,12 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         def said() -> str:
             # The lock's age tells a health check that this process lives and reaches the database.
             os.utime(files.root / f"lock-worker-{name}")
-            return waiting.why or runner.away or "works"
+            return waiting.why or runner.host.away or "works"
 
         presence = Heartbeat(database, f"worker-{name}", state=said)
         try:
             patiently(presence.start, waiting.pause)
-            waiting.until(lambda: runner.out_of_reach() or other_version(database))
+            waiting.until(lambda: runner.host.out_of_reach() or other_version(database))
             runner.start()
             _log.info("working", worker=name)
             ready()

@@ -13,7 +13,7 @@ from daq import load_machine
 from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
 from server.jobs.job_places import kept_place
-from server.jobs.job_store import Job, Jobs, Result
+from server.jobs.job_store import Job, Jobs, Result, found_by
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey
@@ -108,7 +108,7 @@ class ExcitationKind:
             result = json.loads((place / "result.json").read_bytes())
         except (OSError, ValueError):
             raise JobError("The design left no motion that can be read; order it again") from None
-        return self._excitations.result(job.subject, result)
+        return found_by(Excitation, job.subject, result=result)
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Nobody waits for it here."""

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from daq import parse_machine
-from daq.errors import MachineFileError
 from daq.machine.device_files import refuse_files_elsewhere
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
-from server.platform.processes.child_speech import ended
+from server.platform.processes.child_speech import ended, say
 
 #: What the file is called in errors: the name that it had is not known here.
 SHOWN_NAME = "machine.yaml"
@@ -21,10 +20,7 @@ SHOWN_NAME = "machine.yaml"
 
 def look(source: Path, target: Path) -> dict[str, str]:
     """Read one machine file; the summary. MachineFileError, one line, if it is none."""
-    try:
-        machine = parse_machine(source.read_bytes().decode("utf-8"), name=SHOWN_NAME)
-    except UnicodeDecodeError:
-        raise MachineFileError(f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file") from None
+    machine = parse_machine(source.read_bytes().decode("utf-8"), name=SHOWN_NAME)
     refuse_files_elsewhere(machine, SHOWN_NAME)
     target.write_text(machine.model_dump_json(by_alias=True, exclude_none=True), encoding="utf-8")
     return {"name": machine.name}
@@ -35,4 +31,8 @@ def main(arguments: Sequence[str]) -> int:
     source, target = map(Path, arguments)
     limit_child(MACHINE_FILE_CPU_S, source.stat().st_size)
     too_much = f"{SHOWN_NAME}: takes too much memory to read; make it shorter"
-    return ended(lambda: look(source, target), too_much)
+    try:
+        return ended(lambda: look(source, target), too_much)
+    except UnicodeDecodeError:
+        say(error=f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file")
+        return 2
