@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.machine.can_database import SUFFIXES
+from daq.whole_files import write_whole
 from server.machines.acquisition import Acquisition
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import MachineRow, Machines
@@ -22,7 +23,7 @@ from server.platform.errors import (
     UnavailableError,
     UnsupportedFormatError,
 )
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import NONE_YET, Tags
 from server.platform.processes.file_children import FileChildren, refusal
 
@@ -137,7 +138,7 @@ class SignalFiles:
                     raise ConflictError(
                         f"machine '{machine}' is being recorded as {recording}; stop that recording first"
                     )
-                write_atomically(path, incoming.read_bytes())
+                write_whole(path, incoming.read_bytes())
             if row.acquire:
                 self._acquisition.start(machine, self._files.machine_file(machine, row.version))
             return str(self.digest(machine, name))

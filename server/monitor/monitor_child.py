@@ -21,6 +21,7 @@ import numpy.typing as npt
 from daq import load_machine
 from daq.acquisition.ring import RingReader
 from daq.errors import HilfitError, InputError
+from daq.whole_files import write_whole
 from fitting.model.uses.payload import WINDOW_S, weighed
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.drift_watcher import Watcher
@@ -28,7 +29,6 @@ from server.monitor.monitor_order import Order
 from server.monitor.overload_watch import OverloadWatch
 from server.monitor.residual_blocks import Windows, measured
 from server.monitor.residual_scores import STATISTICS, effective, scores
-from server.platform.files import write_atomically
 
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
@@ -95,7 +95,7 @@ def _payload(recent: Iterable[tuple[JointBlock, ...]]) -> dict[str, float] | Non
 
 
 def _remember(path: Path, watcher: Watcher) -> None:
-    write_atomically(path, json.dumps(watcher.memory()).encode())
+    write_whole(path, json.dumps(watcher.memory()).encode())
 
 
 def _remembered(path: Path, fresh: Watcher) -> Watcher:

@@ -14,6 +14,7 @@ from typing import Any
 import structlog
 
 from daq.errors import HilfitError
+from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
 from server.identifications.identification_results import MODEL_FILE
@@ -21,7 +22,7 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_order import Order, Rules
 from server.monitor.overload_text import as_text
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.processes.children import run_child
 from server.platform.processes.rounds import Rounds
 
@@ -163,7 +164,7 @@ class Monitors:
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
         path = self._directory / f"{machine}.order"
         try:
-            write_atomically(path, order.to_json().encode())
+            write_whole(path, order.to_json().encode())
             result = run_child(
                 [sys.executable, "-P", "-m", "server.monitor.monitor_child", str(path)],
                 log=self._directory / f"{machine}.log",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from daq import ROLES
+from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.disk import Free, require_room
@@ -18,7 +19,7 @@ from server.platform.errors import (
     ServiceError,
     UnsupportedFormatError,
 )
-from server.platform.files import DataDirectory, sync_directory
+from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.exports import Exports

@@ -10,14 +10,14 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 
 import sqlalchemy as sa
 
+from daq.whole_files import replacing, sync_directory
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.errors import StartError
-from server.platform.files import sync_directory
 
 #: Where Debian keeps PostgreSQL's programs.
 _DEBIAN = Path("/usr/lib/postgresql")
@@ -34,23 +34,14 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
     """
     sqlite = url.startswith("sqlite")
     target = directory / f"{stem}.{'sqlite' if sqlite else 'pgdump'}"
-    partial = target.with_name(f".{target.name}.partial")
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        partial.unlink(missing_ok=True)
-        if sqlite:
-            _copy_sqlite(Path(url.removeprefix("sqlite:///")), partial)
-        else:
-            _run("pg_dump", url, "--format=custom", f"--file={partial}")
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(target)
-        sync_directory(directory)
+        with replacing(target) as partial:
+            if sqlite:
+                _copy_sqlite(Path(url.removeprefix("sqlite:///")), partial)
+            else:
+                _run("pg_dump", url, "--format=custom", f"--file={partial}")
     except (OSError, sqlite3.Error) as error:
         raise StartError(f"{target}: the backup cannot be written ({error}); free some space or give another") from None
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
     return target
 
 
