@@ -40,7 +40,7 @@ def worker(
     from server.platform.processes.leaving import leave
 
     own = name or socket.gethostname()
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
 
     def ready() -> None:
         print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
@@ -64,7 +64,7 @@ def backup(
     from server.platform.errors import StartError
     from server.platform.files import DATABASE_FILE, DataDirectory
 
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
@@ -97,7 +97,7 @@ def restore(
     from server.composition.declarations import RESOURCES
     from server.platform.files import DataDirectory
 
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
     with files.locked(), working("putting files back", show=not json):
@@ -108,9 +108,9 @@ def restore(
         print(f"{count} files of {source} are back in {files.root}")
 
 
-def _settings(config: Path | None, **given: Any) -> Any:
+def settings_of(config: Path | None, **given: Any) -> Any:
+    """Settings of a service, with those options that were given; what this process makes is its user's alone."""
     from server.platform.files import private_files
-    from server.platform.settings import load_settings
 
     private_files()
     return load_settings(config, **{name: value for name, value in given.items() if value is not None})
