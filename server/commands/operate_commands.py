@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from json import dumps
 from pathlib import Path
@@ -10,7 +11,30 @@ from typing import Annotated, Any
 import typer
 
 from daq.console import print_json, working
-from server.platform.secret_options import no_secret
+
+
+def no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
+    """The value of an option that may hold a URL.
+
+    Secrets come by files and the environment: every user of a computer can read a command line.
+
+    Raises
+    ------
+    StartError
+        If the URL was typed, and holds a password.
+    """
+    from server.platform.errors import StartError
+
+    name = str(parameter.name)
+    source = context.get_parameter_source(name)
+    typed = value is not None and source is not None and source.name == "COMMANDLINE"
+    if typed and re.search("//[^/@]*:[^@]+@", value or ""):
+        raise StartError(
+            f"--{name.replace('_', '-')}: everybody here can read a password that is typed; leave it out and write it "
+            "into a file that database_password_file (HILFIT_DATABASE_PASSWORD_FILE) names, or use HILFIT_DATABASE_URL"
+        )
+    return value
+
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
 DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
@@ -111,6 +135,7 @@ def restore(
 def settings_of(config: Path | None, **given: Any) -> Any:
     """Settings of a service, with those options that were given; what this process makes is its user's alone."""
     from server.platform.files import private_files
+    from server.platform.settings import load_settings
 
     private_files()
     return load_settings(config, **{name: value for name, value in given.items() if value is not None})

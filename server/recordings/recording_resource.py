@@ -17,7 +17,6 @@ from server.platform.parts import PartName, Parts
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.recordings.formats.exports import Exports
-from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_routes import router
 from server.recordings.recording_sessions import Recorder, Sessions
 from server.recordings.recording_store import Recordings, recordings
@@ -77,7 +76,6 @@ RECORDINGS = Resource(
             parts[Database], parts[DataDirectory], parts[FileChildren], parts[FREE]
         ),
         Sessions: _sessions,
-        RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory]),
     },
     running=_running,
     backed_up=BackedUp("recordings", _files, unchanging=True),

@@ -1,4 +1,4 @@
-"""Machine files and recordings that clients send: checked first, then stored whole."""
+"""Recordings that clients send: checked first, then stored whole; and deleted with all their files."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 from daq import ROLES
+from daq.frames.events import events_path
 from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
@@ -105,7 +106,7 @@ class RecordingUploads:
             result = self._inspected(incoming, machine, version, role, label)
             id = f"rec-{secrets.token_hex(8)}"
             format = cast(Literal["parquet", "csv"], incoming.suffix.removeprefix("."))
-            target = self._files.recordings / f"{id}.{format}"
+            target = self._files.recording(id, format)
             size = incoming.stat().st_size
             _moved(incoming, target)
             statistics = result.summary["statistics"]
@@ -129,6 +130,18 @@ class RecordingUploads:
             return row
         finally:
             incoming.unlink(missing_ok=True)
+
+    def delete(self, id: str) -> None:
+        """Delete a recording and all its files; ConflictError while it is in use."""
+        row = self._recordings.get(id)
+        self._recordings.delete(id)
+        file = self._files.recording(id, row.format)
+        for path in (file, events_path(file)):
+            path.unlink(missing_ok=True)
+        if row.sha256 is not None:
+            self._files.storage.forget(row.sha256)
+        for kept in self._files.recordings.glob(f"{id}.*"):  # statistics, what plots are drawn from, findings
+            kept.unlink(missing_ok=True)
 
     def _inspected(self, file: Path, machine: str, version: int, role: str, label: str) -> ChildResult:
         """What a process of its own says of a file; InvalidError if it is no good recording."""

@@ -44,7 +44,7 @@ class Exports:
         """
         if row.state != "sealed":
             raise ConflictError(f"recording '{row.id}' is {row.state}; there is no whole file to read")
-        path = self._files.recordings / f"{row.id}.{row.format}"
+        path = self._files.recording(row.id, row.format)
         if not path.is_file():
             raise NotFoundError(f"the file of recording '{row.id}' is gone; record or upload it again")
         return path
