@@ -10,7 +10,8 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import sqlalchemy as sa
@@ -43,6 +44,17 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
     except (OSError, sqlite3.Error) as error:
         raise StartError(f"{target}: the backup cannot be written ({error}); free some space or give another") from None
     return target
+
+
+@contextmanager
+def connected(url: str) -> Iterator[sa.Connection]:
+    """A database that nothing else here is connected to."""
+    engine = sa.create_engine(url, poolclass=sa.NullPool)
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
 
 
 def check_restore(source: Path, url: str) -> None:
@@ -111,9 +123,8 @@ def restore_database(source: Path, url: str) -> None:
 
 def _refuse_in_use(url: str) -> None:
     """Refuse while servers or workers, of whatever host, are connected."""
-    engine = sa.create_engine(url, poolclass=sa.NullPool)
     try:
-        with engine.connect() as connection:
+        with connected(url) as connection:
             others = connection.execute(
                 sa.text(
                     "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database()"
@@ -122,8 +133,6 @@ def _refuse_in_use(url: str) -> None:
             ).scalar()
     except sa.exc.DBAPIError as error:
         raise StartError(f"database_url: cannot be reached ({' '.join(str(error.orig).split())})") from None
-    finally:
-        engine.dispose()
     if others:
         raise StartError(f"database_url: {others} connections use it; stop the server and all workers first")
 
