@@ -14,7 +14,6 @@ rises; a motion starts and ends at rest. Joints without a column hold still.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.whole_files import write_whole
 
 FloatArray = npt.NDArray[np.float64]
 Rods = Literal["pinned", "unpinned"]
@@ -88,14 +88,9 @@ def write_motion(path: str | Path, motion: Motion) -> None:
     ]
     table = np.column_stack([motion.time, *motion.columns.values()])
     lines += [",".join(f"{value:.9g}" for value in row) for row in table]
-    # Hidden: a controller that watches the folder takes every other file for a motion.
-    part = path.with_name(f".{path.name}.part")
     try:
-        part.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        part.replace(path)
+        write_whole(path, ("\n".join(lines) + "\n").encode())  # a controller may watch the folder
     except OSError as error:
-        with contextlib.suppress(OSError):  # where nothing could be written, there is nothing to remove
-            part.unlink()
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 

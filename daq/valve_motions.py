@@ -24,7 +24,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 
 VALVE_SCHEMA = "hilfit/valve-motion/1"
 Does = Literal["go", "hold", "swing"]

@@ -40,7 +40,8 @@ class DriverContext:
         long in lockstep with a simulation, where waiting loses nothing
     monotonic_ns : the clock
     start_s : how long :meth:`Driver.start` may wait for devices that do not answer; those that come later are taken in
-        while the cycle runs. None: as long as they may take to boot.
+        while the cycle runs. A bus may be listened to for two seconds besides. None: as long as the machine file says
+        that they may take to boot, and that the bus is to be listened to.
     events : where drivers say what happened to their devices
     rate_hz : cycles per second of machine time, 1 / period_s unless a simulation runs faster (None: that)
     found : where it is kept what nodes were like before they were changed; None: it is not kept
@@ -211,7 +212,7 @@ class Driver(Protocol):
         """Whether it sends SYNC and therefore has to be triggered first."""
 
     def start(self) -> tuple[str, ...]:
-        """Open the bus and commission its devices, waiting no longer than ``context.start_s`` for any of them.
+        """Open the bus and commission its devices, waiting no longer than ``context.start_s`` for all of them.
 
         Returns
         -------

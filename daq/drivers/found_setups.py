@@ -16,7 +16,7 @@ from pathlib import Path
 
 from daq.errors import CommissioningError
 from daq.machine.buses import object_of
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 
 Objects = Mapping[tuple[int, int], bytes]
 FOLDER = "found"

@@ -13,7 +13,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from daq.errors import InputError, RecordingError
-from daq.recordings.recording_files import Table, replacing, write_columns
+from daq.recordings.recording_files import Table, write_columns
+from daq.whole_files import replacing
 
 _MODULES = {".mf4": "mdf4", ".mcap": "mcap_file", ".mat": "mat"}
 #: Of the forms that :func:`export` writes.

@@ -150,7 +150,7 @@ class RecordedEvents:
         if self.listed == before:
             return
         # Whatever reads and writes recordings; the acquisition process, which only keeps a log, has no use for it.
-        from daq.recordings.recording_files import replacing
+        from daq.whole_files import replacing
 
         try:
             with replacing(self._path) as temporary:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ import pyarrow.parquet
 from daq.errors import RecordingError
 from daq.recordings.csv_files import names_differ, read_csv
 from daq.scratch import Scratch, ScratchColumns
+from daq.whole_files import replacing
 
 PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
@@ -192,28 +192,6 @@ def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.f
             return np.asarray(values, dtype=np.float64)
         return np.asarray(values, dtype=np.int64)
     return np.array(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place, synced, when the block ends well; else it is removed.
-
-    A reader sees the old file or the new one, never half of one, also after a power cut.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        directory = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(directory)
-        finally:
-            os.close(directory)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def write_table(path: Path, table: pa.Table) -> None:

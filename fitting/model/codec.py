@@ -18,8 +18,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine
-from daq.recordings.recording_files import replacing
 from daq.validation_words import in_words
+from daq.whole_files import replacing
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arrays import FloatArray
 from fitting.effects.base import Ranges

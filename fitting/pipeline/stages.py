@@ -18,7 +18,7 @@ import numpy as np
 
 from daq.errors import HilfitError, InputError
 from daq.motion_files import Motion, write_motion
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std

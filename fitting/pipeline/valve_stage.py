@@ -9,7 +9,7 @@ from typing import Any
 
 from daq.machine.machine_file import load_machine
 from daq.recordings.recording import read_recording
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 from fitting.loop.session import Request
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, Progress, quiet
 from fitting.valve.export import export_valve, formats

@@ -20,9 +20,9 @@ from server.access.connections import Stream
 from server.access.rates import Rate, Rates
 from server.audit.audit_log import Audit
 from server.platform.authorization.principals import Principal
-from server.platform.errors import UnauthenticatedError
+from server.platform.errors import TooManyError, UnauthenticatedError
 from server.platform.http.pages import CLOSED
-from server.platform.http.problems import problem
+from server.platform.http.problems import refused
 
 #: WebSockets in browsers cannot send headers, but they can offer sub-protocols; this one carries the token.
 BEARER = "bearer."
@@ -74,11 +74,8 @@ class Gate:
             await send({"type": "websocket.close", "code": 1013})  # before it is accepted: the client sees 403
             return
         if seconds:
-            text = f"too many requests; try again in {seconds} s"
-            answer = problem(
-                Request(scope), 429, text, slug="too-many", title="Too many", headers={"Retry-After": str(seconds)}
-            )
-            await answer(scope, receive, send)
+            error = TooManyError(f"too many requests; try again in {seconds} s")
+            await refused(Request(scope), error, {"Retry-After": str(seconds)})(scope, receive, send)
             return
         if principal is None and scope["path"].startswith(CLOSED) and scope["path"] not in OPEN:
             await self._refuse(scope, receive, send)
@@ -130,10 +127,8 @@ class Gate:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return
-        text = "pair this device first, or send 'Authorization: Bearer' with a valid token"
-        headers = dict(UnauthenticatedError.headers)
-        answer = problem(Request(scope), 401, text, slug="unauthenticated", title="Unauthenticated", headers=headers)
-        await answer(scope, receive, send)
+        unknown = UnauthenticatedError("pair this device first, or send 'Authorization: Bearer' with a valid token")
+        await refused(Request(scope), unknown)(scope, receive, send)
 
     async def _principal(self, scope: Scope) -> Principal | None:
         if not self._access.required:

@@ -12,6 +12,7 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import timedelta
+from typing import Annotated
 
 import argon2
 import segno
@@ -20,7 +21,7 @@ import sqlalchemy as sa
 from server.access.holder_store import later
 from server.platform.authorization.principals import Role
 from server.platform.database.engine import Database
-from server.platform.database.schema import metadata
+from server.platform.database.stored import Kept, Stored
 from server.platform.errors import ForbiddenError, TooManyError
 from server.platform.processes.heavy_work import Heavy
 
@@ -33,18 +34,25 @@ MOST_FAILURES = 10_000
 MOST_OPEN = 5
 #: OWASP's second choice for Argon2id: 19 MiB, two passes, about 30 ms.
 HASHER = argon2.PasswordHasher(time_cost=2, memory_cost=19_456, parallelism=1)
-pairing_codes = sa.Table(
-    "pairing_codes",
-    metadata,
-    sa.Column("id", sa.String, primary_key=True),
-    sa.Column("code_hash", sa.String, nullable=False),  # Argon2id: six digits are soon tried with a quick hash
-    sa.Column("role", sa.String, nullable=False),
-    sa.Column("machines", sa.JSON(none_as_null=True)),
-    sa.Column("created_by", sa.String, nullable=False),
-    sa.Column("expires", sa.String, nullable=False),
-    sa.Column("failures", sa.Integer, nullable=False),  # wrong codes that came while it was open
-    sa.Column("days", sa.Integer),  # that the device's token is good for
-)
+
+
+class PairingCode(Stored, table="pairing_codes"):
+    """What a code stands for.
+
+    ``days``: that the device's token is good for. ``failures``: wrong codes that came while it was open.
+    """
+
+    id: Annotated[str, Kept(key=True)]
+    code_hash: str  # Argon2id: digits are soon tried with a quick hash
+    role: Role
+    machines: tuple[str, ...] | None
+    created_by: str
+    expires: str
+    failures: int = 0
+    days: int | None
+
+
+pairing_codes = PairingCode.table
 
 
 @dataclass(frozen=True)
@@ -55,16 +63,6 @@ class Code:
     role: Role
     machines: tuple[str, ...] | None
     expires: str
-
-
-@dataclass(frozen=True)
-class Grant:
-    """What a code stands for."""
-
-    role: Role
-    machines: tuple[str, ...] | None
-    created_by: str
-    days: int | None
 
 
 class PairingWork(Heavy):
@@ -85,34 +83,29 @@ class PairingCodes:
 
     def make(self, role: Role, machines: tuple[str, ...] | None, created_by: str, days: int | None = None) -> Code:
         """A new code for a device whose token is good for ``days``; TooManyError if :data:`MOST_OPEN` are open."""
-        digits = self._digits()
-        hashed = HASHER.hash(digits)
-        now = self._database.now()
-        expires = later(now, LIFETIME)
+        digits, now = self._digits(), self._database.now()
+        new = PairingCode(
+            id=f"pair-{secrets.token_hex(8)}",
+            code_hash=HASHER.hash(digits),
+            role=role,
+            machines=machines,
+            created_by=created_by,
+            expires=later(now, LIFETIME),
+            days=days,
+        )
         with self._database.write() as connection:
             connection.execute(pairing_codes.delete().where(_closed(now)))
             if connection.execute(sa.select(sa.func.count()).select_from(pairing_codes)).scalar_one() >= MOST_OPEN:
                 raise TooManyError(f"{MOST_OPEN} pairing codes are open; use one, or wait until they expire")
-            connection.execute(
-                pairing_codes.insert().values(
-                    id=f"pair-{secrets.token_hex(8)}",
-                    code_hash=hashed,
-                    role=role,
-                    machines=None if machines is None else list(machines),
-                    created_by=created_by,
-                    expires=expires,
-                    failures=0,
-                    days=days,
-                )
-            )
-        return Code(digits, role, machines, expires)
+            connection.execute(pairing_codes.insert().values(**new.columns()))
+        return Code(digits, role, machines, new.expires)
 
     def withdraw(self, created_by: str) -> None:
         """Close the open codes that were made in this name."""
         with self._database.write() as connection:
             connection.execute(pairing_codes.delete().where(pairing_codes.c.created_by == created_by))
 
-    def take(self, digits: str) -> Grant:
+    def take(self, digits: str) -> PairingCode:
         """Use a code up.
 
         Raises
@@ -129,8 +122,7 @@ class PairingCodes:
                 # Whoever deletes the row has the code; of two at once only one does.
                 mine = pairing_codes.delete().where(pairing_codes.c.id == row.id, sa.not_(_closed(now)))
                 if connection.execute(mine).rowcount == 1:
-                    machines = None if row.machines is None else tuple(row.machines)
-                    return Grant(row.role, machines, row.created_by, row.days)
+                    return PairingCode.read(row)
             connection.execute(pairing_codes.update().values(failures=pairing_codes.c.failures + 1))
         # Raised after the transaction: raised within, it would undo the count.
         raise ForbiddenError("no open pairing code is this one; type it again, or ask an admin for a new one")

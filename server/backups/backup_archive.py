@@ -28,12 +28,13 @@ from pathlib import Path
 import structlog
 
 from daq.errors import HilfitError
+from daq.whole_files import sync_directory, write_whole
 from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
-from server.platform.files import DataDirectory, sync_directory, sync_tree, write_atomically
+from server.platform.files import DataDirectory, sync_tree
 from server.platform.processes.rounds import Rounds
 from server.platform.storage import digest
 
@@ -107,7 +108,7 @@ class Backups:
                     "missing": list(missing),
                     "files": _files_of(partial),
                 }
-                write_atomically(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
+                write_whole(partial / MANIFEST, json.dumps(manifest, indent=1).encode())
                 partial.rename(self.directory / id)
                 sync_directory(self.directory)
             except OSError as error:

@@ -18,6 +18,7 @@ from pathlib import Path
 import sqlalchemy as sa
 
 from server.jobs.job_store import job_files, jobs
+from server.platform.database.database_copies import connected
 from server.platform.errors import ServiceError
 from server.platform.files import DataDirectory
 from server.platform.resource import BackedUp, NamedFiles, Resource
@@ -50,13 +51,9 @@ class BackupContent:
     def named(self, url: str) -> NamedFiles:
         """What the store at ``url`` names."""
         found = NamedFiles()
-        engine = sa.create_engine(url, poolclass=sa.NullPool)
-        try:
-            with engine.connect() as connection:
-                for part in self.parts:
-                    found |= part.named(connection)
-        finally:
-            engine.dispose()
+        with connected(url) as connection:
+            for part in self.parts:
+                found |= part.named(connection)
         return found
 
 
@@ -65,18 +62,14 @@ def fetch_results(named: NamedFiles, files: DataDirectory, url: str) -> None:
     away = [place for place in named.needed if place.count("/") == 2 and not (files.root / place).exists()]
     if not away or not files.storage.shared:
         return
-    engine = sa.create_engine(url, poolclass=sa.NullPool)
-    try:
-        with engine.connect() as connection:
-            for place in away:
-                folder, name = place.rsplit("/", 1)
-                query = sa.select(job_files.c.name, job_files.c.sha256).join(jobs, jobs.c.id == job_files.c.job)
-                wanted = (jobs.c.subject == folder.split("/")[1], jobs.c.place == name, job_files.c.use == "result")
-                left = {row.name: row.sha256 for row in connection.execute(query.where(*wanted))}
-                with suppress(ServiceError):
-                    files.storage.bring(files.root / place, folder, left)
-    finally:
-        engine.dispose()
+    with connected(url) as connection:
+        for place in away:
+            folder, name = place.rsplit("/", 1)
+            query = sa.select(job_files.c.name, job_files.c.sha256).join(jobs, jobs.c.id == job_files.c.job)
+            wanted = (jobs.c.subject == folder.split("/")[1], jobs.c.place == name, job_files.c.use == "result")
+            left = {row.name: row.sha256 for row in connection.execute(query.where(*wanted))}
+            with suppress(ServiceError):
+                files.storage.bring(files.root / place, folder, left)
 
 
 def copy_named(named: NamedFiles, source: Path, target: Path, unchanging: Collection[str]) -> tuple[str, ...]:

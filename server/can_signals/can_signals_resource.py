@@ -9,6 +9,7 @@ from server.machines.machine_desk import BEING_RECORDED
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import Machines
 from server.platform.files import DataDirectory
+from server.platform.processes.file_children import FileChildren
 from server.platform.resource import Resource
 
 CAN_SIGNALS = Resource(
@@ -16,7 +17,12 @@ CAN_SIGNALS = Resource(
     routers=(router,),
     provides={
         SignalFiles: lambda parts: SignalFiles(
-            parts[DataDirectory], parts[Machines], parts[MachineReader], parts[Acquisition], parts[BEING_RECORDED]
+            parts[DataDirectory],
+            parts[Machines],
+            parts[MachineReader],
+            parts[Acquisition],
+            parts[BEING_RECORDED],
+            parts[FileChildren],
         ),
     },
     large_uploads=frozenset({"/can-signals/upload"}),

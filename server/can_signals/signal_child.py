@@ -1,17 +1,15 @@
-"""Read the DBC files of a machine in a process of its own: anybody may have written them.
+"""Read the DBC files of a machine in a process of its own (:mod:`server.platform.processes.file_children`).
 
-``python -m server.can_signals.signal_child MACHINE_FILE TARGET [NAME INCOMING]``
-
-The machine's buses with their signals are written to TARGET as JSON; with INCOMING as if that file had come in place of
-NAME. Speaks the protocol of :mod:`server.platform.processes.children`. Paths in errors begin at the machine file's
-folder.
+Anybody may have written them. It is told ``MACHINE_FILE TARGET [NAME INCOMING]``; the machine's buses with their
+signals are written to TARGET as JSON, with INCOMING as if that file had come in place of NAME. Paths in errors begin at
+the machine file's folder.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from daq import Machine, parse_machine
@@ -54,13 +52,9 @@ def _replaced(machine: Machine, name: str | None, incoming: Path | None) -> Mach
     return machine.model_copy(update={"buses": tuple(buses)})
 
 
-def main(arguments: list[str]) -> int:
+def main(arguments: Sequence[str]) -> int:
     """Read what the arguments name; returns the exit code."""
     machine_file, target, *change = arguments
     name, incoming = (change[0], Path(change[1])) if change else (None, None)
     too_much = "takes too much memory to read; export the file with fewer messages"
     return ended(lambda: look(Path(machine_file), Path(target), name, incoming), too_much)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

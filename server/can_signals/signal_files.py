@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.machine.can_database import SUFFIXES
+from daq.whole_files import write_whole
 from server.machines.acquisition import Acquisition
 from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import MachineRow, Machines
@@ -23,11 +23,10 @@ from server.platform.errors import (
     UnavailableError,
     UnsupportedFormatError,
 )
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import NONE_YET, Tags
-from server.platform.processes.children import run_child
+from server.platform.processes.file_children import FileChildren, refusal
 
-PROGRAM = (sys.executable, "-P", "-m", "server.can_signals.signal_child")
 #: Seconds that the child has, when it has to share its core with everybody.
 READING_S = 180.0
 #: Machines whose signals are kept.
@@ -50,8 +49,10 @@ class SignalFiles:
         reader: MachineReader,
         acquisition: Acquisition,
         recorded: Callable[[str], str | None],
+        children: FileChildren,
     ) -> None:
         self._files = files
+        self._children = children
         self._machines = machines
         self._reader = reader
         self._acquisition = acquisition
@@ -137,7 +138,7 @@ class SignalFiles:
                     raise ConflictError(
                         f"machine '{machine}' is being recorded as {recording}; stop that recording first"
                     )
-                write_atomically(path, incoming.read_bytes())
+                write_whole(path, incoming.read_bytes())
             if row.acquire:
                 self._acquisition.start(machine, self._files.machine_file(machine, row.version))
             return str(self.digest(machine, name))
@@ -163,14 +164,10 @@ class SignalFiles:
         return list(dict.fromkeys(name for bus in buses if bus["type"] == "can_signals" for name in bus["dbc"]))
 
     def _read(self, machine_file: Path, change: tuple[str, Path] | None) -> list[dict[str, Any]]:
-        target = self._files.incoming()
-        more = () if change is None else (change[0], str(change[1]))
+        target, log = self._files.incoming(), self._files.recordings / "inspect.log"
+        arguments = (machine_file, target, *(change or ()))
         try:
-            result = run_child(
-                (*PROGRAM, str(machine_file), str(target), *more),
-                log=self._files.recordings / "inspect.log",
-                timeout_s=READING_S,
-            )
+            result = self._children.run("server.can_signals.signal_child", *arguments, log=log, timeout_s=READING_S)
             if result.outcome == "done":
                 content: list[dict[str, Any]] = json.loads(target.read_text(encoding="utf-8"))
                 return content
@@ -178,9 +175,11 @@ class SignalFiles:
             target.unlink(missing_ok=True)
         if result.outcome == "input":
             raise InvalidError(f"DBC files: {result.error}")
-        if result.error is not None and ("ended by" in result.error or "longer than" in result.error):
-            raise InvalidError("DBC files: take too long to read; export them with fewer messages")
-        raise UnavailableError(f"DBC files: could not be read; {result.error}; try again")
+        raise refusal(
+            result,
+            InvalidError("DBC files: take too long to read; export them with fewer messages"),
+            UnavailableError(f"DBC files: could not be read; {result.error}; try again"),
+        )
 
 
 def _state(path: Path) -> tuple[str, int, int]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json as json_format
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from server.platform.secret_options import no_secret
+from server.commands.operate_commands import Config, DatabaseUrl, DataDir, settings_of
 
 
 def register(app: typer.Typer) -> None:
@@ -22,12 +21,9 @@ def register(app: typer.Typer) -> None:
 def pair(
     role: Annotated[str, typer.Option(help="viewer, operator, engineer or admin.")] = "viewer",
     machine: Annotated[list[str] | None, typer.Option(help="Bind the device to this machine; may be repeated.")] = None,
-    config: Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)] = None,
-    data_dir: Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)] = None,
-    database_url: Annotated[
-        str | None,
-        typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
-    ] = None,
+    config: Config = None,
+    data_dir: DataDir = None,
+    database_url: DatabaseUrl = None,
     json: Annotated[bool, typer.Option("--json", help="Print the code as JSON.")] = False,
 ) -> None:
     """Make a code that pairs one device within a quarter of an hour; the service may run meanwhile."""
@@ -38,16 +34,13 @@ def pair(
     from server.platform.authorization.principals import ROLES, Principal
     from server.platform.database.engine import Database, utc_now
     from server.platform.errors import StartError
-    from server.platform.files import DataDirectory, private_files
-    from server.platform.settings import load_settings
+    from server.platform.files import DataDirectory
     from server.platform.tls import certificate
 
     found = next((known for known in ROLES if known == role), None)
     if found is None:
         raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
-    given = {"data_dir": data_dir, "database_url": database_url}
-    settings = load_settings(config, **{name: value for name, value in given.items() if value is not None})
-    private_files()
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
     files = DataDirectory(settings.data_dir)
     if settings.database_url is None and not files.database.is_file():
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")

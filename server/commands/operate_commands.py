@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 from json import dumps
 from pathlib import Path
@@ -10,7 +11,30 @@ from typing import Annotated, Any
 import typer
 
 from daq.console import print_json, working
-from server.platform.secret_options import no_secret
+
+
+def no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
+    """The value of an option that may hold a URL.
+
+    Secrets come by files and the environment: every user of a computer can read a command line.
+
+    Raises
+    ------
+    StartError
+        If the URL was typed, and holds a password.
+    """
+    from server.platform.errors import StartError
+
+    name = str(parameter.name)
+    source = context.get_parameter_source(name)
+    typed = value is not None and source is not None and source.name == "COMMANDLINE"
+    if typed and re.search("//[^/@]*:[^@]+@", value or ""):
+        raise StartError(
+            f"--{name.replace('_', '-')}: everybody here can read a password that is typed; leave it out and write it "
+            "into a file that database_password_file (HILFIT_DATABASE_PASSWORD_FILE) names, or use HILFIT_DATABASE_URL"
+        )
+    return value
+
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
 DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
@@ -40,7 +64,7 @@ def worker(
     from server.platform.processes.leaving import leave
 
     own = name or socket.gethostname()
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
 
     def ready() -> None:
         print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
@@ -64,7 +88,7 @@ def backup(
     from server.platform.errors import StartError
     from server.platform.files import DATABASE_FILE, DataDirectory
 
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
@@ -97,7 +121,7 @@ def restore(
     from server.composition.declarations import RESOURCES
     from server.platform.files import DataDirectory
 
-    settings = _settings(config, data_dir=data_dir, database_url=database_url)
+    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
     with files.locked(), working("putting files back", show=not json):
@@ -108,7 +132,8 @@ def restore(
         print(f"{count} files of {source} are back in {files.root}")
 
 
-def _settings(config: Path | None, **given: Any) -> Any:
+def settings_of(config: Path | None, **given: Any) -> Any:
+    """Settings of a service, with those options that were given; what this process makes is its user's alone."""
     from server.platform.files import private_files
     from server.platform.settings import load_settings
 

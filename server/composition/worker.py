@@ -7,11 +7,9 @@ them; a line a minute says what it waits for.
 
 from __future__ import annotations
 
-import math
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib.metadata import version
@@ -27,15 +25,13 @@ from server.jobs.job_kinds import NUMERICAL, JobKind
 from server.jobs.job_runner import EXECUTOR, JobRunner
 from server.platform import logs
 from server.platform.database.engine import Database
-from server.platform.database.patience import PAUSE_S, patiently
+from server.platform.database.patience import Patience
 from server.platform.errors import ServiceStopping, StartError
 from server.platform.files import DataDirectory, held, private_files
 from server.platform.parts import Key, Parts
 from server.platform.resource import providers_of
 from server.platform.settings import Settings
 
-#: s between two lines about what is waited for.
-SAY_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -67,7 +63,7 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
-    waiting = Waiting(told)
+    waiting = Patience(told)
     # Two of one name would both resume the same jobs.
     alone = held(
         files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"
@@ -93,12 +89,12 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         def said() -> str:
             # The lock's age tells a health check that this process lives and reaches the database.
             os.utime(files.root / f"lock-worker-{name}")
-            return waiting.why or runner.away or "works"
+            return waiting.why or runner.host.away or "works"
 
         presence = Heartbeat(database, f"worker-{name}", state=said)
         try:
-            patiently(presence.start, waiting.pause)
-            waiting.until(lambda: runner.out_of_reach() or other_version(database))
+            waiting.patiently(presence.start)
+            waiting.until(lambda: runner.host.out_of_reach() or other_version(database))
             runner.start()
             _log.info("working", worker=name)
             ready()
@@ -108,39 +104,6 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
             presence.stop()
             database.close()
             _log.info("stopped", worker=name)
-
-
-class Waiting:
-    """Waits for what is not there yet, and says for what once a minute.
-
-    Parameters
-    ----------
-    told : set when the process has to stop; then ServiceStopping is raised
-    """
-
-    def __init__(self, told: threading.Event) -> None:
-        self._told = told
-        self._said = -math.inf
-        self.why: str | None = None
-
-    def pause(self, seconds: float) -> None:
-        """Wait a while."""
-        if self._told.wait(seconds):
-            raise ServiceStopping
-
-    def database(self, why: str) -> None:
-        """Wait for the database."""
-        self.until(iter((why, None)).__next__)
-
-    def until(self, why: Callable[[], str | None]) -> None:
-        """Wait until nothing is missing, looking every second."""
-        while (found := patiently(why, self.pause)) is not None:
-            if time.monotonic() - self._said > SAY_S:
-                self._said = time.monotonic()
-                _log.warning("waiting", reason=found)
-            self.why = found
-            self.pause(PAUSE_S)
-        self.why = None
 
 
 def other_version(database: Database) -> str | None:

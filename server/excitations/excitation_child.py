@@ -18,6 +18,7 @@ import numpy as np
 
 from daq.machine.machine_file import Machine, load_machine
 from daq.motion_files import Motion, write_motion
+from daq.whole_files import write_whole
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
 from fitting.excitation import (
@@ -28,7 +29,6 @@ from fitting.excitation import (
     limits_of_machine,
 )
 from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
-from server.platform.files import write_atomically
 from server.platform.processes.child_speech import ended, say
 
 Progress = Callable[[float, float], None]
@@ -107,11 +107,9 @@ def run(request: Path) -> dict[str, Any]:
         say(fraction=share, text="Designing the motion")
 
     motion, result = design(load_machine(content["machine"]), content["options"], progress)
-    partial = output / ".motion.csv.partial"
-    write_motion(partial, motion)
-    partial.replace(output / "motion.csv")
+    write_motion(output / "motion.csv", motion)
     result |= {"seconds": motion.seconds, "rods": motion.rods, "joints": list(motion.columns)}
-    write_atomically(result_file, json.dumps(result, allow_nan=False).encode())
+    write_whole(result_file, json.dumps(result, allow_nan=False).encode())
     return result
 
 

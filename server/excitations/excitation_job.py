@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from daq import load_machine
+from daq.whole_files import write_whole
 from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
 from server.jobs.job_places import kept_place
-from server.jobs.job_store import Job, Jobs, Result
+from server.jobs.job_store import Job, Jobs, Result, found_by
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey
 from server.platform.errors import InvalidError
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 
 STAGE = "design"
@@ -99,7 +100,7 @@ class ExcitationKind:
             "options": self._excitations.get(run.job.subject).options,
         }
         path = run.place / "request.json"
-        write_atomically(path, json.dumps(request, indent=1).encode())
+        write_whole(path, json.dumps(request, indent=1).encode())
         return run.child(self._program, [str(path)], run.place / "design.log")
 
     def result(self, job: Job, place: Path) -> Result:
@@ -108,7 +109,7 @@ class ExcitationKind:
             result = json.loads((place / "result.json").read_bytes())
         except (OSError, ValueError):
             raise JobError("The design left no motion that can be read; order it again") from None
-        return self._excitations.result(job.subject, result)
+        return found_by(Excitation, job.subject, result=result)
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Nobody waits for it here."""

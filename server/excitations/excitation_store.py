@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Any
 
-import sqlalchemy as sa
-
-from server.jobs.job_store import JobState, Result, states_of
-from server.platform.database.repository import Repository
+from server.jobs.job_store import JobState, MadeByJobs
 from server.platform.database.stored import HIDDEN, Id, OfJob, OfMachine, Stored
 
 
@@ -26,18 +22,7 @@ class Excitation(Stored, table="excitations", noun="excitation"):
     result: Annotated[dict[str, Any] | None, HIDDEN] = None
 
 
-class Excitations(Repository[Excitation]):
+class Excitations(MadeByJobs[Excitation]):
     """Repository of excitations."""
 
     of = Excitation
-
-    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Excitation, ...]:
-        """What rows hold, with the states of their jobs."""
-        states = states_of(connection, rows)
-        return tuple(Excitation.read(row, state=states[row.job]) for row in rows)
-
-    @staticmethod
-    def result(id: str, found: dict[str, Any]) -> Result:
-        """What the design found, to be stored with the end of the job."""
-        table = Excitation.table
-        return Result(table.name, table.update().where(table.c.id == id).values(result=found))

@@ -12,7 +12,7 @@ from server.identifications.identification_store import Fit, Fits, Identificatio
 from server.identifications.report_verdict import verdict_of
 from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
-from server.jobs.job_store import Job, Result
+from server.jobs.job_store import Job, Result, found_by
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
@@ -91,7 +91,7 @@ class FitKind:
         """What the report says."""
         try:
             report = json.loads((place / self.report).read_bytes())
-            return self._fits.result(job.subject, **self.outcome(report))
+            return found_by(self.fits.of, job.subject, **self.outcome(report))
         except (OSError, ValueError, KeyError, TypeError):
             raise JobError("The last stage left no report that can be read") from None
 

@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, TypeVar
 import sqlalchemy as sa
 from pydantic import PlainSerializer
 
-from server.jobs.job_store import Result
 from server.platform.authorization.named_things import RecordingId
 from server.platform.database.repository import Repository
 from server.platform.database.schema import metadata
@@ -83,12 +82,6 @@ class Fits(Repository[Ordered]):
         for id, recording, role in connection.execute(query.where(made.in_(chosen))):
             chosen[id].append((recording, role))
         return tuple(self.of.read(row, recordings=chosen[row.id]) for row in rows)
-
-    @classmethod
-    def result(cls, id: str, **found: Any) -> Result:
-        """What the report says, to be stored with the end of the job."""
-        table = cls.of.table
-        return Result(table.name, table.update().where(table.c.id == id).values(**found))
 
 
 def recordings_table(one: str, fits: str) -> sa.Table:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+from daq.whole_files import write_whole
 from fitting.pipeline.stage_names import STAGES, VALVE_WORDS, WORDS, ReportLanguage
-from server.platform.files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class StageRequest:
             "languages": get_args(ReportLanguage),
         }
         path = self.output / "request.json"
-        write_atomically(path, json.dumps(content, indent=1).encode())
+        write_whole(path, json.dumps(content, indent=1).encode())
         return path
 
 

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import shutil
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 
 from server.jobs.claims import Claims
 from server.jobs.job_kinds import NUMERICAL, JobKind
 from server.jobs.job_store import Jobs
 from server.platform.database.engine import Database
-from server.platform.database.patience import Value, patiently
-from server.platform.errors import ServiceStopping
+from server.platform.database.patience import Patience
 from server.platform.files import DataDirectory
 from server.platform.processes.children import Child
 from server.platform.processes.warm_child import WarmChild
 
 
-class JobHost:
+class JobHost(Patience):
     """One process that runs jobs.
 
     Parameters
@@ -36,23 +35,14 @@ class JobHost:
     def __init__(
         self, database: Database, files: DataDirectory, name: str, *, leads: bool, stage_timeout_s: float
     ) -> None:
+        super().__init__(threading.Event())
         self.jobs, self.claims, self.files = Jobs(database), Claims(database), files
         self.name, self.leads, self.stage_timeout_s = name, leads, stage_timeout_s
-        self.stopping = threading.Event()
         self.away: str | None = None
         self._one_at_a_time = threading.Lock()
         self._warm = WarmChild(self._one_at_a_time)
         self._idle = threading.Condition()
         self._at_work = 0
-
-    def pause(self, seconds: float) -> None:
-        """Wait; ServiceStopping if the service is being stopped."""
-        if self.stopping.wait(seconds):
-            raise ServiceStopping
-
-    def patiently(self, do: Callable[[], Value]) -> Value:
-        """The value of ``do``, however long the database is away."""
-        return patiently(do, self.pause)
 
     def out_of_reach(self) -> str | None:
         """Why no job can be done here now; None if the storage is there, and that of this store."""

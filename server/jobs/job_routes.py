@@ -11,7 +11,6 @@ from fastapi import APIRouter, Header, Query
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
-from server.jobs.job_runner import JobRunner
 from server.jobs.job_schemas import JobList, JobResource
 from server.jobs.job_store import FINAL, Job, Jobs, State
 from server.jobs.job_times import JobTimes
@@ -49,7 +48,7 @@ def get(id: str, service: ServiceDep) -> JobResource:
 @router.post("/{id}/cancel", status_code=202, responses=problems(404, 422), dependencies=[require("operate")])
 def cancel(id: str, service: ServiceDep) -> JobResource:
     """Ask a job to stop; one that has ended stays as it is."""
-    return _resource(service, service[JobRunner].cancel(id))
+    return _resource(service, service[Jobs].request_cancel(id))
 
 
 @router.get(

@@ -66,6 +66,7 @@ class JobRunner:
     Attributes
     ----------
     errands : small durable work beside jobs
+    host : what its executions share
     """
 
     def __init__(
@@ -80,34 +81,25 @@ class JobRunner:
     ) -> None:
         self._database = database
         leads = executor == EXECUTOR
-        self._host = JobHost(database, files, executor, leads=leads, stage_timeout_s=stage_timeout_s)
+        self.host = JobHost(database, files, executor, leads=leads, stage_timeout_s=stage_timeout_s)
         self._kinds = {kind.name: kind for kind in kinds}
         self._queues = tuple(queues)
         self._workflows: dict[str, Any] = {}
         self._started = False
         self.errands = Errands()
 
-    @property
-    def away(self) -> str | None:
-        """Why the storage could not be reached when it was last asked for something."""
-        return self._host.away
-
-    def out_of_reach(self) -> str | None:
-        """Why no job can be done here now; None if the storage is there, and that of this store."""
-        return self._host.out_of_reach()
-
     def start(self) -> None:
         """Start the engine: unfinished jobs go on, waiting ones are taken from the queues."""
         if not _ENGINE.acquire(blocking=False):
             raise RuntimeError("the workflow engine exists once per process, and another service has it")
         self._started = True
-        self._host.patiently(lambda: self._host.claims.release(self._host.name))
+        self.host.patiently(lambda: self.host.claims.release(self.host.name))
         DBOS(
             config={
                 "name": "hilfit",
                 "system_database_url": self._database.url,
                 "serializer": DBOSPortableJSONSerializer(),
-                "executor_id": self._host.name,
+                "executor_id": self.host.name,
                 "application_version": WORKFLOW_VERSION,
                 "log_level": "WARNING",
                 "enable_otlp": False,
@@ -121,10 +113,10 @@ class JobRunner:
         DBOS.listen_queues([*self._queues, *self.errands.queues])
         DBOS.launch()
         for queue, count in {**QUEUES, **self.errands.queues}.items():
-            self._host.patiently(partial(_register, queue, count))
-        if self._host.leads:  # whoever stores jobs also sees to it that they are queued
-            for job in self._host.patiently(self._host.jobs.unfinished):
-                self._host.patiently(partial(self._take_up, job))
+            self.host.patiently(partial(_register, queue, count))
+        if self.host.leads:  # whoever stores jobs also sees to it that they are queued
+            for job in self.host.patiently(self.host.jobs.unfinished):
+                self.host.patiently(partial(self._take_up, job))
 
     def _workflow(self, name: str) -> Any:
         def workflow(job: str, stages: list[str]) -> str:
@@ -135,16 +127,16 @@ class JobRunner:
         return DBOS.workflow(name=name, max_recovery_attempts=None)(workflow)
 
     def _errand(self, run: Callable[[], Value]) -> Value:
-        with self._host.counted():
-            if self._host.stopping.is_set():
+        with self.host.counted():
+            if self.host.stopping.is_set():
                 raise ServiceStopping
-            return self._host.patiently(run)
+            return self.host.patiently(run)
 
     def reconcile(self) -> None:
         """Queue jobs that were stored and not queued; end those that the engine gave up. Called now and then."""
         with suppress(StorageAwayError):  # workers wait until it is this store's
-            self._host.files.storage.claim(self._host.jobs.store())
-        for job in self._host.jobs.unfinished():
+            self.host.files.storage.claim(self.host.jobs.store())
+        for job in self.host.jobs.unfinished():
             self._take_up(job)
 
     def _take_up(self, job: Job) -> None:
@@ -155,17 +147,17 @@ class JobRunner:
         elif workflow.status not in ("ENQUEUED", "PENDING"):
             _log.error("job_lost", job=job.id, workflow=workflow.status)
             self._kinds[job.kind].ended(job, "failed", _LOST)
-            self._host.jobs.finish(job.id, "failed", "Failed", error=_LOST)
+            self.host.jobs.finish(job.id, "failed", "Failed", error=_LOST)
 
     def halt(self) -> None:
         """Let no stage begin and running ones end, unrecorded; returns at once."""
-        self._host.stopping.set()
+        self.host.stopping.set()
 
     def stop(self) -> None:
         """Stop the engine; a running stage is ended and will run again at the next start."""
         self.halt()
         # Whoever is at work is ending its child now; the engine and the store have to be there until then.
-        self._host.close(2 * GRACE_S + LOOK_S)
+        self.host.close(2 * GRACE_S + LOOK_S)
         if self._started:
             self._started = False
             self.errands.forget()
@@ -174,7 +166,7 @@ class JobRunner:
 
     def enqueue(self, job: str) -> None:
         """Queue the workflow of a stored job; does nothing if it is queued, running or over."""
-        row = self._host.jobs.get(job)
+        row = self.host.jobs.get(job)
         try:
             self._share(row)
         except StorageAwayError as error:  # :meth:`reconcile` queues it
@@ -185,22 +177,18 @@ class JobRunner:
 
     def _share(self, row: Job) -> None:
         """Let workers find what a job reads."""
-        storage, key = self._host.files.storage, self._host.files.key
+        storage, key = self.host.files.storage, self.host.files.key
         paths = self._kinds[row.kind].inputs(row) if storage.shared else ()
         if paths:
-            storage.claim(self._host.jobs.store())
+            storage.claim(self.host.jobs.store())
             sums = {path: digest(path) for path in paths}
             for path, sha256 in sums.items():
                 storage.put(path, input_key(sha256))
-            self._host.jobs.note_inputs(row.id, {key(path): sha256 for path, sha256 in sums.items()})
+            self.host.jobs.note_inputs(row.id, {key(path): sha256 for path, sha256 in sums.items()})
 
     def _enqueue(self, job: Job) -> None:
         with SetWorkflowID(job.id):
             DBOS.enqueue_workflow(self._kinds[job.kind].queue, self._workflows[job.kind], job.id, list(job.stages))
-
-    def cancel(self, job: str) -> Job:
-        """Ask a job to stop. A running stage is ended within a second; a waiting job never starts."""
-        return self._host.jobs.request_cancel(job)
 
     def take_over(self, silent: Callable[[str], bool]) -> tuple[str, ...]:
         """Let others go on with the jobs of executors that are ``silent``; the jobs' ids.
@@ -208,7 +196,7 @@ class JobRunner:
         The engine recovers only what its own executor left behind. One that is silent but lives loses its claims, so
         it stores nothing more about those jobs.
         """
-        self._host.claims.revoke(silent)
+        self.host.claims.revoke(silent)
         taken = []
         for workflow in DBOS.list_workflows(status="PENDING", load_input=False, load_output=False):
             if workflow.executor_id is None or not silent(workflow.executor_id) or workflow.name not in self._kinds:
@@ -223,7 +211,7 @@ class JobRunner:
 
         The claim is no step: every execution takes one of its own.
         """
-        host = self._host
+        host = self.host
         row = host.patiently(lambda: host.jobs.get(job))
         kind = self._kinds[row.kind]
         self._within_reach(row)
@@ -251,22 +239,22 @@ class JobRunner:
         """
         if not self._kinds[row.kind].inputs(row):
             return
-        why = self._host.away = self._host.patiently(self._host.out_of_reach)
+        why = self.host.away = self.host.patiently(self.host.out_of_reach)
         if why is None:
             return
         _log.warning("job_left_to_others", job=row.id, reason=why)
-        self._host.pause(AWAY_S)  # in which the others have their turn, and nothing more is taken here
+        self.host.pause(AWAY_S)  # in which the others have their turn, and nothing more is taken here
         self._requeue(row)
         raise TakenOver(f"{row.id}: {why}")
 
     def _requeue(self, row: Job) -> None:
         """Let any executor go on with a job, from the last stage that was recorded."""
         resume = partial(DBOS.resume_workflow, row.id, queue_name=self._kinds[row.kind].queue)
-        self._host.patiently(lambda: contextvars.Context().run(resume))
+        self.host.patiently(lambda: contextvars.Context().run(resume))
 
     def _claim(self, job: str) -> Claim:
         """Take a job's claim; waits while somebody else, who woke up late, still holds it."""
-        host = self._host
+        host = self.host
         while True:
             claim = host.patiently(lambda: host.claims.take(job, host.name))
             if claim is not None:

@@ -270,10 +270,19 @@ class Jobs(Repository[Job]):
         connection.execute(job_events.insert().values(**event.columns()))
 
 
-def states_of(connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> dict[str, State]:
-    """The state of each job that rows name."""
-    query = sa.select(jobs.c.id, jobs.c.state).where(jobs.c.id.in_([row.job for row in rows]))
-    return {row.id: row.state for row in connection.execute(query)}
+class MadeByJobs(Repository[Value]):
+    """Repository of what jobs make, each with the state of its job."""
+
+    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Value, ...]:
+        """What rows hold."""
+        query = sa.select(jobs.c.id, jobs.c.state).where(jobs.c.id.in_([row.job for row in rows]))
+        states = {row.id: row.state for row in connection.execute(query)}
+        return tuple(self.of.read(row, state=states[row.job]) for row in rows)
+
+
+def found_by(made: type[Stored], id: str, **found: Any) -> Result:
+    """What a job found of the thing with this id, to be stored with the end of the job."""
+    return Result(made.table.name, made.table.update().where(made.table.c.id == id).values(**found))
 
 
 def _note_files(connection: sa.Connection, id: str, use: str, files: Mapping[str, str]) -> None:

@@ -26,6 +26,7 @@ from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
+from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.platform.settings import Settings
 
@@ -48,10 +49,10 @@ LAUNCH: PartName[Launch] = PartName("what starts an acquisition")
 SIMULATE: PartName[Simulate] = PartName("what starts the simulated machine")
 
 
-def _reader(parts: Parts) -> MachineReader:
-    reader = MachineReader(parts[DataDirectory])
-    parts.at_close(reader.close)
-    return reader
+def _file_children(parts: Parts) -> FileChildren:
+    children = FileChildren()
+    parts.at_close(children.close)
+    return children
 
 
 def _desk(parts: Parts) -> MachineDesk:
@@ -95,7 +96,8 @@ MACHINES = Resource(
         SIMULATE: lambda parts: simulated_machine,
         BREAKABLE: lambda parts: None,
         Machines: lambda parts: Machines(parts[Database]),
-        MachineReader: _reader,
+        FileChildren: _file_children,
+        MachineReader: lambda parts: MachineReader(parts[DataDirectory], parts[FileChildren]),
         MachineUploads: lambda parts: MachineUploads(parts[Database], parts[DataDirectory], parts[MachineReader]),
         Acquisition: lambda parts: Acquisition(parts[LAUNCH], parts[Changes].notify, parts[Settings].bus_places),
         MachineDesk: _desk,

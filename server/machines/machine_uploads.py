@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 
 from daq import parse_machine
+from daq.whole_files import write_whole
 from server.machines.machine_reader import MachineReader, ReadMachine
 from server.machines.machine_store import MachineRow, Machines
 from server.platform.database.engine import Database
@@ -16,7 +17,7 @@ from server.platform.errors import (
     NotFoundError,
     PreconditionError,
 )
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import Tags
 
 #: Where a simulated bus is: other ports and pseudo-terminals at each start, and nothing that the machine is.
@@ -75,12 +76,12 @@ class MachineUploads:
             if version is not None:
                 _refuse_protected(machine.name, protected)
                 path = self._files.machine_file(machine.name, version)
-                write_atomically(path, content)
+                write_whole(path, content)
                 self._reader.keep(path, machine.content)
                 self._machines.add(machine.name, version, digest, acquire=acquire)
             elif own:  # the same machine as before the restart; its buses are elsewhere now
                 path = self._files.machine_file(machine.name, self._machines.get(machine.name).version)
-                write_atomically(path, content)
+                write_whole(path, content)
                 self._reader.keep(path, machine.content)
         return self._machines.get(machine.name), version is not None
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import structlog
 
+from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
-from server.platform.files import write_atomically
 
 #: s that the simulated buses have to end.
 LEAVING_S = 15.0
@@ -150,7 +150,7 @@ class SimulatedController:
 
     def send(self, name: str, excitation: str) -> None:
         """Hand it the motion of an excitation under a name."""
-        write_atomically(self._directory / "inbox" / f"{name}.csv", self._motion(excitation).read_bytes())
+        write_whole(self._directory / "inbox" / f"{name}.csv", self._motion(excitation).read_bytes())
 
     def follows(self, name: str) -> bool:
         """Whether it began to follow the motion.

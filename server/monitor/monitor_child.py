@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from daq import load_machine
 from daq.acquisition.ring import RingReader
-from daq.errors import HilfitError, InputError
+from daq.whole_files import write_whole
 from fitting.model.uses.payload import WINDOW_S, weighed
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.drift_watcher import Watcher
@@ -28,7 +28,7 @@ from server.monitor.monitor_order import Order
 from server.monitor.overload_watch import OverloadWatch
 from server.monitor.residual_blocks import Windows, measured
 from server.monitor.residual_scores import STATISTICS, effective, scores
-from server.platform.files import write_atomically
+from server.platform.processes.child_speech import ended, say
 
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
@@ -95,7 +95,7 @@ def _payload(recent: Iterable[tuple[JointBlock, ...]]) -> dict[str, float] | Non
 
 
 def _remember(path: Path, watcher: Watcher) -> None:
-    write_atomically(path, json.dumps(watcher.memory()).encode())
+    write_whole(path, json.dumps(watcher.memory()).encode())
 
 
 def _remembered(path: Path, fresh: Watcher) -> Watcher:
@@ -153,18 +153,8 @@ def run(order: Order, say: Say) -> None:
 
 def main(arguments: list[str]) -> int:
     """Entry of the process."""
-
-    def write(content: Mapping[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
-
-    try:
-        order = Order.from_json(Path(arguments[0]).read_text(encoding="utf-8"))
-        run(order, lambda found: write({"fraction": 0.0, "text": json.dumps(found)}))
-    except HilfitError as error:
-        write({"error": str(error)})
-        return 2 if isinstance(error, InputError | NotLiveError) else 1
-    write({"summary": {}})
-    return 0
+    order = Order.from_json(Path(arguments[0]).read_text(encoding="utf-8"))
+    return ended(lambda: run(order, lambda found: say(fraction=0.0, text=json.dumps(found))))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,14 +14,14 @@ from typing import Any
 import structlog
 
 from daq.errors import HilfitError
+from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
 from server.identifications.identification_results import MODEL_FILE
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_order import Order, Rules
-from server.monitor.overload_text import as_text
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.processes.children import run_child
 from server.platform.processes.rounds import Rounds
 
@@ -163,7 +163,7 @@ class Monitors:
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
         path = self._directory / f"{machine}.order"
         try:
-            write_atomically(path, order.to_json().encode())
+            write_whole(path, order.to_json().encode())
             result = run_child(
                 [sys.executable, "-P", "-m", "server.monitor.monitor_child", str(path)],
                 log=self._directory / f"{machine}.log",
@@ -226,6 +226,15 @@ WORDS = {
     "direction": "more or less force against the motion (friction)",
     "level": "a force that grows with the load (a gain, or another load)",
 }
+
+
+def as_text(hit: Mapping[str, Any]) -> str:
+    """What an operator reads of an overload."""
+    return (
+        f"{hit['joint']}: measured and predicted effort differ by {hit['residual']:+.4g} {hit['unit']}, "
+        f"{abs(hit['score']):.1f} times the band (limit {hit['threshold']:.1f}): a collision or an overload; look at "
+        "the arm"
+    )
 
 
 def _end(watch: _Watch) -> None:

@@ -18,7 +18,7 @@ import hmac
 import secrets
 from pathlib import Path
 
-from server.platform.files import write_atomically
+from daq.whole_files import write_whole
 
 PREFIX = "whsec_"
 
@@ -37,7 +37,7 @@ class WebhookSecrets:
     def secret(self, webhook: str) -> bytes:
         """The secret of a webhook, 32 bytes."""
         if not self._path.exists():
-            write_atomically(self._path, secrets.token_bytes(32))
+            write_whole(self._path, secrets.token_bytes(32))
             self._path.chmod(0o600)
         return hmac.digest(self._path.read_bytes(), f"hilfit webhook {webhook}".encode(), "sha256")
 

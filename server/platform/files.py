@@ -34,6 +34,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from daq.whole_files import sync_directory
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
 from server.platform.storage import DataFolder, SharedStorage
 
@@ -179,30 +180,6 @@ def make_private(root: Path) -> None:
             if not path.is_symlink():
                 with suppress(FileNotFoundError):  # of a service that runs
                     path.chmod(path.stat().st_mode & 0o700)
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file that readers see whole or not at all, also after a power cut."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    sync_directory(path.parent)
-
-
-def sync_directory(directory: Path) -> None:
-    """Make renames and new names in ``directory`` survive a power cut."""
-    descriptor = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def sync_tree(directory: Path) -> None:

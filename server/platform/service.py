@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import threading
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
 from server.platform.database.engine import Database, utc_now
-from server.platform.database.patience import PAUSE_S
+from server.platform.database.patience import Patience
 from server.platform.errors import UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.http.replays import Replays
@@ -22,16 +22,7 @@ from server.platform.resource import Resource, providers_of, tables_of
 from server.platform.settings import Settings
 from server.platform.tls import Certificate, certificate
 
-#: s between two lines about what is waited for.
-SAY_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
-
-
-def _waits(why: str) -> None:
-    """Wait for a database, and say so once a minute."""
-    if time.monotonic() % SAY_S < PAUSE_S:
-        _log.warning("waiting", reason=why)
-    time.sleep(PAUSE_S)
 
 
 class Service(Parts):
@@ -76,7 +67,7 @@ class Service(Parts):
             tables,
             changed=self.changes.notify,
             backups=backups,
-            pause=_waits,
+            pause=Patience(threading.Event()).database,
             site=self.settings.site(self.files),
         )
         self.at_close(self.database.close)

@@ -17,6 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from daq.whole_files import replacing
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
 #: Storage without folders, by fsspec's names: to make one would be to make a bucket, of a name that was mistyped.
@@ -197,7 +198,6 @@ class SharedStorage(DataFolder):
         partial = directory.with_name(f".{directory.name}.{secrets.token_hex(4)}")
         try:
             for name, sha256 in files.items():
-                (partial / name).parent.mkdir(parents=True, exist_ok=True)
                 self._fetch(f"{folder}/{sha256}", sha256, partial / name)
             with suppress(FileExistsError):  # somebody else was quicker
                 partial.rename(directory)
@@ -228,18 +228,13 @@ class SharedStorage(DataFolder):
             raise self._away(IDENTITY, error) from None
 
     def _fetch(self, key: str, sha256: str, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
-        try:
+        with replacing(path) as partial:
             try:
                 self._files.get_file(f"{self._base}/{key}", str(partial))
             except Exception as error:  # each kind of storage has errors of its own
                 raise self._away(key, error) from None
             if digest(partial) != sha256:
                 raise InvalidError(f"{key} at {self._url} is not what was stored (its SHA-256 differs); order again")
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
 
     def _bound(self, needed: Collection[str]) -> None:
         """Remove what was used longest ago from the cache until it is within its bound; what is needed stays."""

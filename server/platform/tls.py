@@ -19,8 +19,9 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from daq.whole_files import write_whole
 from server.platform.errors import StartError
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.settings import Settings
 
 #: The longest that browsers of tablets take, and when it is made anew.
@@ -130,6 +131,6 @@ def _make(path: Path, key: Path, names: Sequence[str], now: datetime) -> None:
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     path.parent.mkdir(mode=0o700, exist_ok=True)
-    write_atomically(key, pem)
+    write_whole(key, pem)
     key.chmod(0o600)
-    write_atomically(path, made.public_bytes(serialization.Encoding.PEM))
+    write_whole(path, made.public_bytes(serialization.Encoding.PEM))

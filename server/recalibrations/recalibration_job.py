@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
 from server.identifications.identification_order import Wish
@@ -23,7 +24,7 @@ from server.identifications.identification_store import Identification, Identifi
 from server.jobs.job_kinds import AT_MACHINES, JobError, StageRun
 from server.jobs.job_store import FINAL, Job, Jobs
 from server.platform.database.engine import Database
-from server.platform.files import DataDirectory, write_atomically
+from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 from server.recalibrations.recalibration_comparison import sentence
 from server.recalibrations.recalibration_recording import RecordedStage
@@ -158,7 +159,7 @@ class RecalibrationKind:
             "new": self._judged(this.identification),
         }
         path = run.place / "request.json"
-        write_atomically(path, json.dumps(request, indent=1).encode())
+        write_whole(path, json.dumps(request, indent=1).encode())
         result = run.child(self._program, [str(path)], run.place / "compare.log")
         if result.outcome == "input":
             # A calibration that cannot be compared can still be looked at by a person.

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 from pydantic import Field
 
-from server.jobs.job_store import FINAL, Jobs, JobState, jobs, states_of
+from server.jobs.job_store import FINAL, Jobs, JobState, MadeByJobs, jobs
 from server.platform.database.engine import Database
-from server.platform.database.repository import Repository
 from server.platform.database.stored import HIDDEN, Id, OfJob, OfMachine, Stored
 from server.platform.errors import ConflictError
 
@@ -63,7 +61,7 @@ class Recalibration(Stored, table="recalibrations", noun="recalibration"):
 recalibrations = Recalibration.table
 
 
-class Recalibrations(Repository[Recalibration]):
+class Recalibrations(MadeByJobs[Recalibration]):
     """Repository of recalibrations."""
 
     of = Recalibration
@@ -98,11 +96,6 @@ class Recalibrations(Repository[Recalibration]):
             .where(recalibrations.c.machine == machine, jobs.c.state.not_in(FINAL))
         )
         return connection.execute(query).scalar()
-
-    def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Recalibration, ...]:
-        """What rows hold, with the states of their jobs."""
-        states = states_of(connection, rows)
-        return tuple(Recalibration.read(row, state=states[row.job]) for row in rows)
 
     def note(self, id: str, **values: Any) -> None:
         """Store how far it came."""

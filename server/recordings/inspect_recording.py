@@ -1,4 +1,4 @@
-"""Look at an uploaded recording, in a process of its own (:mod:`server.recordings.file_child`).
+"""Look at an uploaded recording, in a process of its own (:mod:`server.platform.processes.file_children`).
 
 A file from outside may be hostile; reading it must not cost the process that serves HTTP more than a child.
 Speaks the protocol of :mod:`server.platform.processes.children`.

@@ -14,10 +14,9 @@ from server.platform.database.engine import Database
 from server.platform.disk import Free, free_bytes
 from server.platform.files import DataDirectory
 from server.platform.parts import PartName, Parts
+from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
-from server.recordings.file_children import FileChildren
 from server.recordings.formats.exports import Exports
-from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_routes import router
 from server.recordings.recording_sessions import Recorder, Sessions
 from server.recordings.recording_store import Recordings, recordings
@@ -31,12 +30,6 @@ FREE: PartName[Free] = PartName("free bytes for recordings")
 
 def _sessions(parts: Parts) -> Sessions:
     return Sessions(parts[Database], parts[DataDirectory], parts[Acquisition], parts[RECORDER], parts[FREE])
-
-
-def _file_children(parts: Parts) -> FileChildren:
-    children = FileChildren()
-    parts.at_close(children.close)
-    return children
 
 
 def _being_recorded(parts: Parts) -> Callable[[str], str | None]:
@@ -78,13 +71,11 @@ RECORDINGS = Resource(
         FREE: lambda parts: partial(free_bytes, parts[DataDirectory].recordings),
         BEING_RECORDED: _being_recorded,
         Recordings: lambda parts: Recordings(parts[Database]),
-        FileChildren: _file_children,
         Exports: lambda parts: Exports(parts[DataDirectory], parts[FileChildren]),
         RecordingUploads: lambda parts: RecordingUploads(
             parts[Database], parts[DataDirectory], parts[FileChildren], parts[FREE]
         ),
         Sessions: _sessions,
-        RecordingDesk: lambda parts: RecordingDesk(parts[Recordings], parts[DataDirectory]),
     },
     running=_running,
     backed_up=BackedUp("recordings", _files, unchanging=True),

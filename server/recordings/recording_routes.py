@@ -22,7 +22,6 @@ from server.platform.http.route_parameters import (
     problems,
 )
 from server.recordings.formats.exports import FORMATS, Exports, Format
-from server.recordings.recording_desk import RecordingDesk
 from server.recordings.recording_schemas import (
     RecordingList,
     RecordingResource,
@@ -169,4 +168,4 @@ async def stop(id: str, service: ServiceDep) -> RecordingResource:
 @router.delete("/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def delete(id: str, service: ServiceDep) -> None:
     """Delete a recording; one that an identification was made of has to stay."""
-    service[RecordingDesk].delete(id)
+    service[RecordingUploads].delete(id)

@@ -24,7 +24,7 @@ from daq.errors import HilfitError, StorageError
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
-from server.platform.database.patience import Value, patiently
+from server.platform.database.patience import Patience
 from server.platform.disk import Free, require_room
 from server.platform.errors import ConflictError, ServiceStopping, UnavailableError
 from server.platform.files import DataDirectory
@@ -101,7 +101,7 @@ class Sessions:
         self._recorder = recorder
         self._free = free
         self._lock = threading.Lock()
-        self._leaving = threading.Event()
+        self._patience = Patience(threading.Event())
         self._sessions: dict[str, _Session] = {}
 
     def start(self, machine: str, role: str, label: str, seconds: float | None) -> RecordingRow:
@@ -181,7 +181,7 @@ class Sessions:
 
     def stop_all(self) -> None:
         """Seal everything that is being recorded; what cannot be sealed now is sealed after the next start."""
-        self._leaving.set()
+        self._patience.stopping.set()
         self.end_all()
         with self._lock:
             sessions = list(self._sessions.values())
@@ -218,7 +218,7 @@ class Sessions:
             except Exception as error:
                 _log.error("recording_failed", recording=id, exc_info=error)
                 text = "recording failed unexpectedly; the log of the service says why"
-                self._patiently(lambda: self._recordings.fail(id, text))
+                self._patience.patiently(lambda: self._recordings.fail(id, text))
         except ServiceStopping:
             _log.warning("recording_left", recording=id)  # the next start finds it
         finally:
@@ -245,19 +245,12 @@ class Sessions:
                 return {"rows": rows.get(path) or pyarrow.parquet.read_metadata(path).num_rows}
             if min(before, self._free()) > ROOM_BYTES:
                 break
-            self._pause(PAUSE_S)
+            self._patience.pause(PAUSE_S)
         raise error
-
-    def _pause(self, seconds: float) -> None:
-        if self._leaving.wait(seconds):
-            raise ServiceStopping
-
-    def _patiently(self, do: Callable[[], Value]) -> Value:
-        return patiently(do, self._pause)
 
     def _seal(self, id: str, path: Path, statistics: dict[str, Any]) -> None:
         sha256, size = digest(path), path.stat().st_size
-        self._patiently(lambda: self._recordings.seal(id, bytes=size, sha256=sha256, statistics=statistics))
+        self._patience.patiently(lambda: self._recordings.seal(id, bytes=size, sha256=sha256, statistics=statistics))
         _log.info("recording_sealed", recording=id)
 
     def _without_place(self, error: HilfitError) -> str:
@@ -266,4 +259,4 @@ class Sessions:
     def _fail(self, id: str, error: HilfitError) -> None:
         text = self._without_place(error)
         _log.warning("recording_failed", recording=id, error=text)
-        self._patiently(lambda: self._recordings.fail(id, text))
+        self._patience.patiently(lambda: self._recordings.fail(id, text))

@@ -1,13 +1,16 @@
-"""Machine files and recordings that clients send: checked first, then stored whole."""
+"""Recordings that clients send: checked first, then stored whole; and deleted with all their files."""
 
 from __future__ import annotations
 
 import secrets
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal, cast
 
 from daq import ROLES
+from daq.frames.events import events_path
+from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.disk import Free, require_room
@@ -17,9 +20,9 @@ from server.platform.errors import (
     ServiceError,
     UnsupportedFormatError,
 )
-from server.platform.files import DataDirectory, sync_directory
+from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
-from server.recordings.file_children import FileChildren
+from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -103,7 +106,7 @@ class RecordingUploads:
             result = self._inspected(incoming, machine, version, role, label)
             id = f"rec-{secrets.token_hex(8)}"
             format = cast(Literal["parquet", "csv"], incoming.suffix.removeprefix("."))
-            target = self._files.recordings / f"{id}.{format}"
+            target = self._files.recording(id, format)
             size = incoming.stat().st_size
             _moved(incoming, target)
             statistics = result.summary["statistics"]
@@ -128,18 +131,32 @@ class RecordingUploads:
         finally:
             incoming.unlink(missing_ok=True)
 
+    def delete(self, id: str) -> None:
+        """Delete a recording and all its files; ConflictError while it is in use."""
+        row = self._recordings.get(id)
+        self._recordings.delete(id)
+        file = self._files.recording(id, row.format)
+        for path in (file, events_path(file)):
+            path.unlink(missing_ok=True)
+        if row.sha256 is not None:
+            self._files.storage.forget(row.sha256)
+        for kept in self._files.recordings.glob(f"{id}.*"):  # statistics, what plots are drawn from, findings
+            kept.unlink(missing_ok=True)
+
     def _inspected(self, file: Path, machine: str, version: int, role: str, label: str) -> ChildResult:
         """What a process of its own says of a file; InvalidError if it is no good recording."""
         machine_file = self._files.machine_file(machine, version)
         log = self._files.recordings / "inspect.log"
-        result = self._children.run("inspect", str(file), str(machine_file), role, log=log, timeout_s=INSPECTION_S)
-        if result.outcome == "input":
-            raise InvalidError((result.error or "").replace(str(file), label))
-        if result.outcome == "failed" and result.error is not None and "ended by" in result.error:
-            raise InvalidError(f"{label}: cannot be read; export it again")
-        if result.outcome != "done":
-            raise ServiceError(f"{label}: looking at it failed; {result.error}")
-        return result
+        result = self._children.run(
+            "server.recordings.inspect_recording", file, machine_file, role, log=log, timeout_s=INSPECTION_S
+        )
+        if result.outcome == "done":
+            return result
+        raise refusal(
+            replace(result, error=(result.error or "").replace(str(file), label)),
+            InvalidError(f"{label}: cannot be read; export it again"),
+            ServiceError(f"{label}: looking at it failed; {result.error}"),
+        )
 
 
 def _same_file(other: str | None) -> list[dict[str, str | None]]:

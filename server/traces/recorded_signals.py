@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from server.platform.errors import InvalidError, UnavailableError
+from server.platform.errors import InvalidError
 from server.platform.files import DataDirectory
-from server.platform.processes.children import run_child
-from server.recordings.formats.exports import WORK_S, Exports
+from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import RecordingRow
 from server.traces.extremes import Extremes, at_most
 
@@ -47,7 +45,7 @@ class RecordedSignals:
 
     Parameters
     ----------
-    exports : finds their files
+    exports : finds their files, and makes others of them
     """
 
     def __init__(self, files: DataDirectory, exports: Exports) -> None:
@@ -121,14 +119,12 @@ class RecordedSignals:
         """What ``hilfit check`` finds in it; computed once, kept beside it."""
         kept = self._files.recordings / f"{row.id}.findings.json"
         if not kept.is_file():
-            self._made("findings", row, kept, row.role)
+            self._made(row, "findings", kept.suffix, row.role).replace(kept)
         return list(json.loads(kept.read_text(encoding="utf-8")))
 
     def cut(self, row: RecordingRow, start: float, end: float) -> Path:
         """A new file with a part of it, to be stored or removed."""
-        target = self._temporary(f".{row.format}")
-        self._work("cut", row, target, row.role, repr(start), repr(end))
-        return target
+        return self._made(row, "cut", f".{row.format}", repr(start), repr(end))
 
     def _signals(self, row: RecordingRow) -> Path:
         self._exports.source(row)  # refuses what is not sealed, or gone
@@ -136,41 +132,14 @@ class RecordedSignals:
         if kept.is_file():
             kept.touch()
         else:
-            self._made("signals", row, kept, row.role)
+            self._made(row, "signals", kept.suffix).replace(kept)
             known = sorted(self._files.recordings.glob("*.signals.npz"), key=_used)
             for old in known[:-KEPT]:
                 old.unlink(missing_ok=True)
         return kept
 
-    def _made(self, what: str, row: RecordingRow, kept: Path, role: str) -> None:
-        target = self._temporary(kept.suffix)
-        try:
-            self._work(what, row, target, role)
-            target.replace(kept)
-        finally:
-            target.unlink(missing_ok=True)
-
-    def _temporary(self, suffix: str) -> Path:
-        path = self._files.incoming()
-        return path.with_name(path.name + suffix)
-
-    def _work(self, what: str, row: RecordingRow, target: Path, *rest: str) -> None:
-        source = self._exports.source(row)
-        machine_file = self._files.machine_file(row.machine, row.machine_version)
-        result = run_child(
-            [
-                *(sys.executable, "-P", "-m", "server.traces.recording_child", what),
-                *map(str, (source, target, machine_file)),
-                *rest,
-            ],
-            log=self._files.recordings / "formats.log",
-            timeout_s=WORK_S,
-        )
-        if result.outcome == "done":
-            return
-        target.unlink(missing_ok=True)
-        error = (result.error or "").replace(str(source), row.label or row.id)
-        raise (InvalidError if result.outcome == "input" else UnavailableError)(error)
+    def _made(self, row: RecordingRow, what: str, suffix: str, *rest: str) -> Path:
+        return self._exports.made(row, what, suffix, row.label or row.id, *rest, by="server.traces.recording_child")
 
 
 def _used(path: Path) -> float:

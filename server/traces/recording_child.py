@@ -1,16 +1,14 @@
 """Work on a recording's file for looking at it, in a process of its own: the file may come from outside.
 
-``python -m server.traces.recording_child WHAT SOURCE TARGET MACHINE_FILE ROLE [START END]``
-
-``WHAT`` is ``signals`` (columns that can be read one by one, and the events, into TARGET, .npz), ``findings`` (what the
-checks find, JSON) or ``cut`` (rows from START to END, s since the first row, as a recording). Speaks the protocol of
-:mod:`server.platform.processes.children`.
+It is told what :mod:`server.recordings.formats.conversion_child` is, and what follows SHOWN. ``WHAT`` is ``signals``
+(columns that can be read one by one, and the events, into TARGET, .npz), ``findings ROLE`` (what the checks find, JSON)
+or ``cut START END`` (rows between two times, s since the first row, as a recording).
 """
 
 from __future__ import annotations
 
 import json
-import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -23,8 +21,7 @@ from daq.machine.machine_file import Machine
 from daq.quality import MEASURED, Quality
 from daq.recordings.recorded_events import recorded_events
 from daq.recordings.recording_files import Table, read_table, write_columns
-from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
-from server.platform.processes.child_speech import ended
+from server.recordings.formats import conversion_child
 from server.recordings.formats.conversion_child import units_of
 from server.recordings.inspect_recording import findings_on
 
@@ -81,26 +78,18 @@ def write_cut(source: Path, target: Path, start: float, end: float) -> None:
     write_columns(target, Table({n: c[part] for n, c in table.columns.items()}, table.metadata, ""))
 
 
-def do(what: str, source: Path, target: Path, machine_file: Path, rest: list[str]) -> None:
-    """One piece of work; InputError if the file is no good."""
+def do(what: str, source: Path, target: Path, machine_file: Path, shown: str, *rest: str) -> None:
+    """Do one piece of work; InputError if the file is no good."""
     if what == "cut":
-        write_cut(source, target, *map(float, rest[1:]))
-        return
-    machine = load_machine(machine_file)
-    if what == "signals":
-        write_signals(source, target, machine)
+        write_cut(source, target, *map(float, rest))
+    elif what == "signals":
+        write_signals(source, target, load_machine(machine_file))
     else:
+        machine = load_machine(machine_file)
         found = findings_on(machine, read_recording(source, machine, rest[0]), machine_file)
         target.write_text(json.dumps(found), encoding="utf-8")
 
 
-def main(arguments: list[str]) -> int:
-    """Entry of the process."""
-    what, source, target, machine_file, *rest = arguments
-    limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
-    too_much = f"{source}: needs too much memory; use a shorter recording"
-    return ended(lambda: do(what, Path(source), Path(target), Path(machine_file), rest), too_much)
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+def main(arguments: Sequence[str]) -> int:
+    """Entry of the process; the exit code."""
+    return conversion_child.main(arguments, do)

@@ -163,7 +163,7 @@ def test_opened_drivers_go_nowhere_else() -> None:
 @pytest.mark.slow
 def test_an_acquisition_of_any_machine_file_goes_nowhere_else() -> None:
     """Whole machine files, changed at places of the whole schema, on the way of an upload and of its acquisition."""
-    told = fuzzed("fuzz_machine_files.py", 800)
+    told = fuzzed("fuzz_machine_files.py", 1000)
     assert told["taken"] > 50 and told["reached"] > 20
     assert told["places"] > 0.9 * told["of"], "the files do not come to the whole schema"
     assert told["threads_left"] == 0, "a driver that was stopped goes on"

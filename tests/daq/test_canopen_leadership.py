@@ -337,6 +337,18 @@ def test_a_bus_that_opens_late_is_listened_to_first(bench: Bench, monkeypatch: p
     assert {m.arbitration_id for m in bench.sent()} <= NODES_OWN
 
 
+def test_a_start_reports_while_a_bus_is_listened_to_for_long(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine file may say a minute: other buses are not kept waiting, and nothing is sent before it is over."""
+    monkeypatch.setattr("daq.drivers.canopen.driver.FIRST_S", 0.01)
+    bench.driver = bench.make(can(bench.channel).replace("listen_s: 0", "listen_s: 0.5"), start_s=0.01)
+    (problem,) = bench.driver.start()
+    assert problem == "bus 'can0': is still listened to"
+    assert problem.channels == bench.driver.channels
+    assert {m.arbitration_id for m in bench.sent()} <= NODES_OWN
+    bench.until(fresh)
+    assert bench.driver.statistics().counts["bus_rebuilt"] == 0
+
+
 @pytest.mark.parametrize(
     ("identifier", "data", "word"),
     [(0x705, b"\x05", "operational"), (0x185, bytes(4), "TPDOs"), (0x205, bytes(8), "RPDOs")],

@@ -33,10 +33,10 @@ from server.identifications.stage_request import StageProgram
 from server.jobs.job_store import Jobs
 from server.machines.machine_resource import LAUNCH
 from server.platform.parts import Key
+from server.platform.processes.file_children import FileChildren
 from server.platform.resource import Resource
 from server.platform.service import Service
 from server.platform.settings import Settings
-from server.recordings.file_children import FileChildren
 from server.recordings.recording_resource import RECORDER
 from server.recordings.recording_sessions import RecordOrder
 from server.valves.valve_resource import VALVE_PROGRAM

@@ -6,6 +6,7 @@ Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -22,6 +23,7 @@ from daq.drivers.canopen.listening import Guest, ListeningDriver
 from daq.drivers.canopen.look import Look
 from daq.drivers.canopen.node import MISSES_TOLERATED, Node, make_nodes
 from daq.drivers.canopen.tpdo import Cycle
+from daq.drivers.listening import FIRST_S
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, Channel
@@ -90,6 +92,8 @@ class CanopenDriver(CanDriver):
             self._start.under_way = False
             if self._leadership.state is State.GUEST:
                 self._refused()
+            if self.port is not None:
+                self.keeper.soon()  # listens on
             return (Problem(self.failure or f"bus '{self._bus.name}': is still listened to", self._names),)
         untried = self._start.wait(self.context.start_s)
         ready = [number for number, node in self._nodes.items() if node.operational and number not in untried]
@@ -135,12 +139,24 @@ class CanopenDriver(CanDriver):
             link.handlers.update(node.handlers())
         return link
 
+    def open(self) -> None:
+        """Close the bus if it is open, and open it; listen on to one that was not listened to for long enough."""
+        if self._leadership.state is State.LISTENING and self.working():
+            self._take_lead()
+        else:
+            super().open()
+
     def opened(self) -> None:
         """Listen; then lead, and commission all nodes. A guest only listens on."""
         super().opened()
+        self._take_lead()
+
+    def _take_lead(self) -> None:
+        """Listen for as long as the machine file says, then lead; a start that may not take long goes on before."""
         link = self.port
         assert isinstance(link, CanLink)
-        if not self._leadership.lead(self.keeper.paused):
+        hurried = self._start.under_way and self.context.start_s is not None
+        if not self._leadership.lead(self.keeper.paused, FIRST_S if hurried else math.inf):
             return
         if self.context.found is not None:
             self.context.found.leads(self._bus.name, self._nodes)

@@ -22,6 +22,7 @@ boots, or that reports an error before it changes its state.
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections import Counter
@@ -103,18 +104,20 @@ class Leadership:
             self._confirmed.clear()
             self.answers.clear()
 
-    def lead(self, pause: Callable[[float], bool | None] = time.sleep) -> bool:
+    def lead(self, pause: Callable[[float], bool | None] = time.sleep, most_s: float = math.inf) -> bool:
         """Listen until the time is over, then lead; whether we do.
 
         Parameters
         ----------
         pause : sleeps for so many seconds; True where there is no point in listening on
+        most_s : s after which this returns, although the time may not be over; another call listens on
         """
-        while self.state is State.LISTENING and (left := self._until_ns - self._now()) > 0:
+        ends_ns = min(self._until_ns, self._now() + most_s * NS)
+        while self.state is State.LISTENING and (left := ends_ns - self._now()) > 0:
             if pause(min(left / NS, LOOK_S)):
                 return False
         with self._lock:
-            if self.state is State.LISTENING:
+            if self.state is State.LISTENING and self._now() >= self._until_ns:
                 self.state, self._led = State.LEADING, True
         return self.state is State.LEADING
 

@@ -14,7 +14,7 @@ import jinja2
 import numpy as np
 
 from daq.errors import InputError
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel

@@ -10,14 +10,15 @@ import os
 import shutil
 import sqlite3
 import subprocess
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import sqlalchemy as sa
 
+from daq.whole_files import replacing, sync_directory
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.errors import StartError
-from server.platform.files import sync_directory
 
 #: Where Debian keeps PostgreSQL's programs.
 _DEBIAN = Path("/usr/lib/postgresql")
@@ -34,24 +35,26 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
     """
     sqlite = url.startswith("sqlite")
     target = directory / f"{stem}.{'sqlite' if sqlite else 'pgdump'}"
-    partial = target.with_name(f".{target.name}.partial")
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        partial.unlink(missing_ok=True)
-        if sqlite:
-            _copy_sqlite(Path(url.removeprefix("sqlite:///")), partial)
-        else:
-            _run("pg_dump", url, "--format=custom", f"--file={partial}")
-        with partial.open("rb") as file:
-            os.fsync(file.fileno())
-        partial.replace(target)
-        sync_directory(directory)
+        with replacing(target) as partial:
+            if sqlite:
+                _copy_sqlite(Path(url.removeprefix("sqlite:///")), partial)
+            else:
+                _run("pg_dump", url, "--format=custom", f"--file={partial}")
     except (OSError, sqlite3.Error) as error:
         raise StartError(f"{target}: the backup cannot be written ({error}); free some space or give another") from None
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
     return target
+
+
+@contextmanager
+def connected(url: str) -> Iterator[sa.Connection]:
+    """A database that nothing else here is connected to."""
+    engine = sa.create_engine(url, poolclass=sa.NullPool)
+    try:
+        with engine.connect() as connection:
+            yield connection
+    finally:
+        engine.dispose()
 
 
 def check_restore(source: Path, url: str) -> None:
@@ -120,9 +123,8 @@ def restore_database(source: Path, url: str) -> None:
 
 def _refuse_in_use(url: str) -> None:
     """Refuse while servers or workers, of whatever host, are connected."""
-    engine = sa.create_engine(url, poolclass=sa.NullPool)
     try:
-        with engine.connect() as connection:
+        with connected(url) as connection:
             others = connection.execute(
                 sa.text(
                     "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database()"
@@ -131,8 +133,6 @@ def _refuse_in_use(url: str) -> None:
             ).scalar()
     except sa.exc.DBAPIError as error:
         raise StartError(f"database_url: cannot be reached ({' '.join(str(error.orig).split())})") from None
-    finally:
-        engine.dispose()
     if others:
         raise StartError(f"database_url: {others} connections use it; stop the server and all workers first")
 

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 from collections.abc import Callable
 from typing import TypeVar
 
 import structlog
 from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 
+from server.platform.errors import ServiceStopping
+
 PAUSE_S = 1.0
+#: s between two lines about what is waited for.
+SAY_S = 60.0
 Value = TypeVar("Value")
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -37,3 +44,44 @@ def patiently(do: Callable[[], Value], pause: Callable[[float], object]) -> Valu
                 _log.warning("database_away", error=" ".join(str(error.orig).split()))
                 told = True
             pause(PAUSE_S)
+
+
+class Patience:
+    """Waits until something is there, or the process has to stop.
+
+    Parameters
+    ----------
+    stopping : set when it has to; then ServiceStopping is raised
+
+    Attributes
+    ----------
+    why : what is waited for by :meth:`until`; None: nothing
+    """
+
+    def __init__(self, stopping: threading.Event) -> None:
+        self.stopping = stopping
+        self.why: str | None = None
+        self._said = -math.inf
+
+    def pause(self, seconds: float) -> None:
+        """Wait a while."""
+        if self.stopping.wait(seconds):
+            raise ServiceStopping
+
+    def patiently(self, do: Callable[[], Value]) -> Value:
+        """The value of ``do``, however long the database is away."""
+        return patiently(do, self.pause)
+
+    def database(self, why: str) -> None:
+        """Wait a while for a database that cannot be opened yet."""
+        self.until(iter((why, None)).__next__)
+
+    def until(self, why: Callable[[], str | None]) -> None:
+        """Wait until nothing is missing, looking every second; once a minute the log says what is."""
+        while (found := self.patiently(why)) is not None:
+            if time.monotonic() - self._said > SAY_S:
+                self._said = time.monotonic()
+                _log.warning("waiting", reason=found)
+            self.why = found
+            self.pause(PAUSE_S)
+        self.why = None

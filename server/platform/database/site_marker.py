@@ -11,8 +11,8 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+from daq.whole_files import write_whole
 from server.platform.errors import StartError
-from server.platform.files import write_atomically
 
 MARKER_FILE = "site.json"
 
@@ -81,7 +81,7 @@ class SiteMarker:
         return [path for path in (self._root / folder).rglob("*") if not path.name.startswith(".")]
 
     def _write(self, noted: Noted) -> None:
-        write_atomically(self._path, json.dumps(vars(noted)).encode())
+        write_whole(self._path, json.dumps(vars(noted)).encode())
 
     def _cure(self) -> str:
         newest = max(self._backups.glob("*Z/manifest.json"), default=None)

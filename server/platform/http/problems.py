@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
 from typing import Any
 
@@ -12,7 +12,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 from starlette.routing import Match
@@ -20,10 +20,9 @@ from starlette.routing import Match
 from daq.errors import AcquisitionError, HilfitError, InputError
 from daq.validation_words import in_words
 from server.platform.database.patience import away
-from server.platform.errors import ServiceError
+from server.platform.errors import InvalidError, ServiceError, UnavailableError
 from server.platform.http.base_path import below
 
-INVALID = "Invalid content"
 #: Names of statuses that Python 3.13 renamed with RFC 9110; types of problems are made of them and stay what they were.
 _PHRASES = {
     413: "Request Entity Too Large",
@@ -105,8 +104,8 @@ def install(app: FastAPI) -> None:
         app.add_exception_handler(kind, answer)
 
 
-async def _service_error(request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, ServiceError)
+def refused(request: Request, error: ServiceError, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """The response that tells an error of the service; ``headers`` in the place of those of its kind."""
     return problem(
         request,
         error.status,
@@ -115,16 +114,35 @@ async def _service_error(request: Request, error: Exception) -> JSONResponse:
         title=error.title,
         code=error.code,
         values=error.values,
-        headers=dict(error.headers),
+        headers=dict(headers or error.headers),
     )
 
 
-async def _input_error(request: Request, error: Exception) -> JSONResponse:
-    return problem(request, 422, str(error), slug="invalid", title="Invalid content")
+def _as_ours(request: Request, error: Exception) -> ServiceError:
+    """The error of the service that another one is."""
+    match error:
+        case ServiceError():
+            return error
+        case InputError():
+            return InvalidError(str(error))
+        case AcquisitionError():
+            return UnavailableError(str(error))
+        case HTTPException(status_code=400):  # nested without end, or not in UTF-8
+            return InvalidError("the body is no JSON that can be read")
+        case UnicodeEncodeError():
+            # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
+            return InvalidError("a text in the request is not Unicode; correct it")
+        case DBAPIError() if away(error):  # also in a layer around the routes
+            _log.error("store_unavailable", path=request.url.path, exc_info=error)
+            text = "the store is busy, full, read-only or gone; try again, and see the log of the service"
+            return UnavailableError(text)
+    # The text of an unexpected error may hold paths and values; it belongs in the log only.
+    _log.error("request_failed", path=request.url.path, exc_info=error)
+    return ServiceError("the service failed on this request; its log says why")
 
 
-async def _acquisition_error(request: Request, error: Exception) -> JSONResponse:
-    return problem(request, 503, str(error), slug="unavailable", title="Unavailable")
+async def _refused(request: Request, error: Exception) -> JSONResponse:
+    return refused(request, _as_ours(request, error))
 
 
 async def _other_error(request: Request, error: Exception) -> JSONResponse:
@@ -133,11 +151,11 @@ async def _other_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    if error.status_code == 400:
+        return await _refused(request, error)
     headers = dict(error.headers or {})
     if error.status_code == 405:
         headers["Allow"] = ", ".join(methods_of(request))
-    if error.status_code == 400:  # a body that is no JSON in UTF-8, or nested without end
-        return problem(request, 422, "the body is no JSON that can be read", slug="invalid", title=INVALID)
     detail = {
         404: f"there is nothing at {request.url.path}; the resources are listed in openapi.json",
         405: f"{request.method} is not possible here; see the header Allow",
@@ -155,32 +173,15 @@ async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
     detail = detail.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
-    return problem(request, 422, detail, slug="invalid", title="Invalid content", errors=errors)
-
-
-async def _store_unavailable(request: Request, error: Exception) -> JSONResponse:
-    _log.error("store_unavailable", path=request.url.path, exc_info=error)
-    detail = "the store is busy, full, read-only or gone; try again, and see the log of the service"
-    return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers={"Retry-After": "5"})
-
-
-async def _store_refused(request: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, DBAPIError)
-    return await (_store_unavailable if away(error) else _unexpected)(request, error)
+    return problem(request, 422, detail, slug=InvalidError.slug, title=InvalidError.title, errors=errors)
 
 
 async def _storage_failed(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)
     _log.error("storage_failed", path=request.url.path, exc_info=error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    detail = "the disk is full; make room" if full else "the data directory cannot be used; the log says why"
-    headers = {"Retry-After": "30"}
-    return problem(request, 503, detail, slug="unavailable", title="Unavailable", headers=headers)
-
-
-async def _not_text(request: Request, error: Exception) -> JSONResponse:
-    # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
-    return problem(request, 422, "a text in the request is not Unicode; correct it", slug="invalid", title=INVALID)
+    text = "the disk is full; make room" if full else "the data directory cannot be used; the log says why"
+    return refused(request, UnavailableError(text), {"Retry-After": "30"})
 
 
 async def _cut(request: Request, error: Exception) -> JSONResponse:
@@ -188,26 +189,16 @@ async def _cut(request: Request, error: Exception) -> JSONResponse:
     return problem(request, 400, "the request was cut off; send it again")
 
 
-async def _unexpected(request: Request, error: Exception) -> JSONResponse:
-    if isinstance(error, DBAPIError) and away(error):  # in a layer around the routes
-        return await _store_unavailable(request, error)
-    # The text of an unexpected error may hold paths and values; it belongs in the log only.
-    _log.error("request_failed", path=request.url.path, exc_info=error)
-    detail = "the service failed on this request; its log says why"
-    return problem(request, 500, detail, slug="internal", title="Internal error")
-
-
 _ANSWERS: dict[type[Exception], Callable[[Request, Exception], Awaitable[JSONResponse]]] = {
-    ServiceError: _service_error,
-    InputError: _input_error,
-    AcquisitionError: _acquisition_error,
+    ServiceError: _refused,
+    InputError: _refused,
+    AcquisitionError: _refused,
     HilfitError: _other_error,
     HTTPException: _http_error,
     RequestValidationError: _validation_error,
-    OperationalError: _store_unavailable,
-    DBAPIError: _store_refused,
+    DBAPIError: _refused,
     OSError: _storage_failed,
-    UnicodeEncodeError: _not_text,
+    UnicodeEncodeError: _refused,
     ClientDisconnect: _cut,
-    Exception: _unexpected,
+    Exception: _refused,
 }

@@ -10,7 +10,8 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from server.platform.http.problems import problem
+from server.platform.errors import ForbiddenError, TooLargeError
+from server.platform.http.problems import refused
 from server.platform.settings import is_loopback
 
 #: What is data is no page: nothing in it may do anything (Content Security Policy, level 3).
@@ -44,7 +45,7 @@ class BodyLimit:
         text = f"the request is larger than {limit} bytes, the most that is taken here"
         declared = Headers(scope=scope).get("content-length", "0")
         if declared.isdecimal() and int(declared) > limit:
-            await problem(Request(scope), 413, text, slug="too-large", title="Too large")(scope, receive, send)
+            await refused(Request(scope), TooLargeError(text))(scope, receive, send)
             return
         received = 0
 
@@ -91,7 +92,7 @@ class OwnPagesOnly:
                 await send({"type": "websocket.close", "code": 1008})  # before it is accepted: the client sees 403
                 return
             if refusal is not None:
-                await problem(Request(scope), 403, refusal)(scope, receive, send)
+                await refused(Request(scope), ForbiddenError(refusal))(scope, receive, send)
                 return
         await self._app(scope, receive, send)
 

@@ -56,13 +56,15 @@ Progress = Callable[[float, str], None]
 class ChildResult:
     """How a child ended; ``error`` is one line unless the outcome is ``done`` or ``stopped``.
 
-    ``killed``: somebody else ended it by SIGKILL, a person or the kernel that ran out of memory.
+    ``killed``: somebody else ended it by SIGKILL, a person or the kernel that ran out of memory. ``exceeded``: it was
+    ended for what it took, by a signal (``killed`` or not), or because its time was over.
     """
 
     outcome: Outcome
     summary: dict[str, Any] = field(default_factory=dict)
     error: str | None = None
     killed: bool = False
+    exceeded: bool = False
 
 
 class Child:
@@ -146,7 +148,8 @@ class Child:
                 if should_stop():
                     return ChildResult("stopped")
                 if now > deadline:
-                    return ChildResult("failed", error=f"took longer than {timeout_s:g} s and was ended")
+                    error = f"took longer than {timeout_s:g} s and was ended"
+                    return ChildResult("failed", error=error, exceeded=True)
             process.wait()
         finally:
             if self._staying is None:
@@ -272,7 +275,7 @@ def _result(code: int, last: dict[str, Any], log: Path) -> ChildResult:
         return ChildResult("failed", error=error)
     if code < 0:
         error = f"was ended by {signal.Signals(-code).name}; is the memory too small?"
-        return ChildResult("failed", error=error, killed=code == -signal.SIGKILL)
+        return ChildResult("failed", error=error, killed=code == -signal.SIGKILL, exceeded=True)
     if code == 0:
         return ChildResult("failed", error="ended without a result")
     return ChildResult("failed", error=f"ended with exit code {code}; {log.name} says why")

@@ -1,5 +1,8 @@
 """A child that loads its libraries once and does each piece of work in a process forked from it.
 
+``python -P -m server.platform.processes.forking_child MODULE [ARGUMENT ...]``, then more such orders on standard input:
+``MODULE.main`` takes the arguments and gives the exit code.
+
 Loading what looks at a recording takes two seconds of processor time, a fork a few milliseconds. The forked process
 sets its own limits (:mod:`server.platform.processes.child_limits`), does one piece of work and ends, so that a hostile
 file meets no process that has seen another one. Speaks the protocol of :mod:`server.platform.processes.children`.
@@ -14,6 +17,7 @@ import select
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from importlib import import_module
 
 from server.platform.processes.child_guard import die_with
 
@@ -22,26 +26,36 @@ IDLE_S = 60.0
 Work = Callable[[Sequence[str]], int]
 
 
-def serve(work: Work, arguments: Sequence[str], log: str | None = None, idle_s: float = IDLE_S) -> int:
-    """Do ``work`` on the arguments of every order in a process of its own; returns the exit code.
+def serve(load: Callable[[str], Work], arguments: Sequence[str], log: str | None = None, idle_s: float = IDLE_S) -> int:
+    """Do the work of every order in a process of its own; returns the exit code.
 
     Parameters
     ----------
-    work : takes the arguments, says what it has to say on standard output, and returns an exit code
+    load : from the first argument of an order, what takes the others, says what it has to say on standard output, and
+        returns an exit code
     arguments : of the first order; further ones come over standard input
     log : file that takes the standard error of the first one, where it is not this process's
     idle_s : seconds without an order after which this returns
     """
-    gc.collect()
-    gc.freeze()  # pages of what is loaded stay shared with every fork
+    loaded: dict[str, Work] = {}
     while True:
-        code = _in_a_fork(work, arguments, log)
+        what, *rest = arguments
+        if what not in loaded:
+            loaded[what] = load(what)
+            gc.collect()
+            gc.freeze()  # pages of what is loaded stay shared with every fork
+        code = _in_a_fork(loaded[what], rest, log)
         # The line before may have been broken off.
         print("\n" + json.dumps({"ended": code, "stays": True}), flush=True)
         order = _next_order(idle_s)
         if order is None:
             return 0
         arguments, log = order
+
+
+def main(arguments: Sequence[str], idle_s: float = IDLE_S) -> int:
+    """As :func:`serve`, of the ``main`` of modules."""
+    return serve(lambda module: import_module(module).main, arguments, idle_s=idle_s)
 
 
 def _next_order(idle_s: float) -> tuple[list[str], str] | None:
@@ -81,3 +95,7 @@ def _redirect(path: str, flags: int, descriptor: int) -> None:
     opened = os.open(path, flags, 0o600)
     os.dup2(opened, descriptor)
     os.close(opened)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,4 +1,4 @@
-"""One piece of work on one file, in a process of its own (:mod:`server.recordings.file_child`).
+"""One piece of work on one file, in a process of its own (:mod:`server.platform.processes.file_children`).
 
 It is told ``WHAT SOURCE TARGET MACHINE_FILE SHOWN``. ``WHAT`` is ``parquet``, ``csv``, ``mdf4`` or ``mcap`` (write
 SOURCE as that), ``import`` or ``import-resampled`` (write SOURCE, a file of another tool, as a recording in Parquet; a
@@ -9,7 +9,7 @@ map of its columns stands beside it if there is one) or ``statistics`` (JSON int
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from daq import load_machine
@@ -28,7 +28,7 @@ from server.recordings.formats.recording_statistics import statistics
 NEEDS = {"asammdf": "export", "mcap": "export"}
 
 
-def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> None:
+def do(what: str, source: Path, target: Path, machine_file: Path, shown: str) -> None:
     """Do one piece of work.
 
     Raises
@@ -36,6 +36,7 @@ def do(what: str, source: Path, target: Path, machine: Machine, shown: str) -> N
     InputError
         One line: what is wrong with the file.
     """
+    machine = load_machine(machine_file)
     refuse_bombs(source, shown)
     if what in IMPORTS:
         written = map_beside(source)
@@ -56,13 +57,18 @@ def units_of(table: Table, machine: Machine) -> dict[str, str]:
     return {**{c.name: c.unit for c in machine.channels}, **table.units}
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Entry of the process, which is limited to what such a file may take; the exit code."""
-    what, source, target, machine_file, shown = arguments
+def main(arguments: Sequence[str], do: Callable[..., None] = do) -> int:
+    """Entry of the process, which is limited to what such a file may take; the exit code.
+
+    Parameters
+    ----------
+    do : the work
+    """
+    what, source, target, machine_file, shown, *rest = arguments
     limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
     too_much = f"{shown}: needs too much memory; use a shorter recording"
     try:
-        return ended(lambda: do(what, Path(source), Path(target), load_machine(machine_file), shown), too_much)
+        return ended(lambda: do(what, Path(source), Path(target), Path(machine_file), shown, *rest), too_much)
     except ModuleNotFoundError as error:
         extra = NEEDS.get((error.name or "").partition(".")[0])
         if extra is None:

@@ -1,14 +1,15 @@
-"""The service's side of files in other forms: children that do the work, and what they leave."""
+"""The service's side of work on recordings' files: children that do it, and what they leave."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
 from server.platform.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
 from server.platform.files import DataDirectory
-from server.recordings.file_children import FileChildren
+from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.recording_store import RecordingRow
 
@@ -22,10 +23,12 @@ FORMATS: dict[str, tuple[str, str]] = {
 }
 #: Seconds that one piece of work may take.
 WORK_S = 300.0
+#: The module that writes other forms.
+CONVERSIONS = "server.recordings.formats.conversion_child"
 
 
 class Exports:
-    """Recordings in other forms."""
+    """Recordings in other forms, and what is made of them once and kept beside them."""
 
     def __init__(self, files: DataDirectory, children: FileChildren) -> None:
         self._files = files
@@ -41,29 +44,21 @@ class Exports:
         """
         if row.state != "sealed":
             raise ConflictError(f"recording '{row.id}' is {row.state}; there is no whole file to read")
-        path = self._files.recordings / f"{row.id}.{row.format}"
+        path = self._files.recording(row.id, row.format)
         if not path.is_file():
             raise NotFoundError(f"the file of recording '{row.id}' is gone; record or upload it again")
         return path
 
     def file(self, row: RecordingRow, format: str) -> Path:
         """A new file in another form than the recording is kept in, to be removed after use."""
-        path = self.source(row)
-        target = self._temporary(FORMATS[format][1])
-        self._work(format, path, target, row.machine, row.machine_version, row.id)
-        return target
+        return self.made(row, format, FORMATS[format][1], row.id)
 
     def statistics(self, row: RecordingRow) -> dict[str, Any]:
         """What the recording holds; computed once, kept beside it."""
-        path = self.source(row)
+        self.source(row)
         kept = self.kept_statistics(row.id)
         if not kept.is_file():
-            target = self._temporary(".json")
-            try:
-                self._work("statistics", path, target, row.machine, row.machine_version, row.id)
-                target.replace(kept)
-            finally:
-                target.unlink(missing_ok=True)
+            self.made(row, "statistics", kept.suffix, row.id).replace(kept)
         return dict(json.loads(kept.read_text(encoding="utf-8")))
 
     def kept_statistics(self, id: str) -> Path:
@@ -85,26 +80,52 @@ class Exports:
             if columns is not None:
                 map_beside(incoming).write_text(columns, encoding="utf-8")
             self._work(IMPORTS[resample], incoming, target, machine, version, shown)
-        except BaseException:
-            target.unlink(missing_ok=True)
-            raise
         finally:
             map_beside(incoming).unlink(missing_ok=True)
             incoming.unlink(missing_ok=True)
+        return target
+
+    def made(self, row: RecordingRow, what: str, suffix: str, shown: str, *rest: str, by: str = CONVERSIONS) -> Path:
+        """A new file that is made of a recording, to be moved or removed.
+
+        Parameters
+        ----------
+        what, rest : is made, as ``by`` understands it
+        shown : what the recording is called where it is refused
+        by : module of the child that makes it
+
+        Raises
+        ------
+        ConflictError, NotFoundError
+            If the recording is not sealed, or its file is gone.
+        InvalidError, UnavailableError
+            If nothing can be made of it, or not now.
+        """
+        source, target = self.source(row), self._temporary(suffix)
+        self._work(what, source, target, row.machine, row.machine_version, shown, *rest, by=by)
         return target
 
     def _temporary(self, suffix: str) -> Path:
         path = self._files.incoming()
         return path.with_name(path.name + suffix)
 
-    def _work(self, what: str, source: Path, target: Path, machine: str, version: int, shown: str) -> None:
-        machine_file = self._files.machine_file(machine, version)
-        arguments = [what, *map(str, (source, target, machine_file)), shown]
-        result = self._children.run("convert", *arguments, log=self._files.recordings / "formats.log", timeout_s=WORK_S)
+    def _work(
+        self, what: str, source: Path, target: Path, machine: str, version: int, *rest: str, by: str = CONVERSIONS
+    ) -> None:
+        """Let a child write ``target``; there is none if that fails. The first of the ``rest`` names the source."""
+        machine_file, shown = self._files.machine_file(machine, version), rest[0]
+        log = self._files.recordings / "formats.log"
+        try:
+            result = self._children.run(by, what, source, target, machine_file, *rest, log=log, timeout_s=WORK_S)
+        except BaseException:
+            target.unlink(missing_ok=True)
+            raise
         if result.outcome == "done":
             return
         target.unlink(missing_ok=True)
         error = (result.error or "").replace(str(source), shown)
-        if result.outcome == "input" or (what in IMPORTS and "ended by" in error):
-            raise InvalidError(error if result.outcome == "input" else f"{shown}: cannot be read; export it again")
-        raise UnavailableError(error if "pip install" in error else f"{shown}: could not be written as {what}; {error}")
+        failed = UnavailableError(
+            error if "pip install" in error else f"{shown}: could not be written as {what}; {error}"
+        )
+        too_much = InvalidError(f"{shown}: cannot be read; export it again") if what in IMPORTS else failed
+        raise refusal(replace(result, error=error), too_much, failed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,9 @@ from acquired_machines import MACHINES
 from service_fakes import API, MACHINE, Fakes, Running, running_service
 
 from daq.errors import MachineFileError
-from server.can_signals import signal_child, signal_files
+from server.can_signals import signal_child
 from server.platform.processes.children import ChildResult
+from server.platform.processes.file_children import FileChildren
 
 pytest.importorskip("cantools")
 CAN = f"{API}/can-signals"
@@ -44,11 +45,16 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         yield made
 
 
-def here(command: Sequence[str], **options: Any) -> ChildResult:
-    """What the child does, done here: a process takes two seconds to load."""
+REAL = FileChildren.run
+
+
+def here(children: FileChildren, module: str, *arguments: Any, **options: Any) -> ChildResult:
+    """What the child that reads DBC files does, done here: a process takes two seconds to load."""
+    if module != "server.can_signals.signal_child":
+        return REAL(children, module, *arguments, **options)
     folder = Path.cwd()
     try:
-        signal_child.look(*map(Path, command[4:6]), *_change(command[6:]))
+        signal_child.look(*arguments)
     except MachineFileError as error:
         return ChildResult("input", error=str(error))
     finally:
@@ -56,15 +62,11 @@ def here(command: Sequence[str], **options: Any) -> ChildResult:
     return ChildResult("done")
 
 
-def _change(more: Sequence[str]) -> tuple[str, Path] | tuple[()]:
-    return (more[0], Path(more[1])) if more else ()
-
-
 @pytest.fixture
 def running(service: Running, monkeypatch: pytest.MonkeyPatch) -> Running:
     dbc(service).write_text(DBC)
     monkeypatch.setattr(signal_child, "limit_child", lambda *limits: None)
-    monkeypatch.setattr(signal_files, "run_child", here)
+    monkeypatch.setattr(FileChildren, "run", here)
     return service
 
 
@@ -180,14 +182,14 @@ def test_a_child_with_limits_reads_it(service: Running) -> None:
 @pytest.mark.parametrize(
     ("result", "status"),
     [
-        (ChildResult("failed", error="was ended by SIGXCPU; is the memory too small?"), 422),
-        (ChildResult("failed", error="took longer than 180 s and was ended"), 422),
+        (ChildResult("failed", error="was ended by SIGXCPU; is the memory too small?", exceeded=True), 422),
+        (ChildResult("failed", error="took longer than 180 s and was ended", exceeded=True), 422),
         (ChildResult("failed", error="exit code 1"), 503),
     ],
 )
 def test_a_child_that_ends_early(
     running: Running, monkeypatch: pytest.MonkeyPatch, result: ChildResult, status: int
 ) -> None:
-    monkeypatch.setattr(signal_files, "run_child", lambda *command, **options: result)
+    monkeypatch.setattr(FileChildren, "run", lambda *order, **options: result)
     answer = send(running, DBC.replace("Spare", "Long"))
     assert answer.status_code == status and dbc(running).read_text() == DBC

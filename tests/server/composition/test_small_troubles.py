@@ -76,7 +76,7 @@ def test_a_disk_that_takes_nothing_is_told(service: Running, monkeypatch: pytest
     def full(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(server.machines.machine_uploads, "write_atomically", full)
+    monkeypatch.setattr(server.machines.machine_uploads, "write_whole", full)
     answer = service.client.post(f"{API}/machines", content=MACHINE.replace("rate_hz: 50", "rate_hz: 40"))
     said = problem(answer, 503)
     assert answer.headers["retry-after"]

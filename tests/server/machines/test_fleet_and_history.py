@@ -18,7 +18,7 @@ from server.calibrations.calibration_desk import Calibrations
 from server.fleet.fleet_view import worst_joint
 from server.history.machine_history import MachineHistory
 from server.identifications.identification_store import Identification, Identifications
-from server.jobs.job_store import Jobs
+from server.jobs.job_store import Jobs, found_by
 from server.platform.authorization.principals import LOCAL
 from server.platform.database.engine import Database, as_stored
 
@@ -60,7 +60,7 @@ def identify(guarded: Guarded, id: str, machine: str = "lever") -> Identificatio
     place = service.files.identifications / id
     place.mkdir(parents=True)
     (place / "report.json").write_text(json.dumps(REPORT))
-    result = Identifications.result(id, verdict="effect_added", overall=REPORT["overall"])
+    result = found_by(Identification, id, verdict="effect_added", overall=REPORT["overall"])
     service[Jobs].finish(new.job, "done", "Done", result=result, place=".")
     return new
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from server.machines import inspect_machine
+from daq.errors import MachineFileError
 from server.machines.inspect_machine import look
 from sim_backends import default_machine
 
@@ -17,12 +17,6 @@ buses:
   - {name: can, type: canopen, interface: socketcan, channel: can0, listen_only: true, nodes: [{node: 5, eds: "%s"}]}
   - {name: engine, type: can_signals, interface: socketcan, channel: can1, dbc: ["%s"]}
 """
-
-
-@pytest.fixture(autouse=True)
-def without_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The limits are the child's; this process goes on."""
-    monkeypatch.setattr(inspect_machine, "limit_child", lambda *arguments: None)
 
 
 def machine_file(folder: Path, eds: str, dbc: str) -> Path:
@@ -41,20 +35,23 @@ def machine_file(folder: Path, eds: str, dbc: str) -> Path:
 @pytest.mark.parametrize("kind", ["eds", "dbc"])
 def test_paths_that_lead_elsewhere_are_refused_in_one_line(kind: str, elsewhere: str, tmp_path: Path) -> None:
     paths = {"eds": "encoder.eds", "dbc": "arm.dbc", kind: elsewhere}
-    (line,) = look(machine_file(tmp_path, **paths), tmp_path / "out.json").values()
-    assert "outside the machine's own folder" in str(line) and "\n" not in str(line)
-    assert ("node 5" in str(line)) == (kind == "eds")
+    with pytest.raises(MachineFileError, match="outside the machine's own folder") as refused:
+        look(machine_file(tmp_path, **paths), tmp_path / "out.json")
+    line = str(refused.value)
+    assert "\n" not in line
+    assert ("node 5" in line) == (kind == "eds")
     assert not (tmp_path / "out.json").exists()
 
 
 def test_the_refusal_does_not_tell_whether_a_file_exists(tmp_path: Path) -> None:
     there = tmp_path / "there.eds"
     there.write_text("")
-    answers = [
-        look(machine_file(tmp_path, str(path), "arm.dbc"), tmp_path / "out.json")
-        for path in (there, tmp_path / "missing.eds")
-    ]
-    assert answers[0] == answers[1] and "error" in answers[0]
+    answers = []
+    for path in (there, tmp_path / "missing.eds"):
+        with pytest.raises(MachineFileError) as refused:
+            look(machine_file(tmp_path, str(path), "arm.dbc"), tmp_path / "out.json")
+        answers.append(str(refused.value))
+    assert answers[0] == answers[1]
 
 
 def test_names_beside_the_machine_file_are_taken(tmp_path: Path) -> None:

@@ -18,8 +18,7 @@ PROGRAM = """
 import json, os, sys
 from server.platform.processes import child_limits, forking_child
 seen = []
-def work(arguments):
-    what, *rest = arguments
+def work(what):
     seen.append(what)
     child_limits.limit_child(1, 0)
     print("note of " + what, file=sys.stderr)
@@ -38,7 +37,7 @@ def work(arguments):
         import time; time.sleep(60)
     print(json.dumps({"summary": {"pid": os.getpid(), "parent": os.getppid(), "seen": seen, "in": sys.stdin.read()}}))
     return 0
-sys.exit(forking_child.serve(work, sys.argv[1:], idle_s=%s))
+sys.exit(forking_child.serve(lambda what: lambda rest: work(what), sys.argv[1:], idle_s=%s))
 """
 
 

@@ -41,7 +41,6 @@ WORDED = (
     "server/alarms/alarm_watch.py",
     "server/outward/webhook_desk.py",
     "server/monitor/monitor_supervisor.py",
-    "server/monitor/overload_text.py",
     "server/jobs/execution.py",
     "server/jobs/job_store.py",
     "server/recalibrations/recalibration_recording.py",

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from service_fakes import MACHINE
+from service_fakes import MACHINE, file_children
 
 from server.composition.declarations import TABLES
 from server.identifications.identification_store import Identification, Identifications
@@ -92,14 +92,13 @@ def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
 
 @pytest.mark.slow
 def test_uploads_at_once_get_versions_of_their_own(database: Database, files: DataDirectory) -> None:
-    reader = MachineReader(files)
+    reader = MachineReader(files, file_children())
     uploads = MachineUploads(database, files, reader)
     texts = [MACHINE.replace("rate_hz: 50", f"rate_hz: {50 + number}").encode() for number in range(6)]
     at_once(6, lambda number: uploads.add(texts[number]))
     assert [row.version for row in Machines(database).versions("lever")] == [6, 5, 4, 3, 2, 1]
     stored = {files.machine_file("lever", version).read_bytes() for version in range(1, 7)}
     assert stored == set(texts)
-    reader.close()
 
 
 def test_of_two_recordings_started_at_once_one_is_refused(database: Database) -> None:

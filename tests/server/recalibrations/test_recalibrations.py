@@ -14,7 +14,6 @@ from recalibration_fakes import GREW, PLAN, FakeCalibration, Setting, setting
 from service_fakes import API, ran
 
 from server.identifications.identification_store import Identifications
-from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs
 from server.machines.machine_desk import MachineDesk
 from server.recalibrations.recalibration_site import Site
@@ -71,7 +70,7 @@ def test_recalibrations_of_one_machine_run_one_after_another(site: Setting) -> N
     schedule, other = site.schedule(), site.schedule("30 * * * *")
     (job,) = site.later(1)
     assert site.later(2) == (), "the machine is being recalibrated"
-    site.service[JobRunner].cancel(job)
+    site.service[Jobs].request_cancel(job)
     assert site.running.follow(job)[-1]["state"] == "cancelled"
     assert site.slots(schedule)[0].state == "failed"
     (site.service.files.root / "steer.json").unlink()

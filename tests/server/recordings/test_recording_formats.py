@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
 from daq import parse_machine, read_recording, write_recording
 from daq.recordings.recording_files import Table, read_table
-from server.recordings.file_children import FileChildren
+from server.platform.processes.file_children import FileChildren
 from server.recordings.formats.exports import Exports
 from server.recordings.formats.recording_statistics import statistics
 
@@ -223,7 +224,7 @@ def test_a_missing_library_says_what_to_install(
     blocked = tmp_path / "asammdf"
     blocked.mkdir()
     (blocked / "__init__.py").write_text("raise ModuleNotFoundError('no', name='asammdf')")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     children = FileChildren()  # that start now
     monkeypatch.setattr(running.service[Exports], "_children", children)
     response = running.client.get(f"{API}/recordings/{sealed}/data", params={"format": "mdf4"})

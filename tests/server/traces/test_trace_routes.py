@@ -12,6 +12,8 @@ from acquired_machines import acquire
 from scipy import signal
 from service_fakes import API, MACHINE, Running, motion, recording_bytes
 
+from server.platform.processes.file_children import FileChildren
+
 pytestmark = pytest.mark.slow
 
 
@@ -102,7 +104,7 @@ def test_a_part_that_is_too_short_is_refused_before_a_process_starts(
     def started(*_: object, **__: object) -> None:
         raise AssertionError("a process was started for it")
 
-    monkeypatch.setattr("server.traces.recorded_signals.run_child", started)
+    monkeypatch.setattr(FileChildren, "run", started)
     answer = running.client.post(f"{API}/recordings/{recording}/cut", json={"start": 4, "end": 4.9})
     assert answer.status_code == 422
     assert "end must be at least 1 s later than start" in answer.json()["detail"]

@@ -22,7 +22,7 @@ from typing import Any
 from uuid import NAMESPACE_URL, uuid5
 
 from daq.errors import InputError
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.formats.c import c_files, forward_files
 from fitting.model.export.functions import Program, forward_program, program_of, rendered

@@ -9,9 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from server.platform.errors import InvalidError, ServiceError
 from server.platform.processes.children import Child, ChildResult
 
-PROGRAM = (sys.executable, "-P", "-m", "server.recordings.file_child")
+PROGRAM = (sys.executable, "-P", "-m", "server.platform.processes.forking_child")
 
 
 class _Lane:
@@ -37,19 +38,22 @@ class FileChildren:
         self._lock = threading.Lock()
         self._closed = False
 
-    def run(self, *arguments: str, log: Path, timeout_s: float) -> ChildResult:
-        """Do one piece of work (:mod:`server.recordings.file_child`).
+    def run(self, module: str, *arguments: object, log: Path, timeout_s: float) -> ChildResult:
+        """Do one piece of work.
 
         Parameters
         ----------
+        module : whose ``main`` takes the arguments, as texts, and speaks the protocol of
+            :mod:`server.platform.processes.children`
         log : file to which standard error is appended
         timeout_s : after which the work is ended and the outcome is ``failed``
         """
+        texts = (module, *map(str, arguments))
         with self._lock:
             # The one that was used last: the others may end.
             lane = self._idle.pop() if self._idle else _Lane(self._room)
         try:
-            work = partial(lane.child.run, self._program, arguments, log=log, timeout_s=timeout_s)
+            work = partial(lane.child.run, self._program, texts, log=log, timeout_s=timeout_s)
             return lane.thread.submit(work).result()
         finally:
             with self._lock:
@@ -66,3 +70,17 @@ class FileChildren:
         for lane in lanes:
             lane.thread.shutdown()
             lane.child.__exit__()
+
+
+def refusal(result: ChildResult, too_much: ServiceError, failed: ServiceError) -> ServiceError:
+    """What to raise for work that was not done.
+
+    Parameters
+    ----------
+    result : what is wrong with the file is in it where it ended as ``input``
+    too_much : if the file took more time or memory than any honest one does
+    failed : if anything else is wrong
+    """
+    if result.outcome == "input":
+        return InvalidError(result.error or "")
+    return too_much if result.exceeded else failed
