@@ -22,7 +22,7 @@ from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
 from server.composition.declarations import TABLES
 from server.identifications.identification_store import Identification, Identifications
-from server.jobs.job_store import Jobs
+from server.jobs.job_store import Jobs, found_by
 from server.platform.authorization.principals import LOCAL
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -196,6 +196,6 @@ def _identification(site: Site, database: Database, machine: str, id: str, repor
     place = site.data_dir / "identifications" / id
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(report), encoding="utf-8")
-    result = Identifications.result(id, verdict=report["loop"]["verdict"], overall=report["overall"])
+    result = found_by(Identification, id, verdict=report["loop"]["verdict"], overall=report["overall"])
     jobs.finish(new.job, "done", "Done", result=result, place=".")
     return new

@@ -16,7 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from daq.recordings.recording_files import replacing
+from daq.whole_files import replacing
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
