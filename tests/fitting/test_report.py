@@ -519,7 +519,7 @@ def test_nothing_is_left_half_written(tmp_path: Path, monkeypatch: pytest.Monkey
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("daq.recordings.recording_files.os.fsync", fail)
+    monkeypatch.setattr("daq.whole_files.os.fsync", fail)
     with pytest.raises(ReportError, match="cannot write the report: No space left on device"):
         write_report(sample_report("unexplained"), Figures(), tmp_path)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
