@@ -23,7 +23,7 @@ from scipy import optimize
 from fitting.arrays import FloatArray, IntArray
 from fitting.estimators.covariance import autoregression
 from fitting.valve.laws import Bounds
-from fitting.valve.model import Shape, Structure, columns, solved
+from fitting.valve.model import Shape, Structure, columns, solved, speeds
 from fitting.valve.rows import Axis
 
 #: s, and share of full command, of the grid.
@@ -75,20 +75,21 @@ class Fit:
         """
         axis, structure = self.axis, self.structure
         names, matrix = columns(axis, structure, self.shape)
-        gains = np.array([self.gains[name] for name in names])
         free = [n for n in names if self.gains[n] > 0]
-        found = [matrix[:, [names.index(n) for n in free]]]
+        held = matrix[:, [names.index(n) for n in free]]
+        inside, shapes, widths = list[str](), list[Shape](), list[float]()
         for name, (start, low, high) in structure.shape().items():
             step = _STEP * scale_of((start, low, high))
             ends = [min(max(self.shape[name] + s, low), high) for s in (-step, step)]
-            if not low + 1e-6 * step < self.shape[name] < high - 1e-6 * step:
-                continue
-            sides = [columns(axis, structure, {**self.shape, name: end})[1] @ gains for end in ends]
-            slope = (sides[1] - sides[0]) / (ends[1] - ends[0])
-            if np.any(slope[axis.keep]):
-                free.append(name)
-                found.append(slope[:, None])
-        return tuple(free), np.where(axis.keep[:, None], np.column_stack(found), 0.0)
+            if low + 1e-6 * step < self.shape[name] < high - 1e-6 * step:
+                inside.append(name)
+                shapes += [{**self.shape, name: end} for end in ends]
+                widths.append(ends[1] - ends[0])
+        sides = speeds(axis, structure, shapes, self.gains)
+        slopes = (sides[:, 1::2] - sides[:, ::2]) / np.array(widths)
+        told = np.any(slopes[axis.keep], axis=0)
+        free += [name for name, own in zip(inside, told, strict=True) if own]
+        return tuple(free), np.where(axis.keep[:, None], np.hstack([held, slopes[:, told]]), 0.0)
 
     @cached_property
     def rows(self) -> float:
@@ -161,8 +162,7 @@ def scale_of(bounds: Bounds) -> float:
 
 def predicted(axis: Axis, fit: Fit) -> FloatArray:
     """Filtered speed (M,) that a fit predicts for an axis, of other recordings too."""
-    names, matrix = columns(axis, fit.structure, fit.shape)
-    return np.asarray(matrix @ np.array([fit.gains.get(name, 0.0) for name in names]))
+    return speeds(axis, fit.structure, [fit.shape], fit.gains)[:, 0]
 
 
 def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iterations: int = _ITERATIONS) -> Fit:
@@ -250,25 +250,26 @@ def _refined(
     def at(z: FloatArray) -> dict[str, float]:
         return {**shape, **dict(zip(free, (z * scales).tolist(), strict=True))}
 
+    def solution(z: FloatArray) -> tuple[FloatArray, FloatArray, dict[str, float]]:
+        names, matrix = columns(axis, structure, at(z))
+        gains = solved(matrix[keep], y[keep])
+        return matrix, gains, dict(zip(names, gains.tolist(), strict=True))
+
     def residual(z: FloatArray) -> FloatArray:
-        matrix = columns(axis, structure, at(z))[1][keep]
-        return np.asarray(y[keep] - matrix @ solved(matrix, y[keep]))
+        matrix, gains, _ = solution(z)
+        return np.asarray(y - matrix @ gains)[keep]
 
     def slope(z: FloatArray) -> FloatArray:
-        here, out = residual(z), []
-        for k in range(len(z)):
-            step = _STEP if z[k] + _STEP <= high[k] else -_STEP
-            moved = z.copy()
-            moved[k] += step
-            out.append((residual(moved) - here) / step)
-        return np.column_stack(out)
+        matrix, gains, named = solution(z)
+        steps = np.where(z + _STEP <= high, _STEP, -_STEP)
+        moved = speeds(axis, structure, [at(own) for own in z + np.diag(steps)], named)
+        bent = ((matrix @ gains)[:, None] - moved)[keep] / steps
+        basis = np.linalg.qr(matrix[keep][:, gains > 0])[0]
+        return np.asarray(bent - basis @ (basis.T @ bent))
 
     begin = np.clip([shape[name] for name in free] / scales, low + 1e-6, high - 1e-6)
     answer = optimize.least_squares(
         residual, begin, jac=slope, bounds=(low, high), max_nfev=iterations, xtol=1e-5, ftol=1e-7
     )
-    found = at(answer.x)
-    names, matrix = columns(axis, structure, found)
-    gains = solved(matrix[keep], y[keep])
-    left = np.where(keep, y - matrix @ gains, 0.0)
-    return Fit(axis, structure, found, dict(zip(names, gains.tolist(), strict=True)), left)
+    matrix, gains, named = solution(answer.x)
+    return Fit(axis, structure, at(answer.x), named, np.where(keep, y - matrix @ gains, 0.0))

@@ -22,7 +22,7 @@ projection).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -30,7 +30,7 @@ import numpy as np
 from scipy import optimize, special
 
 from fitting.arrays import FloatArray
-from fitting.valve.effects import EFFECTS, ValveEffect
+from fitting.valve.effects import EFFECTS, Drops, ValveEffect
 from fitting.valve.laws import LAWS, Bounds
 from fitting.valve.rows import Axis, Signals
 
@@ -92,14 +92,27 @@ class Structure:
 
 def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, ...], FloatArray]:
     """Names of the linear parameters, and what one of each adds to the filtered speed, (M, k)."""
-    names, found = list[str](), list[FloatArray]()
-    for way in (0, 1, None):
-        others = tuple(f".{name}" for place, name in enumerate(WAYS) if place != way)
-        own = tuple((name, value) for name, value in shape.items() if not name.endswith(others))
-        block = _block(axis, structure, way, own)
-        names += block[0]
-        found.append(block[1])
-    return tuple(names), np.concatenate(found, axis=1)
+    blocks = [_block(axis, structure, way, _own(shape, way)) for way in (0, 1, None)]
+    names = tuple(name for block in blocks for name in block[0])
+    return names, np.concatenate([block[1] for block in blocks], axis=1)
+
+
+def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
+    """Filtered speeds (M, S) that shapes make with the same gains: :func:`columns` times them, for less than those.
+
+    A gain that is not there is none.
+    """
+    given = tuple(gains.items())
+    whole = [sum(_added(axis, structure, way, _own(shape, way), given) for way in (0, 1, None)) for shape in shapes]
+    return axis.reduced(np.stack(whole, axis=1)) if whole else np.zeros((len(axis.speed), 0))
+
+
+def _own(shape: Shape, way: int | None) -> tuple[tuple[str, float], ...]:
+    """Numbers that one direction hangs on, or (None) what is no matter of directions: the delay."""
+    if way is None:
+        return (("delay", shape["delay"]),)
+    other = f".{WAYS[1 - way]}"
+    return tuple((name, value) for name, value in shape.items() if not name.endswith(other))
 
 
 @lru_cache(maxsize=16)
@@ -107,35 +120,107 @@ def _block(
     axis: Axis, structure: Structure, way: int | None, numbers: tuple[tuple[str, float], ...]
 ) -> tuple[tuple[str, ...], FloatArray]:
     """Columns of one direction, or of what is no matter of directions; most steps of a search move one direction."""
-    signals, shape = axis.signals, dict(numbers)
-    result = dict[str, FloatArray]() if way is None else _opened(axis, structure, shape, way)
+    shape = dict(numbers)
     if way is None:
-        told = delayed(signals, np.sign(signals.u), shape["delay"] * axis.bank.rate_hz)
-        share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
-        if structure.stiffness:
-            head, rod = signals.rates
-            left = np.clip(signals.x, 0.0, axis.cylinder.stroke)
-            result["compliance"] = -share * left * head + (1.0 - share) * (axis.cylinder.stroke - left) * rod
-            result["hoses"] = -share * head / axis.areas[0] + (1.0 - share) * rod / axis.areas[1]
-        for effect in structure.found:
-            result |= effect.columns(signals, share, axis.areas)
+        result = _undirected(axis, structure, shape["delay"])
+    else:
+        result = _late(axis, structure, shape, way, _opened(axis, structure, shape, way))
     if not result:
         return (), np.zeros((len(axis.speed), 0))
     return tuple(result), axis.reduced(np.stack(list(result.values()), axis=1))
 
 
-def _opened(axis: Axis, structure: Structure, shape: Shape, way: int) -> dict[str, FloatArray]:
-    """What one unit of each gain of a direction does to the speed (N,)."""
-    signals, u = axis.signals, axis.signals.u
+@lru_cache(maxsize=16)
+def _added(
+    axis: Axis,
+    structure: Structure,
+    way: int | None,
+    numbers: tuple[tuple[str, float], ...],
+    gains: tuple[tuple[str, float], ...],
+) -> FloatArray:
+    """What one direction, or what is no matter of directions, adds to the speed (N,) before the filters."""
+    shape, given = dict(numbers), dict(gains)
+    if way is None:
+        return _weighted(axis, _undirected(axis, structure, shape["delay"]), given)
+    parts = _opened(axis, structure, shape, way)
+    if len(parts) > 1:  # a free curve is put together before it is delayed
+        parts, given = {"whole": _weighted(axis, parts, given)}, {"whole": 1.0}
+    return _weighted(axis, _late(axis, structure, shape, way, parts), given)
+
+
+def _weighted(axis: Axis, parts: Mapping[str, FloatArray], gains: Mapping[str, float]) -> FloatArray:
+    total = np.zeros(len(axis.signals))
+    for name, own in parts.items():
+        total += gains.get(name, 0.0) * own
+    return total
+
+
+def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
+    """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
+    signals, result = axis.signals, dict[str, FloatArray]()
+    told = delayed(signals, np.sign(signals.u), delay * axis.bank.rate_hz)
+    share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
+    if structure.stiffness:
+        head, rod = signals.rates
+        left = np.clip(signals.x, 0.0, axis.cylinder.stroke)
+        result["compliance"] = -share * left * head + (1.0 - share) * (axis.cylinder.stroke - left) * rod
+        result["hoses"] = -share * head / axis.areas[0] + (1.0 - share) * rod / axis.areas[1]
     for effect in structure.found:
-        u = effect.command(u, shape)
+        result |= effect.columns(signals, share, axis.areas)
+    return result
+
+
+def _lateness(structure: Structure, shape: Shape, way: int) -> tuple[float, float]:
+    """Delay of a direction, s, and the spool's lag, which is never more."""
     late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
-    lag = min(shape["lag"], max(late, 0.0))
-    edge, sign = shape[f"edge.{WAYS[way]}"], SIGNS[way]
-    stroke = sign * followed(signals, u, lag * axis.bank.rate_hz, shape["damping"])
-    opened = land(structure, shape, way, np.maximum(stroke - edge, 0.0), axis.largest[way] - edge)
-    factor = sign * factors(axis, structure, shape, way)
-    moved = max(late - lag, 0.0) * axis.bank.rate_hz
+    return late, min(shape["lag"], max(late, 0.0))
+
+
+def _opened(axis: Axis, structure: Structure, shape: Shape, way: int) -> Mapping[str, FloatArray]:
+    """How far a direction's land is open (N,), for one unit of each gain, before all but the spool's lag."""
+    of_effects = tuple((name, shape[name]) for effect in structure.found for name in effect.shape if name in shape)
+    lag = _lateness(structure, shape, way)[1] * axis.bank.rate_hz
+    power = shape.get(f"power.{WAYS[way]}", 1.0)
+    spool = (structure.effects, of_effects, lag, shape["damping"])
+    return _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
+
+
+#: Effects, their numbers, lag in samples, damping.
+_Spool = tuple[tuple[str, ...], tuple[tuple[str, float], ...], float, float]
+
+
+@lru_cache(maxsize=4)
+def _stroke(axis: Axis, spool: _Spool) -> FloatArray:
+    """Where the spool is (N,), before the delay: effects on the command, then its own lag."""
+    (effects, numbers, samples, damping), u = spool, axis.signals.u
+    for effect in effects:
+        u = EFFECTS[effect].command(u, dict(numbers))
+    return followed(axis.signals, u, samples, damping)
+
+
+@lru_cache(maxsize=8)
+def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: float) -> Mapping[str, FloatArray]:
+    """The curve's columns (N,) for one unit of each gain, counted to the largest command that was recorded."""
+    opening, name = np.maximum(SIGNS[way] * _stroke(axis, spool) - edge, 0.0), f"gain.{WAYS[way]}"
+    if curve == "line":
+        return {name: opening}
+    at = np.flatnonzero(opening)
+    if curve == "power":
+        parts, names = [np.power(opening[at], power)], [name]
+    else:
+        parts = free_curve(opening[at], power, max(axis.largest[way] - edge, 1e-6))
+        names = [f"{name}.{j}" for j in range(len(parts))]
+    whole = np.zeros((len(parts), len(opening)))
+    whole[:, at] = parts
+    return dict(zip(names, whole, strict=True))
+
+
+def _late(
+    axis: Axis, structure: Structure, shape: Shape, way: int, opened: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Openings (N,) as speeds: later, and by what pressures and effects make of them."""
+    signals, (late, lag) = axis.signals, _lateness(structure, shape, way)
+    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * axis.bank.rate_hz
     result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
     for effect in structure.found:
         result = effect.limited(result, signals, shape)
@@ -165,31 +250,35 @@ def delayed(signals: Signals, u: FloatArray, samples: float) -> FloatArray:
     """
     whole = int(np.floor(samples + 0.5))
     fraction = samples + 0.5 - whole
-    index = np.maximum(np.arange(len(u)) - whole, signals.first)
-    return np.asarray((1.0 - fraction) * u[index] + fraction * u[np.maximum(index - 1, signals.first)])
+    out = np.empty(len(u))
+    for part in signals.parts:
+        own, late = u[part], out[part]
+        known = max(len(own) - whole - 1, 0)
+        late[: len(own) - known] = own[0]
+        late[len(own) - known :] = (1.0 - fraction) * own[1 : known + 1] + fraction * own[:known]
+    return out
 
 
 def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
     """What pressures and effects make of an opening (N,), 1 at the reference."""
-    law, signals = LAWS[structure.laws[way]], axis.signals
-    own = {name: shape[f"{name}.{WAYS[way]}"] for name in law.shape}
-    inlet = (signals.supply - signals.inlet[way]) / axis.drops[way, 0]
-    outlet = (signals.outlet[way] - signals.tank) / axis.drops[way, 1]
-    factor = law.factor(inlet, outlet, axis.drops[way], own)
+    law = structure.laws[way]
+    factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))
     for effect in structure.found:
-        factor = effect.factor(factor, WAYS[way], signals, (inlet, outlet), shape, axis.areas)
+        factor = effect.factor(factor, WAYS[way], axis.signals, _drops(axis, way), shape, axis.areas)
     return factor
 
 
-def land(structure: Structure, shape: Shape, way: int, opening: FloatArray, reach: float) -> dict[str, FloatArray]:
-    """The curve's columns for one unit of each gain; ``reach`` is how far the largest command is beyond the edge."""
-    name = f"gain.{WAYS[way]}"
-    if structure.curve == "line":
-        return {name: opening}
-    power = shape[f"power.{WAYS[way]}"]
-    if structure.curve == "power":
-        return {name: np.power(opening, power)}
-    return {f"{name}.{j}": own for j, own in enumerate(free_curve(opening, power, max(reach, 1e-6)))}
+@lru_cache(maxsize=4)
+def _drops(axis: Axis, way: int) -> Drops:
+    signals = axis.signals
+    inlet, outlet = signals.supply - signals.inlet[way], signals.outlet[way] - signals.tank
+    return inlet / axis.drops[way, 0], outlet / axis.drops[way, 1]
+
+
+@lru_cache(maxsize=8)
+def _by_law(axis: Axis, law: str, way: int, numbers: tuple[float, ...]) -> FloatArray:
+    shape = dict(zip(LAWS[law].shape, numbers, strict=True))
+    return LAWS[law].factor(*_drops(axis, way), axis.drops[way], shape)
 
 
 def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArray]:
@@ -199,8 +288,15 @@ def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArr
     """
     whole = np.power(opening / reach, power)
     share = np.minimum(whole, 1.0)
-    tails = [special.comb(DEGREE + 1, i) * share**i * (1.0 - share) ** (DEGREE + 1 - i) for i in range(DEGREE + 2)]
-    parts = [np.sum(tails[j + 1 :], axis=0) / (DEGREE + 1) for j in range(DEGREE + 1)]
+    rest, order = 1.0 - share, DEGREE + 1
+    rising, falling = [np.ones_like(share)], [np.ones_like(share)]
+    for _ in range(order):
+        rising.append(rising[-1] * share)
+        falling.append(falling[-1] * rest)
+    parts, tail = list[FloatArray](), np.zeros_like(share)
+    for i in range(order, 0, -1):
+        tail = tail + special.comb(order, i) * rising[i] * falling[order - i]
+        parts.insert(0, tail / order)
     return [*parts[:-1], parts[-1] + whole - share]
 
 
