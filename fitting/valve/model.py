@@ -44,6 +44,11 @@ LAG: Bounds = (0.04, 0.0, 0.2)
 DAMPING: Bounds = (1.0, 0.5, 1.2)
 EDGE: Bounds = (0.05, 0.0, 0.6)
 _POWER: Bounds = (1.0, 0.4, 3.0)
+#: Of a cycle, in each of which a spool stands at its mean: one that crosses an edge within a cycle is closed for a
+#: part of it, which its mean over the cycle does not know.
+PARTS = 4
+#: Of full stroke within a cycle, from which on a curve's mean is not the curve at the spool's mean.
+FAR = 0.01
 #: Degree of a free curve's slope.
 DEGREE = 3
 
@@ -149,7 +154,7 @@ def _added(
 
 
 def _weighted(axis: Axis, parts: Mapping[str, FloatArray], gains: Mapping[str, float]) -> FloatArray:
-    total = np.zeros(len(axis.signals))
+    total = np.zeros(np.shape(next(iter(parts.values()), axis.signals.u)))
     for name, own in parts.items():
         total += gains.get(name, 0.0) * own
     return total
@@ -190,28 +195,36 @@ _Spool = tuple[tuple[str, ...], tuple[tuple[str, float], ...], float, float]
 
 
 @lru_cache(maxsize=4)
-def _stroke(axis: Axis, spool: _Spool) -> FloatArray:
-    """Where the spool is (N,), before the delay: effects on the command, then its own lag."""
+def _stroke(axis: Axis, spool: _Spool) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where the spool is before the delay, (PARTS, N), and its mean, least and largest in each cycle (N,)."""
     (effects, numbers, samples, damping), u = spool, axis.signals.u
     for effect in effects:
         u = EFFECTS[effect].command(u, dict(numbers))
-    return followed(axis.signals, u, samples, damping)
+    fine = followed(axis.signals, u, samples, damping)
+    return fine, fine.mean(axis=0), fine.min(axis=0), fine.max(axis=0)
 
 
 @lru_cache(maxsize=8)
 def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: float) -> Mapping[str, FloatArray]:
-    """The curve's columns (N,) for one unit of each gain, counted to the largest command that was recorded."""
-    opening, name = np.maximum(SIGNS[way] * _stroke(axis, spool) - edge, 0.0), f"gain.{WAYS[way]}"
-    if curve == "line":
-        return {name: opening}
-    at = np.flatnonzero(opening)
-    if curve == "power":
-        parts, names = [np.power(opening[at], power)], [name]
-    else:
-        parts = free_curve(opening[at], power, max(axis.largest[way] - edge, 1e-6))
+    """The curve's columns (N,) for one unit of each gain, counted to the largest command that was recorded.
+
+    Means over each cycle: over its parts where the spool crosses the edge or goes far, else at the spool's mean.
+    """
+    fine, mean, low, high = _stroke(axis, spool)
+    if SIGNS[way] < 0:
+        mean, low, high = -mean, -high, -low
+    within = (high > edge) & ((low < edge) | ((high - low > FAR) & (curve != "line")))
+    far, near = np.flatnonzero(within), np.flatnonzero((mean > edge) & ~within)
+    opening = np.maximum(np.append(mean[near], SIGNS[way] * fine[:, far]) - edge, 0.0)
+    name = f"gain.{WAYS[way]}"
+    if curve == "monotone":
+        parts = free_curve(opening, power, max(axis.largest[way] - edge, 1e-6))
         names = [f"{name}.{j}" for j in range(len(parts))]
-    whole = np.zeros((len(parts), len(opening)))
-    whole[:, at] = parts
+    else:
+        parts, names = [np.power(opening, power) if curve == "power" else opening], [name]
+    whole = np.zeros((len(parts), len(mean)))
+    for own, out in zip(parts, whole, strict=True):
+        out[near], out[far] = own[: len(near)], own[len(near) :].reshape(PARTS, -1).mean(axis=0)
     return dict(zip(names, whole, strict=True))
 
 
@@ -228,19 +241,25 @@ def _late(
 
 
 def followed(signals: Signals, u: FloatArray, samples: float, damping: float) -> FloatArray:
-    """What a spool makes of a command that is held between samples (N,): its mean over each cycle.
+    """What a spool makes of a command that is held between samples (N,): its means over parts of each cycle (PARTS, N).
 
     A spring, a mass and a damper, ``samples`` late on the average; before a stretch it was at rest.
     """
     late = max(samples, 1e-3)
     split = np.sqrt(complex(damping**2 - 1.0, 1e-9))  # two poles, nearly one where it is critically damped
     one, other = (-2.0 * damping / late * (damping + own) for own in (split, -split))
-    time = np.arange(3.0 + np.ceil(14.0 / -max(one.real, other.real)))
+    cycles = int(3.0 + np.ceil(14.0 / -max(one.real, other.real)))
+    time = np.arange(PARTS * cycles + 1) / PARTS
     gone = other / one * np.exp(one * time) - one / other * np.exp(other * time)
     ramp = time - late + (gone / (one - other)).real
-    taps = np.diff(np.diff(ramp), prepend=0.0)
-    parts = [u[part] for part in signals.parts]
-    return np.concatenate([own[0] + np.convolve(own - own[0], taps)[: len(own)] for own in parts])
+    steps = PARTS * np.diff(ramp).reshape(cycles, PARTS)  # the answer to a step
+    taps = np.diff(steps, axis=0, prepend=0.0)
+    out = np.empty((PARTS, len(u)))
+    for part in signals.parts:
+        own = u[part]
+        for place in range(PARTS):
+            out[place, part] = own[0] + np.convolve(own - own[0], taps[:, place])[: len(own)]
+    return out
 
 
 def delayed(signals: Signals, u: FloatArray, samples: float) -> FloatArray:
