@@ -1,8 +1,7 @@
 """Fitting a valve's model: a grid, then Gauss and Newton with the linear parameters projected out.
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
-at each point; from its best point the shape is refined, and once more from the best of a grid of the spool's lag and
-damping. Intervals are those of a jackknife over blocks that are
+at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
 several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
 lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
 another by more than blocks do, which counts where three or more were fitted.
@@ -29,8 +28,6 @@ from fitting.valve.rows import Axis
 #: s, and share of full command, of the grid.
 DELAYS = tuple(np.round(np.arange(0.0, 0.65, 0.08), 3))
 EDGES = (0.0, 0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4)
-#: Cycles, and share of critical: of the spool.
-LAGS, DAMPINGS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0), (0.7, 0.85, 1.0)
 #: Of a search that begins anew with another shape.
 COARSE = (DELAYS[::2], EDGES[::2])
 #: Of the delay's profile, s.
@@ -170,16 +167,12 @@ def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iter
 
     Parameters
     ----------
-    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held,
-        without a lag that of the spool
+    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held
     """
     bounds = structure.shape()
     begun = {name: own[0] for name, own in bounds.items()} | dict(start or {})
     if start is None or "delay" not in start:
         begun |= _grid(axis, structure, begun, (DELAYS, EDGES) if start is None else COARSE)
-    if start is None or "lag" not in start:
-        calm = {name: begun[name] for name in bounds}
-        begun = _spool(axis, structure, _refined(axis, structure, calm, ("damping",), iterations).shape)
     return _refined(axis, structure, {name: begun[name] for name in bounds}, (), iterations)
 
 
@@ -221,20 +214,6 @@ def _grid(
                 if cost < best and np.all(answer[: -len(rest) or None] >= -1e-9):
                     best = cost
                     where = {"delay": delay, "edge.extend": points[1][first], "edge.retract": points[1][second]}
-    return where
-
-
-def _spool(axis: Axis, structure: Structure, shape: Shape) -> dict[str, float]:
-    """The shape with the best of a grid of lags and dampings: between samples of a command many are an optimum."""
-    keep, y = axis.keep, axis.speed[axis.keep]
-    best, where = np.inf, dict(shape)
-    for lag in LAGS:
-        for damping in DAMPINGS:
-            here = {**shape, "lag": lag / axis.bank.rate_hz, "damping": damping}
-            matrix = columns(axis, structure, here)[1][keep]
-            cost = float(np.sum((y - matrix @ solved(matrix, y)) ** 2))
-            if cost < best:
-                best, where = cost, here
     return where
 
 

@@ -21,7 +21,7 @@ from fitting.valve.choose import Candidate, Chosen, chosen
 from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
-from fitting.valve.inverse import Direction, ValveModel, direction_of, model_of
+from fitting.valve.inverse import ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
@@ -199,7 +199,7 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
     found = {
         "moves": True,
         "edge": _value(fit, f"edge.{name}", "of full command"),
-        "edge_at_2_percent": _edge(fit, model, way),
+        "edge_at_2_percent": _edge(fit, way),
         "compensated": _compensated(fit, way),
         "curve": fit.structure.curve,
         "law": {"id": own.law, "title": LAWS[own.law].title},
@@ -225,31 +225,36 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
     return {"value": found, "unit": edge["unit"], "too_small_by": short}
 
 
-def _edge(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
+def _edge(fit: Fit, way: int) -> dict[str, Any]:
     """The command that gives 2 % of the speed at the largest one, at the reference drops, with its interval."""
-    valve, (names, S) = fit.axis.valve, fit.covariance
 
-    def at(own: Direction) -> float:
+    def at(moved: Fit) -> float:
+        own = direction_of(moved, way)
         return own.edge + own.opening(EDGE_SPEED * own.fastest)
 
-    here, slopes = at(model.directions[way]), np.zeros(len(names))
-    for place, key in enumerate(names):
-        step = 0.1 * float(np.sqrt(S[place, place]))
-        if key in fit.shape:
-            moved = replace(fit, shape={**fit.shape, key: fit.shape[key] + step})
-        else:
-            moved = replace(fit, gains={**fit.gains, key: fit.gains[key] + step})
-        slopes[place] = (at(direction_of(moved, way)) - here) / max(step, 1e-300)
-    std = float(np.sqrt(max(float(slopes @ S @ slopes), 0.0))) or None
-    sign = (1.0, -1.0)[way] * valve.extends
+    values, stds = _spread(fit, at)
+    here, std = float(values[0]), float(stds[0]) or None
+    valve = fit.axis.valve
     return {
         "value": here,
         "std": std,
         "ci95": None if std is None else [here - _NORMAL_95 * std, here + _NORMAL_95 * std],
         "unit": "of full command",
-        "command": valve.neutral + sign * here * valve.full,
+        "command": valve.neutral + (1.0, -1.0)[way] * valve.extends * here * valve.full,
         "command_unit": valve.unit,
     }
+
+
+def _spread(fit: Fit, of: Callable[[Fit], FloatArray | float]) -> tuple[FloatArray, FloatArray]:
+    """What ``of`` makes of a fit (k,), and its standard deviations, by its slopes over all free parameters."""
+    (names, S), here = fit.covariance, np.atleast_1d(of(fit))
+    slopes = np.zeros((len(here), len(names)))
+    for place, name in enumerate(names):
+        step = 1e-2 * max(float(np.sqrt(S[place, place])), 1e-300)
+        kind = "shape" if name in fit.shape else "gains"
+        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
+        slopes[:, place] = (of(replace(fit, **numbers)) - here) / step
+    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
 
 
 def _stiffness(fit: Fit) -> dict[str, Any] | None:
@@ -320,7 +325,13 @@ def _candidate(own: Candidate) -> dict[str, Any]:
 def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
     """The curve at the reference drops, and what was measured and predicted on the motion that was judged on."""
     u = np.linspace(-model.directions[1].largest, model.directions[0].largest, _POINTS)
-    v, std = _curve(fit, model, u)
+
+    def curve(own: Fit) -> FloatArray:
+        ways = direction_of(own, 0), direction_of(own, 1)
+        both = ((x, ways[0 if x > 0 else 1]) for x in u)
+        return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in both])
+
+    v, std = _spread(fit, curve)
     period = 1.0 / judged.bank.reduced_rate_hz
     measured = np.where(judged.keep, judged.speed, np.nan)
     return {
@@ -329,21 +340,3 @@ def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
         "measured": [None if np.isnan(own) else own for own in measured.tolist()],
         "predicted": predicted(judged, fit).tolist(),
     }
-
-
-def _curve(fit: Fit, model: ValveModel, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed at the reference drops over the command as share of full, m/s, and its standard deviation."""
-
-    def at(own: ValveModel) -> FloatArray:
-        ways = [own.directions[0 if x > 0 else 1] for x in u]
-        return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in zip(u, ways, strict=True)])
-
-    names, S = fit.covariance
-    here, slopes = at(model), np.zeros((len(u), len(names)))
-    for place, name in enumerate(names):
-        step = 1e-2 * np.sqrt(S[place, place])
-        kind = "shape" if name in fit.shape else "gains"
-        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
-        moved = replace(fit, **numbers)
-        slopes[:, place] = (at(model_of(moved, error=None, pump_limit=None)) - here) / max(step, 1e-300)
-    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))

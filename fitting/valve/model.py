@@ -97,69 +97,48 @@ class Structure:
 
 def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, ...], FloatArray]:
     """Names of the linear parameters, and what one of each adds to the filtered speed, (M, k)."""
-    blocks = [_block(axis, structure, way, _own(shape, way)) for way in (0, 1, None)]
-    names = tuple(name for block in blocks for name in block[0])
-    return names, np.concatenate([block[1] for block in blocks], axis=1)
+    parts = _parts(axis, structure, shape)
+    return tuple(parts), axis.reduced(np.stack(list(parts.values()), axis=1))
 
 
 def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
-    """Filtered speeds (M, S) that shapes make with the same gains: :func:`columns` times them, for less than those.
-
-    A gain that is not there is none.
-    """
-    given = tuple(gains.items())
-    whole = [sum(_added(axis, structure, way, _own(shape, way), given) for way in (0, 1, None)) for shape in shapes]
-    return axis.reduced(np.stack(whole, axis=1)) if whole else np.zeros((len(axis.speed), 0))
-
-
-def _own(shape: Shape, way: int | None) -> tuple[tuple[str, float], ...]:
-    """Numbers that one direction hangs on, or (None) what is no matter of directions: the delay."""
-    if way is None:
-        return (("delay", shape["delay"]),)
-    other = f".{WAYS[1 - way]}"
-    return tuple((name, value) for name, value in shape.items() if not name.endswith(other))
+    """Filtered speeds (M, S) that shapes make with the same gains, each by one column; a gain not there is none."""
+    whole = np.zeros((len(axis.signals), len(shapes)))
+    for place, shape in enumerate(shapes):
+        for name, own in _parts(axis, structure, shape).items():
+            whole[:, place] += gains.get(name, 0.0) * own
+    return axis.reduced(whole)
 
 
-@lru_cache(maxsize=16)
-def _block(
-    axis: Axis, structure: Structure, way: int | None, numbers: tuple[tuple[str, float], ...]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Columns of one direction, or of what is no matter of directions; most steps of a search move one direction."""
-    shape = dict(numbers)
-    if way is None:
-        result = _undirected(axis, structure, shape["delay"])
-    else:
-        result = _late(axis, structure, shape, way, _opened(axis, structure, shape, way))
-    if not result:
-        return (), np.zeros((len(axis.speed), 0))
-    return tuple(result), axis.reduced(np.stack(list(result.values()), axis=1))
+def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
+    """What one of each linear parameter adds to the speed (N,) before the filters, by its name."""
+    result = dict[str, FloatArray]()
+    for name, other in zip(WAYS, reversed(WAYS), strict=True):
+        own = tuple((key, value) for key, value in shape.items() if not key.endswith(f".{other}"))
+        result |= _directed(axis, structure, WAYS.index(name), own)
+    return result | _undirected(axis, structure, shape["delay"])
 
 
-@lru_cache(maxsize=16)
-def _added(
-    axis: Axis,
-    structure: Structure,
-    way: int | None,
-    numbers: tuple[tuple[str, float], ...],
-    gains: tuple[tuple[str, float], ...],
-) -> FloatArray:
-    """What one direction, or what is no matter of directions, adds to the speed (N,) before the filters."""
-    shape, given = dict(numbers), dict(gains)
-    if way is None:
-        return _weighted(axis, _undirected(axis, structure, shape["delay"]), given)
-    parts = _opened(axis, structure, shape, way)
-    if len(parts) > 1:  # a free curve is put together before it is delayed
-        parts, given = {"whole": _weighted(axis, parts, given)}, {"whole": 1.0}
-    return _weighted(axis, _late(axis, structure, shape, way, parts), given)
+@lru_cache(maxsize=4)
+def _directed(
+    axis: Axis, structure: Structure, way: int, numbers: tuple[tuple[str, float], ...]
+) -> Mapping[str, FloatArray]:
+    """Openings of one direction as speeds (N,): later, and by what pressures and effects make of them."""
+    shape, signals = dict(numbers), axis.signals
+    late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
+    lag, rate = min(shape["lag"], max(late, 0.0)), axis.bank.rate_hz
+    of_effects = tuple((name, shape[name]) for effect in structure.found for name in effect.shape if name in shape)
+    spool = (structure.effects, of_effects, lag * rate, shape["damping"])
+    power = shape.get(f"power.{WAYS[way]}", 1.0)
+    opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
+    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * rate
+    result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
+    for effect in structure.found:
+        result = effect.limited(result, signals, shape)
+    return result
 
 
-def _weighted(axis: Axis, parts: Mapping[str, FloatArray], gains: Mapping[str, float]) -> FloatArray:
-    total = np.zeros(np.shape(next(iter(parts.values()), axis.signals.u)))
-    for name, own in parts.items():
-        total += gains.get(name, 0.0) * own
-    return total
-
-
+@lru_cache(maxsize=4)
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
     """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
     signals, result = axis.signals, dict[str, FloatArray]()
@@ -173,21 +152,6 @@ def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, Flo
     for effect in structure.found:
         result |= effect.columns(signals, share, axis.areas)
     return result
-
-
-def _lateness(structure: Structure, shape: Shape, way: int) -> tuple[float, float]:
-    """Delay of a direction, s, and the spool's lag, which is never more."""
-    late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
-    return late, min(shape["lag"], max(late, 0.0))
-
-
-def _opened(axis: Axis, structure: Structure, shape: Shape, way: int) -> Mapping[str, FloatArray]:
-    """How far a direction's land is open (N,), for one unit of each gain, before all but the spool's lag."""
-    of_effects = tuple((name, shape[name]) for effect in structure.found for name in effect.shape if name in shape)
-    lag = _lateness(structure, shape, way)[1] * axis.bank.rate_hz
-    power = shape.get(f"power.{WAYS[way]}", 1.0)
-    spool = (structure.effects, of_effects, lag, shape["damping"])
-    return _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
 
 
 #: Effects, their numbers, lag in samples, damping.
@@ -226,18 +190,6 @@ def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: f
     for own, out in zip(parts, whole, strict=True):
         out[near], out[far] = own[: len(near)], own[len(near) :].reshape(PARTS, -1).mean(axis=0)
     return dict(zip(names, whole, strict=True))
-
-
-def _late(
-    axis: Axis, structure: Structure, shape: Shape, way: int, opened: Mapping[str, FloatArray]
-) -> dict[str, FloatArray]:
-    """Openings (N,) as speeds: later, and by what pressures and effects make of them."""
-    signals, (late, lag) = axis.signals, _lateness(structure, shape, way)
-    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * axis.bank.rate_hz
-    result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
-    for effect in structure.found:
-        result = effect.limited(result, signals, shape)
-    return result
 
 
 def followed(signals: Signals, u: FloatArray, samples: float, damping: float) -> FloatArray:
