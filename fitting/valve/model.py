@@ -30,6 +30,7 @@ import numpy as np
 from scipy import optimize, special
 
 from fitting.arrays import FloatArray
+from fitting.signals.filters import recursive
 from fitting.valve.effects import EFFECTS, Drops, ValveEffect
 from fitting.valve.laws import LAWS, Bounds
 from fitting.valve.rows import Axis, Signals
@@ -200,17 +201,16 @@ def followed(signals: Signals, u: FloatArray, samples: float, damping: float) ->
     late = max(samples, 1e-3)
     split = np.sqrt(complex(damping**2 - 1.0, 1e-9))  # two poles, nearly one where it is critically damped
     one, other = (-2.0 * damping / late * (damping + own) for own in (split, -split))
-    cycles = int(3.0 + np.ceil(14.0 / -max(one.real, other.real)))
-    time = np.arange(PARTS * cycles + 1) / PARTS
+    time = np.arange(3 * PARTS + 1) / PARTS
     gone = other / one * np.exp(one * time) - one / other * np.exp(other * time)
     ramp = time - late + (gone / (one - other)).real
-    steps = PARTS * np.diff(ramp).reshape(cycles, PARTS)  # the answer to a step
-    taps = np.diff(steps, axis=0, prepend=0.0)
+    steps = PARTS * np.diff(ramp).reshape(3, PARTS)  # the answer to a step; it goes on with the two poles
+    poles = np.poly(np.exp([one, other])).real
     out = np.empty((PARTS, len(u)))
-    for part in signals.parts:
-        own = u[part]
-        for place in range(PARTS):
-            out[place, part] = own[0] + np.convolve(own - own[0], taps[:, place])[: len(own)]
+    for place, taps in enumerate(np.diff(steps, axis=0, prepend=0.0).T):
+        zeros = np.convolve(taps, poles)[:3]
+        for part in signals.parts:
+            out[place, part] = u[part][0] + recursive(zeros, poles, u[part] - u[part][0])
     return out
 
 
