@@ -78,9 +78,9 @@ def print_valves(report: Mapping[str, Any]) -> None:
                 found["law"]["title"],
             )
     show_table(curves, console)
-    errors = Table(
-        "axis", "delay", "before", "after", "handed out", "static", "ARX(2,2)", "linear", title=_judged(report)
-    )
+    seen = all(own["errors"]["role"] == "validate" for own in report["axes"].values())
+    title = "error over the speed's RMS, on " + ("the other motion" if seen else "what was fitted: give --validate")
+    errors = Table("axis", "delay", "before", "after", "handed out", "static", "ARX(2,2)", "linear", title=title)
     for name, own in report["axes"].items():
         shown = [share(own["errors"][key]) for key in ("before", "after", "handed_out", "static", "arx", "linear")]
         errors.add_row(name, f"{_with_bar(own['delay'])} s", *shown)
@@ -90,11 +90,6 @@ def print_valves(report: Mapping[str, Any]) -> None:
             console.print(line, soft_wrap=True, markup=False, highlight=False)
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False, highlight=False)
-
-
-def _judged(report: Mapping[str, Any]) -> str:
-    seen = all(own["errors"]["role"] == "validate" for own in report["axes"].values())
-    return "error over the speed's RMS, on " + ("the other motion" if seen else "what was fitted: give --validate")
 
 
 def _with_bar(value: Mapping[str, Any]) -> str:

@@ -55,10 +55,9 @@ def identified_and_written(
         loop=options.loop,
         progress=progress,
     )
-    folder = request.output
-    folder.mkdir(parents=True, exist_ok=True)
-    moved = [model for model in found.models.values() if model.moves]
-    written = [path for model in moved for name in to for path in export_valve(model, name, folder / INVERSES).files]
-    with replacing(folder / VALVE_REPORT) as temporary:
+    request.output.mkdir(parents=True, exist_ok=True)
+    moved, folder = [own for own in found.models.values() if own.moves], request.output / INVERSES
+    written = [path for own in moved for name in to for path in export_valve(own, name, folder).files]
+    with replacing(request.output / VALVE_REPORT) as temporary:
         temporary.write_text(json.dumps(found.report, indent=1) + "\n", encoding="utf-8")
     return found.report, written

@@ -73,20 +73,18 @@ class Fit:
         axis, structure = self.axis, self.structure
         names, matrix = columns(axis, structure, self.shape)
         free = [n for n in names if self.gains[n] > 0]
-        held = matrix[:, [names.index(n) for n in free]]
-        inside, shapes, widths = list[str](), list[Shape](), list[float]()
+        inside, ends = list[str](), list[float]()
         for name, (start, low, high) in structure.shape().items():
-            step = _STEP * scale_of((start, low, high))
-            ends = [min(max(self.shape[name] + s, low), high) for s in (-step, step)]
-            if low + 1e-6 * step < self.shape[name] < high - 1e-6 * step:
+            step, here = _STEP * scale_of((start, low, high)), self.shape[name]
+            if low + 1e-6 * step < here < high - 1e-6 * step:
                 inside.append(name)
-                shapes += [{**self.shape, name: end} for end in ends]
-                widths.append(ends[1] - ends[0])
-        sides = speeds(axis, structure, shapes, self.gains)
-        slopes = (sides[:, 1::2] - sides[:, ::2]) / np.array(widths)
+                ends += [max(here - step, low), min(here + step, high)]
+        shapes = [{**self.shape, inside[k // 2]: end} for k, end in enumerate(ends)]
+        slopes = np.diff(speeds(axis, structure, shapes, self.gains))[:, ::2] / np.diff(ends)[::2]
         told = np.any(slopes[axis.keep], axis=0)
+        whole = np.hstack([matrix[:, [names.index(n) for n in free]], slopes[:, told]])
         free += [name for name, own in zip(inside, told, strict=True) if own]
-        return tuple(free), np.where(axis.keep[:, None], np.hstack([held, slopes[:, told]]), 0.0)
+        return tuple(free), np.where(axis.keep[:, None], whole, 0.0)
 
     @cached_property
     def rows(self) -> float:
@@ -177,12 +175,14 @@ def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iter
 
 
 def profile(fit: Fit) -> list[tuple[float, float]]:
-    """The whole model's misfit over the delay, s, everything else at its best for each."""
-    found = []
-    for delay in PROFILE:
-        own = _refined(fit.axis, fit.structure, {**fit.shape, "delay": delay}, ("delay",), iterations=5)
-        found.append((float(delay), own.misfit))
-    return found
+    """The whole model's misfit over the delay, s, everything else at its best for each, from one to the next."""
+    found, best = list[tuple[float, float]](), fit.shape["delay"]
+    for side in (sorted(d for d in PROFILE if d >= best), sorted((d for d in PROFILE if d < best), reverse=True)):
+        own = fit
+        for delay in side:
+            own = _refined(fit.axis, fit.structure, {**own.shape, "delay": delay}, ("delay",), iterations=5)
+            found.append((float(delay), own.misfit))
+    return sorted(found)
 
 
 def _grid(

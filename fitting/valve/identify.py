@@ -17,7 +17,7 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.valve.checks import axis_checks, moves
-from fitting.valve.choose import Candidate, Chosen, chosen
+from fitting.valve.choose import Candidate, chosen
 from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
@@ -150,7 +150,6 @@ def _of_axis(
         error=None if judged is None else errors["handed_out"],
         pump_limit=machine.pump_limit if limit is None else limit,
     )
-    reached = [own.largest for own in model.directions]
     content = {
         "unit": axis.valve.unit,
         "full": axis.valve.full,
@@ -165,10 +164,10 @@ def _of_axis(
         "errors": errors,
         "laws": picked.laws,
         "effects": [_effect(found, alike, fit) for found, alike in zip(picked.found, picked.sets, strict=True)],
-        "verdict": _verdict(picked),
+        "verdict": ("ambiguous" if any(picked.sets) else "effect_added") if picked.found else "nothing_missing",
         "candidates": [[_candidate(c) for c in step] for step in picked.steps],
         "checks": axis_checks(machine, axis, picked.fit),
-        "largest_recorded": dict(zip(WAYS, reached, strict=True)),
+        "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
         "model": model.to_json(),
         "figures": _figures(fit, model, judged or axis),
     }
@@ -183,13 +182,13 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _value(fit: Fit, name: str, unit: str, factor: float = 1.0) -> dict[str, Any]:
-    value = factor * (fit.shape[name] if name in fit.shape else fit.gains[name])
-    std = fit.std(name)
-    if std is None:
-        return {"value": value, "std": None, "ci95": None, "unit": unit}
-    half = _NORMAL_95 * factor * std
-    return {"value": value, "std": factor * std, "ci95": [value - half, value + half], "unit": unit}
+def _value(fit: Fit, name: str, unit: str) -> dict[str, Any]:
+    return _barred(fit.shape[name] if name in fit.shape else fit.gains[name], fit.std(name), unit)
+
+
+def _barred(value: float, std: float | None, unit: str) -> dict[str, Any]:
+    ends = None if std is None else [value - _NORMAL_95 * std, value + _NORMAL_95 * std]
+    return {"value": value, "std": std, "ci95": ends, "unit": unit}
 
 
 def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
@@ -220,8 +219,7 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
     if found is None:
         return None
     edge = _value(fit, f"edge.{WAYS[way]}", "of full command")
-    ends = None if edge["ci95"] is None else [end - found for end in edge["ci95"]]
-    short = {"value": edge["value"] - found, "std": edge["std"], "ci95": ends, "unit": edge["unit"]}
+    short = _barred(edge["value"] - found, edge["std"], edge["unit"])
     return {"value": found, "unit": edge["unit"], "too_small_by": short}
 
 
@@ -232,14 +230,10 @@ def _edge(fit: Fit, way: int) -> dict[str, Any]:
         own = direction_of(moved, way)
         return own.edge + own.opening(EDGE_SPEED * own.fastest)
 
-    values, stds = _spread(fit, at)
-    here, std = float(values[0]), float(stds[0]) or None
+    (here,), (std,) = (own.tolist() for own in _spread(fit, at))
     valve = fit.axis.valve
     return {
-        "value": here,
-        "std": std,
-        "ci95": None if std is None else [here - _NORMAL_95 * std, here + _NORMAL_95 * std],
-        "unit": "of full command",
+        **_barred(here, std or None, "of full command"),
         "command": valve.neutral + (1.0, -1.0)[way] * valve.extends * here * valve.full,
         "command_unit": valve.unit,
     }
@@ -302,12 +296,6 @@ def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any
             unit = effect.units.get(name, "m^3/s/Pa" if name == found.id else "1")
             own["parameters"][name.rpartition(".")[2]] = _value(fit, name, unit)
     return own | {"equation": effect.equation, "look_at": effect.look_at, "experiment": effect.experiment}
-
-
-def _verdict(picked: Chosen) -> str:
-    if not picked.found:
-        return "nothing_missing"
-    return "ambiguous" if any(picked.sets) else "effect_added"
 
 
 def _candidate(own: Candidate) -> dict[str, Any]:

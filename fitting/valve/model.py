@@ -23,7 +23,7 @@ projection).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -86,14 +86,6 @@ class Structure:
         for effect in self.found:
             numbers |= effect.shape
         return numbers
-
-    def with_law(self, way: int, law: str) -> Structure:
-        """Another law in one direction."""
-        return replace(self, laws=(law, self.laws[1]) if way == 0 else (self.laws[0], law))
-
-    def with_effect(self, effect: str) -> Structure:
-        """One effect more."""
-        return replace(self, effects=(*self.effects, effect))
 
 
 def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, ...], FloatArray]:
