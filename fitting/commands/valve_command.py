@@ -39,9 +39,15 @@ def valve(
     json: Annotated[bool, typer.Option("--json", help="Print valve.json on standard output.")] = False,
 ) -> None:
     """Identify what speed a command gives, from recordings with commands, and write valve.json."""
+    from daq.errors import InputError
     from fitting.loop.session import Options, Request
     from fitting.pipeline.valve_stage import identified_and_written
+    from fitting.valve.export import formats
 
+    for name in set(to or []) - set(formats()):
+        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a folder with -o")
     options = Options(not no_loop, bandwidth, columns=None if columns is None else str(columns), resample=resample)
     files = [*(("operation", path) for path in recordings), *(("validate", path) for path in validate or [])]
     with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:

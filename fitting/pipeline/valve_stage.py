@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from daq.errors import InputError
 from daq.machine.machine_file import load_machine
 from daq.recordings.column_map import load_map
 from daq.recordings.recording import read_recording
@@ -35,12 +34,8 @@ def identified_and_written(
     Raises
     ------
     InputError
-        One line about the machine file, a recording, a format or the folder.
+        One line about the machine file or a recording.
     """
-    for name in set(to) - set(formats()):
-        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
-    if request.output.exists() and not request.output.is_dir():
-        raise InputError(f"{request.output}: is a file; give a folder with -o")
     machine, options = load_machine(request.machine), request.options
     columns = None if options.columns is None else load_map(Path(options.columns), machine)
     recordings = [
