@@ -9,6 +9,7 @@ import typer
 
 from benchmarks.commands.saying import Show, benchmark, chosen, known, rising
 from benchmarks.commands.saying import directory as existing
+from benchmarks.one_thread import one_blas_thread
 from benchmarks.targets import Outcome
 
 ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
@@ -69,8 +70,14 @@ def speed(
         str, typer.Option(help="Lengths of the training recording in minutes, rising, with commas.")
     ] = "10,30,60",
     no_loop: Annotated[bool, typer.Option("--no-loop", help="Leave the run with the loop out.")] = False,
+    valves: Annotated[bool, typer.Option("--valves", help="Time that of a crane's valves, and nothing else.")] = False,
 ) -> Outcome:
     """Time and memory of an identification, and how they grow with the recording."""
+    if valves:
+        one_blas_thread()
+        from benchmarks.valve.timing import timed
+
+        return timed(0)
     from benchmarks.speed import speed as run
 
     return run(rising("--minutes", minutes, "10,30,60"), loop=not no_loop, show=show)

@@ -5,6 +5,7 @@
 ``sight``      how far an undeclared effect stands out, and the noise floor
 ``judging``    the fit's side: machine file and recordings in, answers out
 ``scoring``    answers beside what is true; rates and targets
+``timing``     how long an identification takes
 ``closing``    paths followed through identified inverses
 =============  ======================================================================================================
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,62 +39,25 @@ def valve(
     json: Annotated[bool, typer.Option("--json", help="Print valve.json on standard output.")] = False,
 ) -> None:
     """Identify what speed a command gives, from recordings with commands, and write valve.json."""
+    from daq.errors import InputError
+    from fitting.loop.session import Options, Request
+    from fitting.pipeline.valve_stage import identified_and_written
+    from fitting.valve.export import formats
+
+    for name in set(to or []) - set(formats()):
+        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; give a folder with -o")
+    options = Options(not no_loop, bandwidth, columns=None if columns is None else str(columns), resample=resample)
+    files = [*(("operation", path) for path in recordings), *(("validate", path) for path in validate or [])]
     with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:
-        report, files = identified_and_written(
-            machine,
-            recordings,
-            validate or [],
-            output,
-            to or [],
-            bandwidth=bandwidth,
-            loop=not no_loop,
-            columns=columns,
-            resample=resample,
-            progress=lambda share, text: bar(share, 1.0, text),
-        )
+        request = Request(machine, tuple(files), output, options)
+        report, inverses = identified_and_written(request, to or [], lambda share, text: bar(share, 1.0, text))
     if json:
         print_json(report)
         return
     print_valves(report)
-    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {file}" for file in files)]))
-
-
-def identified_and_written(
-    machine: Path,
-    recordings: Sequence[Path],
-    validate: Sequence[Path],
-    output: Path,
-    to: Sequence[str],
-    *,
-    bandwidth: float | None = None,
-    loop: bool = True,
-    columns: Path | None = None,
-    resample: bool = False,
-    progress: Callable[[float, str], None] = lambda share, text: None,
-) -> tuple[dict[str, Any], list[Path]]:
-    """Identify, write ``valve.json`` and inverses; the report, and the inverses' files. Arguments as of the command."""
-    from daq.errors import InputError
-    from daq.machine.machine_file import load_machine
-    from daq.recordings.column_map import load_map
-    from daq.recordings.recording import read_recording
-    from fitting.pipeline.valve_stage import write_valves
-    from fitting.valve.export import formats
-    from fitting.valve.identify import identify_valves
-
-    for name in set(to) - set(formats()):
-        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder with -o")
-    described = load_machine(machine)
-    named = None if columns is None else load_map(columns, described)
-
-    def read(paths: Sequence[Path]) -> list[Any]:
-        return [read_recording(p, described, "operation", columns=named, resample=resample) for p in paths]
-
-    found = identify_valves(
-        described, read(recordings), read(validate), bandwidth_hz=bandwidth, loop=loop, progress=progress
-    )
-    return found.report, write_valves(found, output, to)
+    print("\n".join([f"report: {output / 'valve.json'}", *(f"inverse: {file}" for file in inverses)]))
 
 
 def print_valves(report: Mapping[str, Any]) -> None:
@@ -121,9 +84,9 @@ def print_valves(report: Mapping[str, Any]) -> None:
                 found["law"]["title"],
             )
     show_table(curves, console)
-    errors = Table(
-        "axis", "delay", "before", "after", "handed out", "static", "ARX(2,2)", "linear", title=_judged(report)
-    )
+    seen = all(own["errors"]["role"] == "validate" for own in report["axes"].values())
+    title = "error over the speed's RMS, on " + ("the other motion" if seen else "what was fitted: give --validate")
+    errors = Table("axis", "delay", "before", "after", "handed out", "static", "ARX(2,2)", "linear", title=title)
     for name, own in report["axes"].items():
         shown = [share(own["errors"][key]) for key in ("before", "after", "handed_out", "static", "arx", "linear")]
         errors.add_row(name, f"{_with_bar(own['delay'])} s", *shown)
@@ -133,11 +96,6 @@ def print_valves(report: Mapping[str, Any]) -> None:
             console.print(line, soft_wrap=True, markup=False, highlight=False)
     for warning in report["warnings"]:
         console.print(f"note: {warning}", soft_wrap=True, markup=False, highlight=False)
-
-
-def _judged(report: Mapping[str, Any]) -> str:
-    seen = all(own["errors"]["role"] == "validate" for own in report["axes"].values())
-    return "error over the speed's RMS, on " + ("the other motion" if seen else "what was fitted: give --validate")
 
 
 def _with_bar(value: Mapping[str, Any]) -> str:

@@ -177,12 +177,12 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
         return fit, tried
     for way in (0, 1, 0):
         simple = replace_law(fit, way, "none")
-        best, gained = simple, 0.0
-        least = tried[WAYS[way]]["none"] = _error(simple)
+        best, gained, least = simple, 0.0, np.inf
         for own in ids[1:]:
             trial = replace_law(fit, way, own)
-            odds, error, _, _ = compared(simple, trial)
-            tried[WAYS[way]][own] = error
+            odds, error, before, _ = compared(simple, trial)
+            tried[WAYS[way]] |= {"none": before, own: error}
+            least = min(least, before)
             odds -= LAW_ODDS * (1 + len(LAWS[own].shape))
             earned = not LAWS[own].shape or worth(least, error)  # a number, beside the best that has none
             if odds > gained and earned:
@@ -193,18 +193,14 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
 
 def replace_law(fit: Fit, way: int, law: str) -> Fit:
     """The model with another law in one direction, refined from where it stands."""
-    structure = fit.structure.with_law(way, law)
+    extend, retract = fit.structure.laws
+    structure = replace(fit.structure, laws=(law, retract) if way == 0 else (extend, law))
     return fit if structure == fit.structure else fitted(fit.axis, structure, _kept(fit, structure))
 
 
 def _kept(fit: Fit, structure: Structure) -> Shape:
     """What a shape has in common with another structure's."""
     return {name: value for name, value in fit.shape.items() if name in structure.shape()}
-
-
-def _error(fit: Fit) -> float:
-    squares, _ = left_out(fit)
-    return float(np.sqrt(squares.sum() / np.sum(fit.axis.speed[fit.axis.keep] ** 2)))
 
 
 def _candidates(fit: Fit) -> list[Candidate]:
@@ -226,7 +222,7 @@ def _effects(fit: Fit) -> Iterable[Candidate]:
     for effect in EFFECTS.values():
         if effect.id in structure.effects or not effect.applies(fit.axis, structure.laws):
             continue
-        trials = [structure.with_effect(effect.id)]
+        trials = [replace(structure, effects=(*structure.effects, effect.id))]
         beside = effect.beside(fit.axis)
         if beside is not None and beside != structure.laws:
             trials.append(replace(trials[0], laws=beside))

@@ -1,8 +1,7 @@
 """Fitting a valve's model: a grid, then Gauss and Newton with the linear parameters projected out.
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
-at each point; from its best point the shape is refined, and once more from the best of a grid of the spool's lag and
-damping. Intervals are those of a jackknife over blocks that are
+at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
 several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
 lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
 another by more than blocks do, which counts where three or more were fitted.
@@ -23,14 +22,12 @@ from scipy import optimize
 from fitting.arrays import FloatArray, IntArray
 from fitting.estimators.covariance import autoregression
 from fitting.valve.laws import Bounds
-from fitting.valve.model import Shape, Structure, columns, solved
+from fitting.valve.model import Shape, Structure, columns, solved, speeds
 from fitting.valve.rows import Axis
 
 #: s, and share of full command, of the grid.
 DELAYS = tuple(np.round(np.arange(0.0, 0.65, 0.08), 3))
 EDGES = (0.0, 0.02, 0.05, 0.08, 0.12, 0.17, 0.23, 0.3, 0.4)
-#: Cycles, and share of critical: of the spool.
-LAGS, DAMPINGS = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0), (0.7, 0.85, 1.0)
 #: Of a search that begins anew with another shape.
 COARSE = (DELAYS[::2], EDGES[::2])
 #: Of the delay's profile, s.
@@ -75,20 +72,19 @@ class Fit:
         """
         axis, structure = self.axis, self.structure
         names, matrix = columns(axis, structure, self.shape)
-        gains = np.array([self.gains[name] for name in names])
         free = [n for n in names if self.gains[n] > 0]
-        found = [matrix[:, [names.index(n) for n in free]]]
+        inside, ends = list[str](), list[float]()
         for name, (start, low, high) in structure.shape().items():
-            step = _STEP * scale_of((start, low, high))
-            ends = [min(max(self.shape[name] + s, low), high) for s in (-step, step)]
-            if not low + 1e-6 * step < self.shape[name] < high - 1e-6 * step:
-                continue
-            sides = [columns(axis, structure, {**self.shape, name: end})[1] @ gains for end in ends]
-            slope = (sides[1] - sides[0]) / (ends[1] - ends[0])
-            if np.any(slope[axis.keep]):
-                free.append(name)
-                found.append(slope[:, None])
-        return tuple(free), np.where(axis.keep[:, None], np.column_stack(found), 0.0)
+            step, here = _STEP * scale_of((start, low, high)), self.shape[name]
+            if low + 1e-6 * step < here < high - 1e-6 * step:
+                inside.append(name)
+                ends += [max(here - step, low), min(here + step, high)]
+        shapes = [{**self.shape, inside[k // 2]: end} for k, end in enumerate(ends)]
+        slopes = np.diff(speeds(axis, structure, shapes, self.gains))[:, ::2] / np.diff(ends)[::2]
+        told = np.any(slopes[axis.keep], axis=0)
+        whole = np.hstack([matrix[:, [names.index(n) for n in free]], slopes[:, told]])
+        free += [name for name, own in zip(inside, told, strict=True) if own]
+        return tuple(free), np.where(axis.keep[:, None], whole, 0.0)
 
     @cached_property
     def rows(self) -> float:
@@ -161,8 +157,7 @@ def scale_of(bounds: Bounds) -> float:
 
 def predicted(axis: Axis, fit: Fit) -> FloatArray:
     """Filtered speed (M,) that a fit predicts for an axis, of other recordings too."""
-    names, matrix = columns(axis, fit.structure, fit.shape)
-    return np.asarray(matrix @ np.array([fit.gains.get(name, 0.0) for name in names]))
+    return speeds(axis, fit.structure, [fit.shape], fit.gains)[:, 0]
 
 
 def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iterations: int = _ITERATIONS) -> Fit:
@@ -170,26 +165,24 @@ def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iter
 
     Parameters
     ----------
-    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held,
-        without a lag that of the spool
+    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held
     """
     bounds = structure.shape()
     begun = {name: own[0] for name, own in bounds.items()} | dict(start or {})
     if start is None or "delay" not in start:
         begun |= _grid(axis, structure, begun, (DELAYS, EDGES) if start is None else COARSE)
-    if start is None or "lag" not in start:
-        calm = {name: begun[name] for name in bounds}
-        begun = _spool(axis, structure, _refined(axis, structure, calm, ("damping",), iterations).shape)
     return _refined(axis, structure, {name: begun[name] for name in bounds}, (), iterations)
 
 
 def profile(fit: Fit) -> list[tuple[float, float]]:
-    """The whole model's misfit over the delay, s, everything else at its best for each."""
-    found = []
-    for delay in PROFILE:
-        own = _refined(fit.axis, fit.structure, {**fit.shape, "delay": delay}, ("delay",), iterations=5)
-        found.append((float(delay), own.misfit))
-    return found
+    """The whole model's misfit over the delay, s, everything else at its best for each, from one to the next."""
+    found, best = list[tuple[float, float]](), fit.shape["delay"]
+    for side in (sorted(d for d in PROFILE if d >= best), sorted((d for d in PROFILE if d < best), reverse=True)):
+        own = fit
+        for delay in side:
+            own = _refined(fit.axis, fit.structure, {**own.shape, "delay": delay}, ("delay",), iterations=5)
+            found.append((float(delay), own.misfit))
+    return sorted(found)
 
 
 def _grid(
@@ -224,20 +217,6 @@ def _grid(
     return where
 
 
-def _spool(axis: Axis, structure: Structure, shape: Shape) -> dict[str, float]:
-    """The shape with the best of a grid of lags and dampings: between samples of a command many are an optimum."""
-    keep, y = axis.keep, axis.speed[axis.keep]
-    best, where = np.inf, dict(shape)
-    for lag in LAGS:
-        for damping in DAMPINGS:
-            here = {**shape, "lag": lag / axis.bank.rate_hz, "damping": damping}
-            matrix = columns(axis, structure, here)[1][keep]
-            cost = float(np.sum((y - matrix @ solved(matrix, y)) ** 2))
-            if cost < best:
-                best, where = cost, here
-    return where
-
-
 def _refined(
     axis: Axis, structure: Structure, shape: Shape, held: tuple[str, ...], iterations: int = _ITERATIONS
 ) -> Fit:
@@ -250,25 +229,26 @@ def _refined(
     def at(z: FloatArray) -> dict[str, float]:
         return {**shape, **dict(zip(free, (z * scales).tolist(), strict=True))}
 
+    def solution(z: FloatArray) -> tuple[FloatArray, FloatArray, dict[str, float]]:
+        names, matrix = columns(axis, structure, at(z))
+        gains = solved(matrix[keep], y[keep])
+        return matrix, gains, dict(zip(names, gains.tolist(), strict=True))
+
     def residual(z: FloatArray) -> FloatArray:
-        matrix = columns(axis, structure, at(z))[1][keep]
-        return np.asarray(y[keep] - matrix @ solved(matrix, y[keep]))
+        matrix, gains, _ = solution(z)
+        return np.asarray(y - matrix @ gains)[keep]
 
     def slope(z: FloatArray) -> FloatArray:
-        here, out = residual(z), []
-        for k in range(len(z)):
-            step = _STEP if z[k] + _STEP <= high[k] else -_STEP
-            moved = z.copy()
-            moved[k] += step
-            out.append((residual(moved) - here) / step)
-        return np.column_stack(out)
+        matrix, gains, named = solution(z)
+        steps = np.where(z + _STEP <= high, _STEP, -_STEP)
+        moved = speeds(axis, structure, [at(own) for own in z + np.diag(steps)], named)
+        bent = ((matrix @ gains)[:, None] - moved)[keep] / steps
+        basis = np.linalg.qr(matrix[keep][:, gains > 0])[0]
+        return np.asarray(bent - basis @ (basis.T @ bent))
 
     begin = np.clip([shape[name] for name in free] / scales, low + 1e-6, high - 1e-6)
     answer = optimize.least_squares(
         residual, begin, jac=slope, bounds=(low, high), max_nfev=iterations, xtol=1e-5, ftol=1e-7
     )
-    found = at(answer.x)
-    names, matrix = columns(axis, structure, found)
-    gains = solved(matrix[keep], y[keep])
-    left = np.where(keep, y - matrix @ gains, 0.0)
-    return Fit(axis, structure, found, dict(zip(names, gains.tolist(), strict=True)), left)
+    matrix, gains, named = solution(answer.x)
+    return Fit(axis, structure, at(answer.x), named, np.where(keep, y - matrix @ gains, 0.0))

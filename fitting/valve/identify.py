@@ -17,11 +17,11 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.valve.checks import axis_checks, moves
-from fitting.valve.choose import Candidate, Chosen, chosen
+from fitting.valve.choose import Candidate, chosen
 from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
-from fitting.valve.inverse import Direction, ValveModel, direction_of, model_of
+from fitting.valve.inverse import ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
@@ -150,7 +150,6 @@ def _of_axis(
         error=None if judged is None else errors["handed_out"],
         pump_limit=machine.pump_limit if limit is None else limit,
     )
-    reached = [own.largest for own in model.directions]
     content = {
         "unit": axis.valve.unit,
         "full": axis.valve.full,
@@ -165,10 +164,10 @@ def _of_axis(
         "errors": errors,
         "laws": picked.laws,
         "effects": [_effect(found, alike, fit) for found, alike in zip(picked.found, picked.sets, strict=True)],
-        "verdict": _verdict(picked),
+        "verdict": ("ambiguous" if any(picked.sets) else "effect_added") if picked.found else "nothing_missing",
         "candidates": [[_candidate(c) for c in step] for step in picked.steps],
         "checks": axis_checks(machine, axis, picked.fit),
-        "largest_recorded": dict(zip(WAYS, reached, strict=True)),
+        "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
         "model": model.to_json(),
         "figures": _figures(fit, model, judged or axis),
     }
@@ -183,13 +182,13 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _value(fit: Fit, name: str, unit: str, factor: float = 1.0) -> dict[str, Any]:
-    value = factor * (fit.shape[name] if name in fit.shape else fit.gains[name])
-    std = fit.std(name)
-    if std is None:
-        return {"value": value, "std": None, "ci95": None, "unit": unit}
-    half = _NORMAL_95 * factor * std
-    return {"value": value, "std": factor * std, "ci95": [value - half, value + half], "unit": unit}
+def _value(fit: Fit, name: str, unit: str) -> dict[str, Any]:
+    return _barred(fit.shape[name] if name in fit.shape else fit.gains[name], fit.std(name), unit)
+
+
+def _barred(value: float, std: float | None, unit: str) -> dict[str, Any]:
+    ends = None if std is None else [value - _NORMAL_95 * std, value + _NORMAL_95 * std]
+    return {"value": value, "std": std, "ci95": ends, "unit": unit}
 
 
 def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
@@ -199,7 +198,7 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
     found = {
         "moves": True,
         "edge": _value(fit, f"edge.{name}", "of full command"),
-        "edge_at_2_percent": _edge(fit, model, way),
+        "edge_at_2_percent": _edge(fit, way),
         "compensated": _compensated(fit, way),
         "curve": fit.structure.curve,
         "law": {"id": own.law, "title": LAWS[own.law].title},
@@ -220,36 +219,36 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
     if found is None:
         return None
     edge = _value(fit, f"edge.{WAYS[way]}", "of full command")
-    ends = None if edge["ci95"] is None else [end - found for end in edge["ci95"]]
-    short = {"value": edge["value"] - found, "std": edge["std"], "ci95": ends, "unit": edge["unit"]}
+    short = _barred(edge["value"] - found, edge["std"], edge["unit"])
     return {"value": found, "unit": edge["unit"], "too_small_by": short}
 
 
-def _edge(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
+def _edge(fit: Fit, way: int) -> dict[str, Any]:
     """The command that gives 2 % of the speed at the largest one, at the reference drops, with its interval."""
-    valve, (names, S) = fit.axis.valve, fit.covariance
 
-    def at(own: Direction) -> float:
+    def at(moved: Fit) -> float:
+        own = direction_of(moved, way)
         return own.edge + own.opening(EDGE_SPEED * own.fastest)
 
-    here, slopes = at(model.directions[way]), np.zeros(len(names))
-    for place, key in enumerate(names):
-        step = 0.1 * float(np.sqrt(S[place, place]))
-        if key in fit.shape:
-            moved = replace(fit, shape={**fit.shape, key: fit.shape[key] + step})
-        else:
-            moved = replace(fit, gains={**fit.gains, key: fit.gains[key] + step})
-        slopes[place] = (at(direction_of(moved, way)) - here) / max(step, 1e-300)
-    std = float(np.sqrt(max(float(slopes @ S @ slopes), 0.0))) or None
-    sign = (1.0, -1.0)[way] * valve.extends
+    (here,), (std,) = (own.tolist() for own in _spread(fit, at))
+    valve = fit.axis.valve
     return {
-        "value": here,
-        "std": std,
-        "ci95": None if std is None else [here - _NORMAL_95 * std, here + _NORMAL_95 * std],
-        "unit": "of full command",
-        "command": valve.neutral + sign * here * valve.full,
+        **_barred(here, std or None, "of full command"),
+        "command": valve.neutral + (1.0, -1.0)[way] * valve.extends * here * valve.full,
         "command_unit": valve.unit,
     }
+
+
+def _spread(fit: Fit, of: Callable[[Fit], FloatArray | float]) -> tuple[FloatArray, FloatArray]:
+    """What ``of`` makes of a fit (k,), and its standard deviations, by its slopes over all free parameters."""
+    (names, S), here = fit.covariance, np.atleast_1d(of(fit))
+    slopes = np.zeros((len(here), len(names)))
+    for place, name in enumerate(names):
+        step = 1e-2 * max(float(np.sqrt(S[place, place])), 1e-300)
+        kind = "shape" if name in fit.shape else "gains"
+        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
+        slopes[:, place] = (of(replace(fit, **numbers)) - here) / step
+    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
 
 
 def _stiffness(fit: Fit) -> dict[str, Any] | None:
@@ -299,12 +298,6 @@ def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any
     return own | {"equation": effect.equation, "look_at": effect.look_at, "experiment": effect.experiment}
 
 
-def _verdict(picked: Chosen) -> str:
-    if not picked.found:
-        return "nothing_missing"
-    return "ambiguous" if any(picked.sets) else "effect_added"
-
-
 def _candidate(own: Candidate) -> dict[str, Any]:
     return {
         "id": own.id,
@@ -320,7 +313,13 @@ def _candidate(own: Candidate) -> dict[str, Any]:
 def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
     """The curve at the reference drops, and what was measured and predicted on the motion that was judged on."""
     u = np.linspace(-model.directions[1].largest, model.directions[0].largest, _POINTS)
-    v, std = _curve(fit, model, u)
+
+    def curve(own: Fit) -> FloatArray:
+        ways = direction_of(own, 0), direction_of(own, 1)
+        both = ((x, ways[0 if x > 0 else 1]) for x in u)
+        return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in both])
+
+    v, std = _spread(fit, curve)
     period = 1.0 / judged.bank.reduced_rate_hz
     measured = np.where(judged.keep, judged.speed, np.nan)
     return {
@@ -329,21 +328,3 @@ def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
         "measured": [None if np.isnan(own) else own for own in measured.tolist()],
         "predicted": predicted(judged, fit).tolist(),
     }
-
-
-def _curve(fit: Fit, model: ValveModel, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed at the reference drops over the command as share of full, m/s, and its standard deviation."""
-
-    def at(own: ValveModel) -> FloatArray:
-        ways = [own.directions[0 if x > 0 else 1] for x in u]
-        return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in zip(u, ways, strict=True)])
-
-    names, S = fit.covariance
-    here, slopes = at(model), np.zeros((len(u), len(names)))
-    for place, name in enumerate(names):
-        step = 1e-2 * np.sqrt(S[place, place])
-        kind = "shape" if name in fit.shape else "gains"
-        numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
-        moved = replace(fit, **numbers)
-        slopes[:, place] = (at(model_of(moved, error=None, pump_limit=None)) - here) / max(step, 1e-300)
-    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))

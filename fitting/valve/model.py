@@ -22,15 +22,16 @@ projection).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from scipy import optimize, special
 
 from fitting.arrays import FloatArray
-from fitting.valve.effects import EFFECTS, ValveEffect
+from fitting.signals.filters import recursive
+from fitting.valve.effects import EFFECTS, Drops, ValveEffect
 from fitting.valve.laws import LAWS, Bounds
 from fitting.valve.rows import Axis, Signals
 
@@ -44,6 +45,11 @@ LAG: Bounds = (0.04, 0.0, 0.2)
 DAMPING: Bounds = (1.0, 0.5, 1.2)
 EDGE: Bounds = (0.05, 0.0, 0.6)
 _POWER: Bounds = (1.0, 0.4, 3.0)
+#: Of a cycle, in each of which a spool stands at its mean: one that crosses an edge within a cycle is closed for a
+#: part of it, which its mean over the cycle does not know.
+PARTS = 4
+#: Of full stroke within a cycle, from which on a curve's mean is not the curve at the spool's mean.
+FAR = 0.01
 #: Degree of a free curve's slope.
 DEGREE = 3
 
@@ -81,81 +87,123 @@ class Structure:
             numbers |= effect.shape
         return numbers
 
-    def with_law(self, way: int, law: str) -> Structure:
-        """Another law in one direction."""
-        return replace(self, laws=(law, self.laws[1]) if way == 0 else (self.laws[0], law))
-
-    def with_effect(self, effect: str) -> Structure:
-        """One effect more."""
-        return replace(self, effects=(*self.effects, effect))
-
 
 def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, ...], FloatArray]:
     """Names of the linear parameters, and what one of each adds to the filtered speed, (M, k)."""
-    names, found = list[str](), list[FloatArray]()
-    for way in (0, 1, None):
-        others = tuple(f".{name}" for place, name in enumerate(WAYS) if place != way)
-        own = tuple((name, value) for name, value in shape.items() if not name.endswith(others))
-        block = _block(axis, structure, way, own)
-        names += block[0]
-        found.append(block[1])
-    return tuple(names), np.concatenate(found, axis=1)
+    parts = _parts(axis, structure, shape)
+    return tuple(parts), axis.reduced(np.stack(list(parts.values()), axis=1))
 
 
-@lru_cache(maxsize=16)
-def _block(
-    axis: Axis, structure: Structure, way: int | None, numbers: tuple[tuple[str, float], ...]
-) -> tuple[tuple[str, ...], FloatArray]:
-    """Columns of one direction, or of what is no matter of directions; most steps of a search move one direction."""
-    signals, shape = axis.signals, dict(numbers)
-    result = dict[str, FloatArray]() if way is None else _opened(axis, structure, shape, way)
-    if way is None:
-        told = delayed(signals, np.sign(signals.u), shape["delay"] * axis.bank.rate_hz)
-        share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
-        if structure.stiffness:
-            head, rod = signals.rates
-            left = np.clip(signals.x, 0.0, axis.cylinder.stroke)
-            result["compliance"] = -share * left * head + (1.0 - share) * (axis.cylinder.stroke - left) * rod
-            result["hoses"] = -share * head / axis.areas[0] + (1.0 - share) * rod / axis.areas[1]
-        for effect in structure.found:
-            result |= effect.columns(signals, share, axis.areas)
-    if not result:
-        return (), np.zeros((len(axis.speed), 0))
-    return tuple(result), axis.reduced(np.stack(list(result.values()), axis=1))
+def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
+    """Filtered speeds (M, S) that shapes make with the same gains, each by one column; a gain not there is none."""
+    whole = np.zeros((len(axis.signals), len(shapes)))
+    for place, shape in enumerate(shapes):
+        for name, own in _parts(axis, structure, shape).items():
+            whole[:, place] += gains.get(name, 0.0) * own
+    return axis.reduced(whole)
 
 
-def _opened(axis: Axis, structure: Structure, shape: Shape, way: int) -> dict[str, FloatArray]:
-    """What one unit of each gain of a direction does to the speed (N,)."""
-    signals, u = axis.signals, axis.signals.u
-    for effect in structure.found:
-        u = effect.command(u, shape)
+def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
+    """What one of each linear parameter adds to the speed (N,) before the filters, by its name."""
+    result = dict[str, FloatArray]()
+    for name, other in zip(WAYS, reversed(WAYS), strict=True):
+        own = tuple((key, value) for key, value in shape.items() if not key.endswith(f".{other}"))
+        result |= _directed(axis, structure, WAYS.index(name), own)
+    return result | _undirected(axis, structure, shape["delay"])
+
+
+@lru_cache(maxsize=4)
+def _directed(
+    axis: Axis, structure: Structure, way: int, numbers: tuple[tuple[str, float], ...]
+) -> Mapping[str, FloatArray]:
+    """Openings of one direction as speeds (N,): later, and by what pressures and effects make of them."""
+    shape, signals = dict(numbers), axis.signals
     late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
-    lag = min(shape["lag"], max(late, 0.0))
-    edge, sign = shape[f"edge.{WAYS[way]}"], SIGNS[way]
-    stroke = sign * followed(signals, u, lag * axis.bank.rate_hz, shape["damping"])
-    opened = land(structure, shape, way, np.maximum(stroke - edge, 0.0), axis.largest[way] - edge)
-    factor = sign * factors(axis, structure, shape, way)
-    moved = max(late - lag, 0.0) * axis.bank.rate_hz
+    lag, rate = min(shape["lag"], max(late, 0.0)), axis.bank.rate_hz
+    of_effects = tuple((name, shape[name]) for effect in structure.found for name in effect.shape if name in shape)
+    spool = (structure.effects, of_effects, lag * rate, shape["damping"])
+    power = shape.get(f"power.{WAYS[way]}", 1.0)
+    opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
+    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * rate
     result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
     for effect in structure.found:
         result = effect.limited(result, signals, shape)
     return result
 
 
+@lru_cache(maxsize=4)
+def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
+    """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
+    signals, result = axis.signals, dict[str, FloatArray]()
+    told = delayed(signals, np.sign(signals.u), delay * axis.bank.rate_hz)
+    share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
+    if structure.stiffness:
+        head, rod = signals.rates
+        left = np.clip(signals.x, 0.0, axis.cylinder.stroke)
+        result["compliance"] = -share * left * head + (1.0 - share) * (axis.cylinder.stroke - left) * rod
+        result["hoses"] = -share * head / axis.areas[0] + (1.0 - share) * rod / axis.areas[1]
+    for effect in structure.found:
+        result |= effect.columns(signals, share, axis.areas)
+    return result
+
+
+#: Effects, their numbers, lag in samples, damping.
+_Spool = tuple[tuple[str, ...], tuple[tuple[str, float], ...], float, float]
+
+
+@lru_cache(maxsize=4)
+def _stroke(axis: Axis, spool: _Spool) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Where the spool is before the delay, (PARTS, N), and its mean, least and largest in each cycle (N,)."""
+    (effects, numbers, samples, damping), u = spool, axis.signals.u
+    for effect in effects:
+        u = EFFECTS[effect].command(u, dict(numbers))
+    fine = followed(axis.signals, u, samples, damping)
+    return fine, fine.mean(axis=0), fine.min(axis=0), fine.max(axis=0)
+
+
+@lru_cache(maxsize=8)
+def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: float) -> Mapping[str, FloatArray]:
+    """The curve's columns (N,) for one unit of each gain, counted to the largest command that was recorded.
+
+    Means over each cycle: over its parts where the spool crosses the edge or goes far, else at the spool's mean.
+    """
+    fine, mean, low, high = _stroke(axis, spool)
+    if SIGNS[way] < 0:
+        mean, low, high = -mean, -high, -low
+    within = (high > edge) & ((low < edge) | ((high - low > FAR) & (curve != "line")))
+    far, near = np.flatnonzero(within), np.flatnonzero((mean > edge) & ~within)
+    opening = np.maximum(np.append(mean[near], SIGNS[way] * fine[:, far]) - edge, 0.0)
+    name = f"gain.{WAYS[way]}"
+    if curve == "monotone":
+        parts = free_curve(opening, power, max(axis.largest[way] - edge, 1e-6))
+        names = [f"{name}.{j}" for j in range(len(parts))]
+    else:
+        parts, names = [np.power(opening, power) if curve == "power" else opening], [name]
+    whole = np.zeros((len(parts), len(mean)))
+    for own, out in zip(parts, whole, strict=True):
+        out[near], out[far] = own[: len(near)], own[len(near) :].reshape(PARTS, -1).mean(axis=0)
+    return dict(zip(names, whole, strict=True))
+
+
 def followed(signals: Signals, u: FloatArray, samples: float, damping: float) -> FloatArray:
-    """What a spool makes of a command that is held between samples (N,): its mean over each cycle.
+    """What a spool makes of a command that is held between samples (N,): its means over parts of each cycle (PARTS, N).
 
     A spring, a mass and a damper, ``samples`` late on the average; before a stretch it was at rest.
     """
     late = max(samples, 1e-3)
     split = np.sqrt(complex(damping**2 - 1.0, 1e-9))  # two poles, nearly one where it is critically damped
     one, other = (-2.0 * damping / late * (damping + own) for own in (split, -split))
-    time = np.arange(3.0 + np.ceil(14.0 / -max(one.real, other.real)))
+    time = np.arange(3 * PARTS + 1) / PARTS
     gone = other / one * np.exp(one * time) - one / other * np.exp(other * time)
     ramp = time - late + (gone / (one - other)).real
-    taps = np.diff(np.diff(ramp), prepend=0.0)
-    parts = [u[part] for part in signals.parts]
-    return np.concatenate([own[0] + np.convolve(own - own[0], taps)[: len(own)] for own in parts])
+    steps = PARTS * np.diff(ramp).reshape(3, PARTS)  # the answer to a step; it goes on with the two poles
+    poles = np.poly(np.exp([one, other])).real
+    out = np.empty((PARTS, len(u)))
+    for place, taps in enumerate(np.diff(steps, axis=0, prepend=0.0).T):
+        zeros = np.convolve(taps, poles)[:3]
+        for part in signals.parts:
+            out[place, part] = u[part][0] + recursive(zeros, poles, u[part] - u[part][0])
+    return out
 
 
 def delayed(signals: Signals, u: FloatArray, samples: float) -> FloatArray:
@@ -165,31 +213,35 @@ def delayed(signals: Signals, u: FloatArray, samples: float) -> FloatArray:
     """
     whole = int(np.floor(samples + 0.5))
     fraction = samples + 0.5 - whole
-    index = np.maximum(np.arange(len(u)) - whole, signals.first)
-    return np.asarray((1.0 - fraction) * u[index] + fraction * u[np.maximum(index - 1, signals.first)])
+    out = np.empty(len(u))
+    for part in signals.parts:
+        own, late = u[part], out[part]
+        known = max(len(own) - whole - 1, 0)
+        late[: len(own) - known] = own[0]
+        late[len(own) - known :] = (1.0 - fraction) * own[1 : known + 1] + fraction * own[:known]
+    return out
 
 
 def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
     """What pressures and effects make of an opening (N,), 1 at the reference."""
-    law, signals = LAWS[structure.laws[way]], axis.signals
-    own = {name: shape[f"{name}.{WAYS[way]}"] for name in law.shape}
-    inlet = (signals.supply - signals.inlet[way]) / axis.drops[way, 0]
-    outlet = (signals.outlet[way] - signals.tank) / axis.drops[way, 1]
-    factor = law.factor(inlet, outlet, axis.drops[way], own)
+    law = structure.laws[way]
+    factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))
     for effect in structure.found:
-        factor = effect.factor(factor, WAYS[way], signals, (inlet, outlet), shape, axis.areas)
+        factor = effect.factor(factor, WAYS[way], axis.signals, _drops(axis, way), shape, axis.areas)
     return factor
 
 
-def land(structure: Structure, shape: Shape, way: int, opening: FloatArray, reach: float) -> dict[str, FloatArray]:
-    """The curve's columns for one unit of each gain; ``reach`` is how far the largest command is beyond the edge."""
-    name = f"gain.{WAYS[way]}"
-    if structure.curve == "line":
-        return {name: opening}
-    power = shape[f"power.{WAYS[way]}"]
-    if structure.curve == "power":
-        return {name: np.power(opening, power)}
-    return {f"{name}.{j}": own for j, own in enumerate(free_curve(opening, power, max(reach, 1e-6)))}
+@lru_cache(maxsize=4)
+def _drops(axis: Axis, way: int) -> Drops:
+    signals = axis.signals
+    inlet, outlet = signals.supply - signals.inlet[way], signals.outlet[way] - signals.tank
+    return inlet / axis.drops[way, 0], outlet / axis.drops[way, 1]
+
+
+@lru_cache(maxsize=8)
+def _by_law(axis: Axis, law: str, way: int, numbers: tuple[float, ...]) -> FloatArray:
+    shape = dict(zip(LAWS[law].shape, numbers, strict=True))
+    return LAWS[law].factor(*_drops(axis, way), axis.drops[way], shape)
 
 
 def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArray]:
@@ -199,8 +251,15 @@ def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArr
     """
     whole = np.power(opening / reach, power)
     share = np.minimum(whole, 1.0)
-    tails = [special.comb(DEGREE + 1, i) * share**i * (1.0 - share) ** (DEGREE + 1 - i) for i in range(DEGREE + 2)]
-    parts = [np.sum(tails[j + 1 :], axis=0) / (DEGREE + 1) for j in range(DEGREE + 1)]
+    rest, order = 1.0 - share, DEGREE + 1
+    rising, falling = [np.ones_like(share)], [np.ones_like(share)]
+    for _ in range(order):
+        rising.append(rising[-1] * share)
+        falling.append(falling[-1] * rest)
+    parts, tail = list[FloatArray](), np.zeros_like(share)
+    for i in range(order, 0, -1):
+        tail = tail + special.comb(order, i) * rising[i] * falling[order - i]
+        parts.insert(0, tail / order)
     return [*parts[:-1], parts[-1] + whole - share]
 
 

@@ -192,9 +192,9 @@ def axis_of(
         pieces += found
     whole = replace(bank, identification=np.convolve(bank.value, bank.identification))
     signals, start = [], 0
-    for piece in pieces:
-        signals.append(replace(piece.signals, first=np.full(len(piece.signals), start)))
-        start += len(piece.signals)
+    for own, _, _ in pieces:
+        signals.append(replace(own, first=np.full(len(own), start)))
+        start += len(own)
     joined = {f.name: np.concatenate([getattr(own, f.name) for own in signals], axis=-1) for f in fields(Signals)}
     axis = Axis(
         joint=joint,
@@ -202,9 +202,9 @@ def axis_of(
         valve=cylinder.valve,
         bank=whole,
         signals=Signals(**joined),
-        speed=np.concatenate([piece.speed for piece in pieces]),
-        keep=np.concatenate([piece.keep for piece in pieces]),
-        recordings=np.concatenate([np.full(len(p.speed), p.signals.recording[0]) for p in pieces]),
+        speed=np.concatenate([speed for _, speed, _ in pieces]),
+        keep=np.concatenate([keep for _, _, keep in pieces]),
+        recordings=np.concatenate([np.full(len(speed), own.recording[0]) for own, speed, _ in pieces]),
         drops=np.ones((2, 2)),
         largest=(max(0.0, float(joined["u"].max())), max(0.0, float(-joined["u"].min()))),
     )
@@ -213,11 +213,8 @@ def axis_of(
     return replace(axis, drops=_drops(axis))
 
 
-@dataclass(frozen=True)
-class _Piece:
-    signals: Signals
-    speed: FloatArray
-    keep: BoolArray
+#: A stretch: what was measured, measured speed, and rows to keep.
+_Piece = tuple[Signals, FloatArray, BoolArray]
 
 
 def _stretches(machine: Machine, joint: Joint, recording: Recording, number: int, bank: FilterBank) -> list[_Piece]:
@@ -281,7 +278,7 @@ def _stretch(
         temperature=nothing if oil is None else oil,
         usable=usable,
     )
-    return _Piece(signals, speed, tainted <= _TAINTED)
+    return signals, speed, tainted <= _TAINTED
 
 
 def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArray:

@@ -66,9 +66,10 @@ def run_valve_demo(
     """
     from daq.acquisition.acquisition import AcquisitionProcess
     from fitting.arm.base_parameters import reduce_parameters
-    from fitting.commands.valve_command import identified_and_written
     from fitting.excitation import ExcitationOptions, design_motion
+    from fitting.loop.session import Request
     from fitting.pipeline.stages import require_writable
+    from fitting.pipeline.valve_stage import identified_and_written
     from fitting.valve.motion import plan_valve_motions, written_plan
     from sim_backends.simulated_machine import SimulatedMachine
     from sim_backends.valve.effects import parse_valve_spec
@@ -101,14 +102,9 @@ def run_valve_demo(
                 motion = output / "motions" / f"{name}.csv"
                 recorded.append((role, path, record_played(simulated, acquisition, motion, role, path, shown)))
                 done += length
-        *train, (_, validate, _) = recorded
+        request = Request(simulated.machine_path, tuple((role, path) for role, path, _ in recorded), output)
         report, files = identified_and_written(
-            simulated.machine_path,
-            [path for _, path, _ in train],
-            [validate],
-            output,
-            ("c", "csv", "st"),
-            progress=lambda share, text: progress(last + (1.0 - last) * share, text),
+            request, ("c", "csv", "st"), lambda share, text: progress(last + (1.0 - last) * share, text)
         )
     tests = [self_tested(file) for file in files if file.name.endswith("_selftest.c")]
     return report, Acquired.of(recorded, machine.rate_hz), tests
