@@ -1,8 +1,8 @@
 """From residual to named effect: the most probable set of terms, found step by step, each confirmed elsewhere.
 
 One criterion decides: the posterior odds of :mod:`fitting.selection.rating`. A step takes the most probable
-explanation, rebuilds and refits, and looks again. At the end every term is held against all others in its place, beside
-the rest.
+explanation, rebuilds and refits, and looks again. Where nothing more is probable, every term is held against all others
+in its place, beside the rest; where one is dropped or replaced, the search goes on beside what is there then.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ def attribute(
     progress : called with a fraction and plain words
     """
     search = Search(base, effects, validate, signals, bootstrap, known)
-    for number in range(2 * priors.MOST):
+    for number in range(4 * priors.MOST):
         progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
-        if not search.step():
+        if not search.step() and not search.exchange():
             break
     search.settle()
     return search.result()
@@ -293,23 +293,25 @@ class Search:
         )
         return found if two - np.log(found.grid) > one + priors.SAID_ODDS else law
 
-    def settle(self) -> None:
-        """Hold every term against all others in its place; what is not needed goes, what is beaten is replaced.
+    def exchange(self) -> bool:
+        """Drop a term that is not needed beside the others, or replace one that is beaten; False where none is.
 
-        From here on gains are divided by how much noisier the rows that show them are in what the model leaves.
+        Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
         self._without_needless_lines()
-        for _ in range(priors.MOST):
-            self.left = Leftover.of(self.model)
-            self.slots = []
-            for number in range(self.known, len(self.accepted)):
-                slot = self._slot(number)
-                if slot.moved:
-                    break
-                self.slots.append(slot)
-            if len(self.slots) == len(self.accepted) - self.known:
-                break
-        else:
+        self.left = Leftover.of(self.model)
+        self.slots = []
+        for number in range(self.known, len(self.accepted)):
+            slot = self._slot(number)
+            if slot.moved:
+                self.left = None  # that model is no more: what it lacks is looked for anew
+                return True
+            self.slots.append(slot)
+        return False
+
+    def settle(self) -> None:
+        """Hold every term that is left against all others in its place, and drop what is improbable."""
+        if self.left is None:  # rounds are over, and no place was at rest
             self.left = Leftover.of(self.model)
             self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
         self._without_improbable()
@@ -362,6 +364,7 @@ class Search:
         place = item.score.term.family
         self.accepted, self.model = others, model
         if slot.nothing > 1 - priors.SAID or not rated:
+            self.refused.add(family(item.score.term))
             self.table[place] = Candidate(
                 *place, margin(item.score), "rejected", "not needed beside what was found later"
             )
