@@ -15,6 +15,7 @@ rises; a motion starts and ends at rest. Joints without a column hold still.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -89,6 +90,9 @@ def write_motion(path: str | Path, motion: Motion) -> None:
     table = np.column_stack([motion.time, *motion.columns.values()])
     lines += [",".join(f"{value:.9g}" for value in row) for row in table]
     try:
+        path.parent.stat()  # no folder is made: its name may be mistyped
+        with suppress(FileNotFoundError):
+            path.stat()
         write_whole(path, ("\n".join(lines) + "\n").encode())  # a controller may watch the folder
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None

@@ -111,7 +111,7 @@ def test_a_folder_that_may_not_be_touched_is_one_line(tmp_path, monkeypatch):
     def refused(self, *arguments, **options):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "write_text", refused)
+    monkeypatch.setattr(Path, "write_bytes", refused)
     monkeypatch.setattr(Path, "unlink", refused)
     with pytest.raises(InputError, match=r"m\.csv: cannot be written \(Permission denied\); choose another place$"):
         write_motion(tmp_path / "m.csv", pinned())
@@ -135,13 +135,14 @@ def test_nothing_half_is_left_where_writing_fails(tmp_path, monkeypatch):
 def test_a_file_that_is_being_written_is_hidden(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # A controller watches the folder and takes what it sees for a motion.
     seen: list[str] = []
-    write_text = Path.write_text
+    write_bytes = Path.write_bytes
 
-    def watched(self: Path, *args: object, **options: object) -> int:
+    def watched(self: Path, content: bytes) -> int:
         seen.append(self.name)
-        return write_text(self, *args, **options)  # type: ignore[arg-type]
+        return write_bytes(self, content)
 
-    monkeypatch.setattr(Path, "write_text", watched)
+    monkeypatch.setattr(Path, "write_bytes", watched)
     write_motion(tmp_path / "a.csv", Motion("arm", "pinned", np.array([0.0, 0.02]), {"joint1": np.zeros(2)}))
-    assert seen == [".a.csv.part"]
+    (name,) = seen
+    assert name.startswith(".a.csv.")
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
