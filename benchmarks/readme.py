@@ -1,7 +1,7 @@
 """The results of the demonstrations in README.md, as the commands print them.
 
 ``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they say there.
-``hilfit bench demo`` runs the first again and compares the numbers, a test of a shorter one compares the words.
+``hilfit bench demo`` runs the first again and compares the numbers, a test words and numbers.
 """
 
 from __future__ import annotations

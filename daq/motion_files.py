@@ -92,7 +92,7 @@ def write_motion(path: str | Path, motion: Motion) -> None:
     try:
         path.parent.stat()  # no folder is made: its name may be mistyped
         with suppress(FileNotFoundError):
-            path.stat()
+            path.stat()  # in a file that is taken for a folder: says so
         write_whole(path, ("\n".join(lines) + "\n").encode())  # a controller may watch the folder
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
