@@ -24,6 +24,7 @@ class Rated:
     exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
     leftover : log Bayes factor of the same as what is left of effects that were found
     refuted : the same of effects that were found, and of names that did not hold elsewhere
+    against : log odds that leftovers explain it instead, which the odds are held against
     """
 
     score: Score
@@ -32,6 +33,7 @@ class Rated:
     exact: float
     leftover: float
     refuted: float
+    against: float = 0.0
 
     @property
     def term(self) -> Term:

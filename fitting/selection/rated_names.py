@@ -150,8 +150,8 @@ class RatedNames:
             for form, law in enumerate((True, False)):
                 left = self._sizes.left(joint, law)
                 if left.max() > 0:
-                    found = log_sum(named_evidence(gain, live[places], left), weights=priors.LEFTOVER_WEIGHTS)
-                    total[places, form] += np.maximum(found, 0.0)
+                    found = named_evidence(gain, live[places], left)
+                    total[places, form] += log_sum(found, weights=priors.LEFTOVER_WEIGHTS)
         for n, (leftover, refuted) in zip(numbers, total.tolist(), strict=True):
             self._trust.keep("left", n, scores[n], (leftover, refuted))
         return {n: self._trust.known("left", n, scores[n]) for n in scores}
@@ -193,10 +193,11 @@ class RatedNames:
         plain = log_means(np.array([exact[n] for n in numbers]) + believable, counts).tolist()
         ends = np.cumsum(counts).tolist()
         best = [numbers[e - c + int(np.argmax(total[e - c : e]))] for e, c in zip(ends, counts.tolist(), strict=True)]
-        left = self._leftovers({n: scores[n] for n in best})
+        known = self._leftovers({n: scores[n] for n in numbers})
+        left = [log_means(form, counts).tolist() for form in np.array([known[n] for n in numbers]).T]
         return [
-            Rated(scores[n], prior + own, own, prior + simple, *left[n])
-            for n, prior, own, simple in zip(best, log_priors, bayes, plain, strict=True)
+            Rated(scores[n], prior + own, own, prior + simple, leftover, refuted)
+            for n, prior, own, simple, leftover, refuted in zip(best, log_priors, bayes, plain, *left, strict=True)
         ]
 
     def _plausible(self, number: int, score: Score) -> float:

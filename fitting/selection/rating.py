@@ -9,7 +9,6 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
@@ -35,7 +34,7 @@ class Rating:
     visible : (n,) amplitude per joint of effects that were found, standard deviations
     failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
     overtones : number of a name to the number of its overtone, where a candidate is one
-    left : what the final model leaves, once there is one
+    settled : nothing more is looked for: gains are divided by how much noisier the rows are that show them
     """
 
     def __init__(
@@ -45,9 +44,10 @@ class Rating:
         visible: FloatArray,
         failed: FloatArray | None = None,
         overtones: Mapping[int, int] | None = None,
-        left: Leftover | None = None,
+        settled: bool = False,
     ) -> None:
-        self._visible, self._left = visible, left
+        self._visible, self._settled = visible, settled
+        self._inflations: dict[int, float] = {}
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         by_joint: dict[int, list[int]] = {}
@@ -56,7 +56,7 @@ class Rating:
                 law = term.content
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
                 by_joint.setdefault(term.joint or 0, []).append(number)
-        self._trust = Trust(candidates, model, by_joint, left)
+        self._trust = Trust(candidates, model, by_joint)
         sizes = Sizes(model, visible, self._failed)
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
@@ -74,6 +74,21 @@ class Rating:
             else:
                 names.setdefault(family(term), []).append(number)
         self._trust.weigh(names.values(), laws.values(), scores)
+        rated = self._explanations(names, laws, scores)
+        if self._settled:
+            number, heads = {score.term.label: n for n, score in scores.items()}, dict[int, tuple[int, Score]]()
+            for r in rated:
+                if r.term.joint is not None and not r.term.everywhere and r.score.gain > priors.SMALLEST**2:
+                    heads.setdefault(r.term.joint, (number[r.term.label], r.score))
+            self._inflations = self._trust.inflations(heads)
+            self._trust.divide(self._inflations, scores)
+            rated = self._explanations(names, laws, scores)
+        return rated
+
+    def _explanations(
+        self, names: Mapping[Family, Sequence[int]], laws: Mapping[int, Sequence[int]], scores: Mapping[int, Score]
+    ) -> list[Rated]:
+        """All explanations, with the shares of their gains that are believed now."""
         catalogued = sum(f[0] != "law" for f in names)
         unknown = sum(len(own) for own in laws.values()) + len(names) - catalogued
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
@@ -83,10 +98,6 @@ class Rating:
         for joint, own in laws.items():
             result += self._laws.of_joint(joint, own, scores, law_each, covered)
         return by_formula(_against_leftovers(result))
-
-    def weigh(self, scores: Mapping[int, Score]) -> None:
-        """Know what the final model leaves, but not of any replicas."""
-        self._trust.against_leftovers(scores)
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
         """One shape of a name by itself, not knowing of any replicas."""
@@ -110,8 +121,8 @@ class Rating:
         if 0 not in scores or 1 not in scores:
             return rated
         overtones = {} if overtone is None else {0: len(terms) - 1}
-        rating = Rating(small, model, self._visible, self._failed, overtones, self._left)
-        rating.weigh(scores)
+        rating = Rating(small, model, self._visible, self._failed, overtones)
+        rating._trust.divide(self._inflations, scores)
         both = [rating.alone(number, scores) for number in (0, 1)]
         narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
         more = both[0].log_bayes - both[1].log_bayes - narrow
@@ -145,7 +156,9 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
             left = np.array([r.leftover if laws else r.refuted for r in own])
             nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
             ours = [r for r in own if isinstance(r.term.content, Law) == laws]
-            result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing) for r in ours]
+            result += [
+                replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in ours
+            ]
     return result
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
-from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.trials import Signals, Trials
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
 from fitting.residual.laws import Law
@@ -103,6 +102,7 @@ class Search:
         self.model, self.accepted = base, list(known)
         self.known = len(known)
         self.refused: set[tuple[object, ...]] = set()
+        self.unneeded: set[tuple[object, ...]] = set()  # dropped as improbable: not added again, but not refuted
         self.again: set[tuple[object, ...]] = set()  # of these, what made another joint worse: until that is explained
         self.lawless: set[int | None] = set()
         self.failed: list[tuple[int | None, float]] = []
@@ -122,7 +122,7 @@ class Search:
         self.fresh: set[int] = set()  # candidates whose columns were made anew since
         self.slots: list[Slot] = []
         self.open: list[Rated] = []
-        self.left: Leftover | None = None
+        self.settled = False  # nothing more is looked for beside this model
         self.dropped: list[Slot] = []
 
     def step(self) -> bool:
@@ -136,8 +136,35 @@ class Search:
         self.open = rated
         if _log_total(rated) < priors.SAID_ODDS:
             return False
-        self._try(decided(self._sharp(rated, self.model)))
+        sharp = self._sharp(rated)
+        self._try(self._first_of_two(decided(sharp), sharp))
         return True
+
+    def _first_of_two(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
+        """The choice; of a law, a name instead that together with a second name of its joint is more probable.
+
+        A curve can be bent by two effects, and neither of them alone explains what it does. Both formulas have to be
+        nature's: what a curve beside them would make up for is the law's.
+        """
+        if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
+            return choice
+        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.NAMED_ODDS
+        names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
+        for first in names[:WIDTH]:
+            beside = self._rated(self.gate.with_term(self.model, first.term))
+            second = [
+                r
+                for r in self._beside(beside, [*self.model.terms, first.term])
+                if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > priors.SAID_ODDS
+            ]
+            # Two names are not what the first leaves: that is held against the second once it is asked for.
+            total = first.exact + max((r.exact + r.against for r in second), default=-np.inf)
+            if total > most:
+                best, most = first, total
+        self.candidates.follow(self.scored.model, scored.model)
+        self.candidates.refresh(scored.model, self.fresh)
+        self.scored = scored
+        return best
 
     def _rated(self, model: Model) -> list[Rated]:
         """All candidates beside a model, with the bias of noisy regressors taken off those that contend.
@@ -146,15 +173,16 @@ class Search:
         """
         if self.scored.model is not model:
             self.scored = self._scores_beside(model)
-        scores, drawn, rating = self.scored.scores, self.scored.drawn, self._rating(model)
-        rated = rating.rated(scores)
+        scores, drawn = self.scored.scores, self.scored.drawn
+        self.rating = Rating(self.candidates, model, self._visible(model), self._failed(), settled=self.settled)
+        rated = self.rating.rated(scores)
         number = {score.term.label: n for n, score in scores.items()}
         # What was drawn may lose by it, and others contend then: they are drawn as well.
         while self.draws.wanted and (chosen := [r for r in _contending(rated, drawn) if r.term.label not in drawn]):
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
-            rated = rating.rated(scores)
+            rated = self.rating.rated(scores)
         return rated
 
     def _scores_beside(self, model: Model) -> _Scored:
@@ -175,7 +203,7 @@ class Search:
 
     def _beside(self, rated: Sequence[Rated], there: Sequence[Term]) -> list[Rated]:
         """Explanations that may stand beside some terms: not one of them, and not refused."""
-        closed = {family(term) for term in there} | self.refused
+        closed = {family(term) for term in there} | self.refused | (set() if self.settled else self.unneeded)
         return [
             r
             for r in rated
@@ -207,18 +235,14 @@ class Search:
                 seen[place] += priors.FAILED**2 * size
         return np.sqrt(seen)
 
-    def _rating(self, model: Model) -> Rating:
-        return Rating(self.candidates, model, self._visible(model), self._failed(), left=self.left)
-
-    def _sharp(self, rated: Sequence[Rated], model: Model) -> list[Rated]:
-        """Explanations with the shapes of those names searched that come near the best of their joint.
+    def _sharp(self, rated: Sequence[Rated]) -> list[Rated]:
+        """Explanations beside the model that was rated last, the shapes of names near the best of their joint searched.
 
         A spline adapts itself; a formula is compared with it at its best shape.
         """
         if not rated:
             return []
         head = rated[0]
-        rating = self._rating(model)
         near = [
             r
             for r in rated
@@ -226,7 +250,8 @@ class Search:
             and isinstance(r.term.content, Effect)
             and r.score.gain > NEAR * head.score.gain
         ][:WIDTH]
-        return by_formula([*(rating.sharper(r, model) for r in near), *(r for r in rated if r not in near)])
+        sharper = [self.rating.sharper(r, self.scored.model) for r in near]
+        return by_formula([*sharper, *(r for r in rated if r not in near)])
 
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""
@@ -299,20 +324,20 @@ class Search:
         Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
         self._without_needless_lines()
-        self.left = Leftover.of(self.model)
+        self.settled = True
         self.slots = []
         for number in range(self.known, len(self.accepted)):
             slot = self._slot(number)
             if slot.moved:
-                self.left = None  # that model is no more: what it lacks is looked for anew
+                self.settled = False  # that model is no more: what it lacks is looked for anew
                 return True
             self.slots.append(slot)
         return False
 
     def settle(self) -> None:
         """Hold every term that is left against all others in its place, and drop what is improbable."""
-        if self.left is None:  # rounds are over, and no place was at rest
-            self.left = Leftover.of(self.model)
+        if not self.settled:  # rounds are over, and no place was at rest
+            self.settled = True
             self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
         self._without_improbable()
         if not self.slots:
@@ -351,7 +376,7 @@ class Search:
         all_, self.accepted = self.accepted, others
         rated = self._beside(self._rated(model), rest)
         own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
-        rated = self._sharp(rated, model)
+        rated = self._sharp(rated)
         slot = Slot.of(item, by_formula(rated))
         self.accepted = all_
         content = item.score.term.content
@@ -364,7 +389,7 @@ class Search:
         place = item.score.term.family
         self.accepted, self.model = others, model
         if slot.nothing > 1 - priors.SAID or not rated:
-            self.refused.add(family(item.score.term))
+            self.unneeded.add(family(item.score.term))
             self.table[place] = Candidate(
                 *place, margin(item.score), "rejected", "not needed beside what was found later"
             )
@@ -413,7 +438,7 @@ class Search:
 
     def rate_nothing(self) -> float:
         """Rate all candidates beside the model: the probability that nothing more is missing than is there."""
-        self.left = Leftover.of(self.model)
+        self.settled = True
         self.open = self._open(self._rated(self.model))
         return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
 

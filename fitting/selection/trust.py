@@ -15,7 +15,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import whitened_parts
-from fitting.selection.gains import biased_gain, known_bias, margin, scatter, shares
+from fitting.selection.gains import biased_gain, known_bias, scatter, shares
 
 
 class Trust:
@@ -26,19 +26,10 @@ class Trust:
     candidates : with their columns
     model : what is there
     laws : joint to the numbers of its laws of one signal
-    left : what the final model leaves, once there is one: a gain from rows that are noisier than they should be is
-        worth that much less
     """
 
-    def __init__(
-        self,
-        candidates: Candidates,
-        model: Model,
-        laws: Mapping[int, Sequence[int]],
-        left: Leftover | None = None,
-    ) -> None:
-        self._candidates, self._model, self._laws, self._left = candidates, model, laws, left
-        self._inflations: dict[int, tuple[Score, float]] = {}
+    def __init__(self, candidates: Candidates, model: Model, laws: Mapping[int, Sequence[int]]) -> None:
+        self._candidates, self._model, self._laws = candidates, model, laws
         self._shares: dict[int, float] = {}
         self._memo: dict[tuple[str, int], tuple[Score, float, Any]] = {}
 
@@ -54,31 +45,24 @@ class Trust:
             self._shares |= shares(own, scores)
         self._share_scatter(names, scores)
         self._share_bias(names, scores)
-        self.against_leftovers(scores)
 
-    def against_leftovers(self, scores: Mapping[int, Score]) -> None:
-        """Divide by how much noisier the rows of each joint are that show what is most there, for its parameters.
+    def inflations(self, heads: Mapping[int, tuple[int, Score]]) -> dict[int, float]:
+        """How much noisier the rows are, joint by joint, that show what is most probable there: number and score."""
+        result = {}
+        for joint, (number, score) in heads.items():
+            shown = self._candidates.shown(self._model, number, score.values)
+            result[joint] = Leftover.of(self._model, shown).inflation(shown)
+        return result
+
+    def divide(self, inflations: Mapping[int, float], scores: Mapping[int, Score]) -> None:
+        """Divide the shares by these factors of the joints.
 
         What explains the same rows is compared by what is left of them, so it is one factor for all of a joint; of what
         acts everywhere each joint's part has the joint's.
         """
-        if self._left is None:
-            return
-        heads: dict[int, int] = {}
-        for n, score in scores.items():
-            joint = score.term.joint
-            if joint is None or score.term.everywhere or not score.gain > priors.SMALLEST**2:
-                continue
-            if joint not in heads or margin(score) > margin(scores[heads[joint]]):
-                heads[joint] = n
-        for joint, n in heads.items():
-            if joint not in self._inflations or self._inflations[joint][0] is not scores[n]:
-                shown = self._candidates.shown(self._model, n, scores[n].values)
-                self._inflations[joint] = scores[n], self._left.inflation(shown)
-        of_joint = {joint: self._inflations[joint][1] for joint in heads}
         for n, score in scores.items():
             parts = dict(enumerate(score.places)) if score.term.everywhere else {score.term.joint or 0: 1.0}
-            kept = sum(max(part, 0.0) / of_joint.get(joint, 1.0) for joint, part in parts.items())
+            kept = sum(max(part, 0.0) / inflations.get(joint, 1.0) for joint, part in parts.items())
             self._shares[n] = self._shares.get(n, 1.0) * (
                 kept / sum(max(p, 0.0) for p in parts.values()) if kept else 1.0
             )

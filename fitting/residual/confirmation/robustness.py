@@ -3,15 +3,19 @@
 The noise is measured where a motion was made twice, over all of it alike, and within some per cent. Where it depends on
 the motion (a sign that is unsure near reversals, knocks), or hangs together for longer than was heard, chance reaches
 further for a term that acts just there. On a machine whose model is not exact, what the final model leaves is neither
-white nor small. So the gain of a term is worth less by
+white nor small. So the gain of a term is worth less by ``phi``, which is seen as
 
-    phi = max(1, w, w c),   w = sum_t u_t^2 e_t^2 / sum_t u_t^2,   c = sum_f S(f) |U(f)|^2 / sum_f |U(f)|^2,
+    max(1, w, w c),   w = sum_t u_t^2 e_t^2 / sum_t u_t^2,   c = sum_f S(f) |U(f)|^2 / sum_f |U(f)|^2,
 
-``u`` what the fitted term contributes less what the base takes of it, ``U`` its spectrum, ``e`` what the final model
+``u`` what the fitted term contributes less what the base takes of it, ``U`` its spectrum, ``e`` what the model with it
 leaves and ``S`` its spectrum over its mean square, an autoregression (Burg's): how large it is where the term acts, and
-how slow. Right noise gives one. It is the same in the gate and in the probabilities.
+how slow. Right noise gives one, but a term that acts in few rows is seen at anything: the logarithm has the variance
+``2 / n + 2 k / N``, ``n = (sum u^2)^2 / sum u^4`` the rows that show the term, ``k`` the order of the autoregression
+and ``N`` its rows. As probable as not the noise is right, or off by any factor up to :data:`~_MOST`; a gain keeps the
+mean of ``1 / phi`` under what that leaves. It is the same in the gate and in the probabilities.
 
-Sources: White, Econometrica 48 (1980) 817 (rows of unequal noise); and those of :mod:`fitting.estimators.covariance`.
+Sources: White, Econometrica 48 (1980) 817 (rows of unequal noise); Priestley, *Spectral Analysis and Time Series*,
+1981, 7.8 (the variance of autoregressive spectra); and those of :mod:`fitting.estimators.covariance`.
 """
 
 from __future__ import annotations
@@ -31,56 +35,66 @@ from fitting.residual.terms import Model
 _DEAD = 1e-8
 #: Rows of a joint below which no autoregression is fitted.
 _SHORT = 40
+#: Largest factor by which noise may be off.
+_MOST = 100.0
 
 
 class Leftover:
-    """What a final model leaves, by which gains are divided.
+    """What a model leaves, by which gains are divided.
 
     Parameters
     ----------
-    residual : of each joint (R_j,), whitened
+    residual : by joint (R_j,), whitened
     sections : of each joint the rows of each fitted segment, in time order; rows of a prior are in none
     """
 
-    def __init__(self, residual: Sequence[FloatArray], sections: Sequence[Sequence[slice]]) -> None:
-        self._squares = [r**2 for r in residual]
-        self._parts = [
-            [(part, _spectrum(own, part)) for part in parts if part.stop > part.start]
-            for own, parts in zip(residual, sections, strict=True)
-        ]
+    def __init__(self, residual: Mapping[int, FloatArray], sections: Sequence[Sequence[slice]]) -> None:
+        self._squares = {joint: r**2 for joint, r in residual.items()}
+        self._taps = {j: autoregression(r) if len(r) >= _SHORT and r.any() else np.ones(1) for j, r in residual.items()}
+        self._parts = {
+            joint: [(part, _spectrum(r, self._taps[joint], part)) for part in sections[joint] if part.stop > part.start]
+            for joint, r in residual.items()
+        }
 
     @classmethod
-    def of(cls, model: Model) -> Leftover:
-        """Of a fitted model."""
+    def of(cls, model: Model, shown: Mapping[int, FloatArray] | None = None) -> Leftover:
+        """Of a fitted model, or of the same with a term that contributes this (R_j,) by joint, on these joints."""
+        residual = dict(enumerate(model.fit.residual))
+        if shown is not None:
+            residual = {joint: residual[joint] - own for joint, own in shown.items()}
         sections = []
         for joint in range(len(model.fit.residual)):
             counts = [int(np.count_nonzero(model.design.kept(model.noise, joint, index))) for index in model.fitted]
             ends = np.cumsum(counts).tolist()
             sections.append([slice(end - count, end) for end, count in zip(ends, counts, strict=True)])
-        return cls(model.fit.residual, sections)
+        return cls(residual, sections)
 
     def inflation(self, shown: Mapping[int, FloatArray]) -> float:
         """``phi`` of contributions (R_j,) by joint."""
-        power, coloured, uneven = 0.0, 0.0, 0.0
+        power, coloured, uneven, fourth, unsure = 0.0, 0.0, 0.0, 0.0, 0.0
         for joint, own in shown.items():
-            squares, sums = self._squares[joint], np.zeros(3)
+            squares, sums = self._squares[joint], np.zeros(4)
             for part, density in self._parts[joint]:
                 u = own[part]
                 transform = np.abs(np.fft.fft(u, 2 * len(u))) ** 2 / (2 * len(u))
-                sums += [float(u @ u), float(transform @ density), float(u**2 @ squares[part])]
+                sums += [float(u @ u), float(transform @ density), float(u**2 @ squares[part]), float(np.sum(u**4))]
             if sums[0] > 0:
-                power, uneven = power + sums[0], uneven + sums[2]
+                power, uneven, fourth = power + sums[0], uneven + sums[2], fourth + sums[3]
                 coloured += sums[2] * sums[1] / sums[0]
-        return max(1.0, coloured / power, uneven / power) if power > 0 else 1.0
+                unsure += sums[0] * 2.0 * (len(self._taps[joint]) - 1) / len(squares)
+        if not power > 0 or max(coloured, uneven) <= power:
+            return 1.0
+        seen = max(coloured, uneven) / power
+        variance = 2.0 * fourth / power**2 + (unsure / power if coloured > uneven else 0.0)
+        right = np.exp(-0.5 * np.log(seen) ** 2 / variance) / np.sqrt(2.0 * np.pi * variance)
+        right /= right + 1.0 / np.log(_MOST)
+        return float(1.0 / (right + (1.0 - right) / seen))
 
 
-def _spectrum(residual: FloatArray, part: slice) -> FloatArray:
+def _spectrum(residual: FloatArray, taps: FloatArray, part: slice) -> FloatArray:
     """Power density of a joint's residual over its mean square, for a stretch that is padded to twice its length."""
     size, points = float(np.mean(residual**2)), 2 * (part.stop - part.start)
-    if len(residual) < _SHORT or not size > 0:
-        return np.ones(points)
-    taps = autoregression(residual)
-    if points < len(taps):  # too short a stretch to tell frequencies apart
+    if len(taps) == 1 or points < len(taps):  # white, or too short a stretch to tell frequencies apart
         return np.ones(points)
     innovations = float(np.mean(np.convolve(residual, taps, mode="valid") ** 2))
     return np.asarray(innovations / size / np.abs(np.fft.fft(taps, points)) ** 2)
@@ -107,4 +121,4 @@ def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[Floa
     for own in rows:
         edges = np.cumsum([0, *(int(np.count_nonzero(kept)) for _, kept in own.sections)]).tolist()
         sections.append([slice(start, stop) for start, stop in pairwise(edges)])
-    return Leftover(residual, sections).inflation(dict(enumerate(np.split(shown, ends))))
+    return Leftover(dict(enumerate(residual)), sections).inflation(dict(enumerate(np.split(shown, ends))))
