@@ -7,7 +7,7 @@ in its place, beside the rest; where one is dropped or replaced, the search goes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -150,8 +150,9 @@ class Search:
             return choice
         scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.NAMED_ODDS
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
-        for first in names[:WIDTH]:
-            beside = self._rated(self.gate.with_term(self.model, first.term))
+        # Of two the larger makes half of what the curve does.
+        for first in [r for r in names if r.score.gain > 0.5 * choice.score.gain][:WIDTH]:
+            beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
             second = [
                 r
                 for r in self._beside(beside, [*self.model.terms, first.term])
@@ -166,8 +167,8 @@ class Search:
         self.scored = scored
         return best
 
-    def _rated(self, model: Model) -> list[Rated]:
-        """All candidates beside a model, with the bias of noisy regressors taken off those that contend.
+    def _rated(self, model: Model, drawing: bool = True) -> list[Rated]:
+        """All candidates beside a model, with the bias of noisy regressors taken off those that contend, if drawing.
 
         Scores of the last model are kept: after a refusal only what is believed of leftovers is another.
         """
@@ -178,7 +179,8 @@ class Search:
         rated = self.rating.rated(scores)
         number = {score.term.label: n for n, score in scores.items()}
         # What was drawn may lose by it, and others contend then: they are drawn as well.
-        while self.draws.wanted and (chosen := [r for r in _contending(rated, drawn) if r.term.label not in drawn]):
+        drawing = drawing and self.draws.wanted
+        while drawing and (chosen := [r for r in _contending(rated) if r.term.label not in drawn]):
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
@@ -477,13 +479,12 @@ class Search:
             self.table[place] = Candidate(*place, margin(r.score), "rejected", reason)
 
 
-def _contending(rated: Sequence[Rated], drawn: Collection[tuple[object, ...]]) -> list[Rated]:
+def _contending(rated: Sequence[Rated]) -> list[Rated]:
     """Explanations whose odds noise in the regressors may decide; of a name that contends, those of other joints.
 
-    They contend with nothing, and with the best of those that were drawn: what is far below it stays there.
+    They contend with nothing, and with the best of all: what is far below it stays there unless it falls.
     """
-    best = max((r.log_odds for r in rated if r.term.label in drawn), default=0.0)
-    least = max(best, 0.0) - priors.SAID_ODDS
+    least = max(rated[0].log_odds, 0.0) - priors.SAID_ODDS if rated else 0.0
     first = [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
     ids = {r.term.id for r in first if r.term.uses_model and isinstance(r.term.content, Effect)}
     return first + [r for r in rated if r.term.id in ids and r not in first][:MOST_CONTENDERS]

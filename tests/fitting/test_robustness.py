@@ -41,6 +41,14 @@ def test_noise_as_the_model_says_inflates_nothing() -> None:
     assert min(seen) >= 1.0 and max(seen) < 1.3
 
 
+def test_few_rows_tell_little_of_their_noise() -> None:
+    """Ten rows see any variance by chance; of a gain that is there a twentieth at most is lost by it."""
+    rng = np.random.default_rng(7)
+    few = np.arange(ROWS) % 400 == 7
+    kept = [1.0 / found(rows_with(rng.standard_normal(ROWS), few * rng.standard_normal(ROWS), 5.0)) for _ in range(60)]
+    assert np.mean(kept) > 0.95
+
+
 def test_rows_that_are_noisier_where_the_effect_acts_count_for_less() -> None:
     """Half of the rows have nine times the variance, and the effect acts on those only."""
     rng = np.random.default_rng(2)
