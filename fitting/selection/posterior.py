@@ -10,8 +10,6 @@ import numpy as np
 
 from fitting.effects.base import Effect
 from fitting.residual.findings import LEAST, MOST_LISTED, Accepted, Hypothesis, Place
-from fitting.residual.laws import Law
-from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.decision import believed
@@ -48,12 +46,7 @@ class Slot:
         rated, log_odds = [r for r, _ in near], np.array([odds for _, odds in near])
         total = float(np.logaddexp.reduce(np.append(log_odds, 0.0)))
         shares = np.exp(log_odds - total)
-        term, own = item.score.term, family(item.score.term)
-        if isinstance(term.content, Surface) and not term.content.twist:
-            # Whole surfaces are not among the candidates: any law of the joint is part of one.
-            there = [r.term.joint == term.joint and isinstance(r.term.content, Law) for r in rated]
-        else:
-            there = [family(r.term) == own for r in rated]
+        there = [family(r.term) == family(item.score.term) for r in rated]
         probability = float(np.sum(shares[there]))
         listed = tuple((r, float(p)) for r, p in zip(rated, shares, strict=True) if p > 1e-3)
         return cls(item, listed, probability, float(np.exp(-total)))

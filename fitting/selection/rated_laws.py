@@ -49,6 +49,25 @@ class RatedLaws:
             result += self._of_width(joint, alike, scores, prior, covered)
         return result
 
+    def of_surface(self, joint: int, score: Score, prior: float, share: float, against: float) -> Rated:
+        """A whole surface of two signals, one of ``score.grid``: each of its coefficients is as free as any.
+
+        Parameters
+        ----------
+        joint : where it is
+        score : beside the model
+        prior : log prior odds of a law
+        share : of its gain that is believed
+        against : log odds that leftovers explain laws of this joint
+        """
+        gain, live = np.array([score.gain * share]), np.array([float(score.live)])
+        bayes = float(log_mean(named_evidence(gain, live, priors.amplitudes(self._sizes.limit(score)))[0]))
+        bayes -= float(np.log(score.grid))
+        left = named_evidence(gain, live, self._sizes.left(joint, law=True))[0]
+        leftover = float(log_sum(left, weights=priors.LEFTOVER_WEIGHTS))
+        odds = prior + bayes - against
+        return Rated(score, odds, bayes, odds, leftover, leftover, against)
+
     def _of_width(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
     ) -> list[Rated]:

@@ -48,6 +48,7 @@ class Rating:
     ) -> None:
         self._visible, self._settled = visible, settled
         self._inflations: dict[int, float] = {}
+        self._unknown = 1
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         by_joint: dict[int, list[int]] = {}
@@ -90,14 +91,22 @@ class Rating:
     ) -> list[Rated]:
         """All explanations, with the shares of their gains that are believed now."""
         catalogued = sum(f[0] != "law" for f in names)
-        unknown = sum(len(own) for own in laws.values()) + len(names) - catalogued
+        self._unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
-        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / max(unknown, 1)))
+        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / self._unknown))
         result = self._names.of_families(names, scores, each, law_each)
         covered = self._covered(names, scores)
         for joint, own in laws.items():
             result += self._laws.of_joint(joint, own, scores, law_each, covered)
         return by_formula(_against_leftovers(result))
+
+    def of_surface(self, score: Score, rated: Sequence[Rated]) -> Rated:
+        """A surface, which is no candidate of its own, beside those that were rated."""
+        joint = score.term.joint or 0
+        laws = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Law)]
+        prior = float(np.log(priors.UNKNOWN / priors.NOTHING / self._unknown))
+        against = laws[0].against if laws else 0.0
+        return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
         """One shape of a name by itself, not knowing of any replicas."""

@@ -120,6 +120,7 @@ class Search:
         self.scored = _Scored(base, self.candidates.scores(base))
         self.before = self.scored  # beside the model that the last term was added to
         self.fresh: set[int] = set()  # candidates whose columns were made anew since
+        self.held: set[frozenset[tuple[object, ...]]] = set()  # explanations that exchanges led to
         self.slots: list[Slot] = []
         self.open: list[Rated] = []
         self.settled = False  # nothing more is looked for beside this model
@@ -377,21 +378,23 @@ class Search:
         model = self.signals.refit(rest) if known is None else known
         all_, self.accepted = self.accepted, others
         rated = self._beside(self._rated(model), rest)
-        own = next((r for r in rated if family(r.term) == family(item.score.term)), None)
-        rated = self._sharp(rated)
-        slot = Slot.of(item, by_formula(rated))
-        self.accepted = all_
-        content = item.score.term.content
+        own, content = family(item.score.term), item.score.term.content
         if isinstance(content, Surface) and not content.twist:
-            beaten, own = bool(rated) and not isinstance(decided(rated).term.content, Law), own or rated[0]
-        else:
-            beaten = bool(rated) and family(decided(rated).term) != family(item.score.term)
-        if final or not (beaten or own is None or slot.nothing > 1 - priors.SAID):
+            scores = score_terms(model, [item.score.term], [item.score.grid])
+            rated = [*rated, *(self.rating.of_surface(score, rated) for score in scores)]
+        rated = by_formula(self._sharp(rated))
+        slot = Slot.of(item, rated)
+        self.accepted = all_
+        there = any(family(r.term) == own for r in rated) and family(decided(rated).term) == own
+        needless = slot.nothing > 1 - priors.SAID or not rated
+        instead = {family(term) for term in rest} | (set() if needless else {family(decided(rated).term)})
+        if final or (there and not needless) or frozenset(instead) in self.held:
             return slot
+        self.held.add(frozenset(instead))
         place = item.score.term.family
         self.accepted, self.model = others, model
-        if slot.nothing > 1 - priors.SAID or not rated:
-            self.unneeded.add(family(item.score.term))
+        if needless:
+            self.unneeded.add(own)
             self.table[place] = Candidate(
                 *place, margin(item.score), "rejected", "not needed beside what was found later"
             )
@@ -480,14 +483,12 @@ class Search:
 
 
 def _contending(rated: Sequence[Rated]) -> list[Rated]:
-    """Explanations whose odds noise in the regressors may decide; of a name that contends, those of other joints.
+    """Explanations whose odds noise in the regressors may decide.
 
     They contend with nothing, and with the best of all: what is far below it stays there unless it falls.
     """
     least = max(rated[0].log_odds, 0.0) - priors.SAID_ODDS if rated else 0.0
-    first = [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
-    ids = {r.term.id for r in first if r.term.uses_model and isinstance(r.term.content, Effect)}
-    return first + [r for r in rated if r.term.id in ids and r not in first][:MOST_CONTENDERS]
+    return [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
 
 
 def best_scores(rated: Sequence[Rated]) -> list[Score]:
