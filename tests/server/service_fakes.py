@@ -243,7 +243,7 @@ def wait_for_change(service: Service, number: int, timeout: float = 60) -> bool:
 
 @contextmanager
 def children_as_important_as_tests() -> Iterator[None]:
-    """Children of a service are as important as the test that waits for them: beside other work the last has no turn."""
+    """Children of a service are as important as the test that waits for them: the last has no turn beside others."""
     kept = children.NICENESS, children.SESSION_NICENESS
     children.NICENESS, children.SESSION_NICENESS = os.getpriority(os.PRIO_PROCESS, 0), 0
     try:
