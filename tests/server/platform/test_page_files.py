@@ -1,4 +1,4 @@
-"""What is sent of a file, whatever it holds. No service runs beside it: its threads draw random numbers of their own."""
+"""What is sent of a file, whatever it holds. No service runs beside it, whose threads draw random numbers, too."""
 
 from __future__ import annotations
 
