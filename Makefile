@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check bench docs picture readme paper page lock changelog release clean
+.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check generated bench docs picture readme paper page lock changelog release clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -56,6 +56,11 @@ check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+
+generated: $(VENV)/.dev ## what is made of the sources and kept: descriptions of REST and of reports, and the page (needs Node 20)
+	$(BIN)/python -m server.commands.openapi_file
+	$(BIN)/python -m fitting.report.schema.file
+	@$(MAKE) --no-print-directory page
 
 bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.md
 	$(BIN)/hilfit bench samples
