@@ -24,7 +24,7 @@ PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check client bench docs picture readme paper page lock changelog release clean
+.PHONY: help demo test test-quick test-socketcan test-compose test-fresh fuzz check generated bench docs picture readme paper page lock changelog release clean
 
 help: ## this list
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -57,8 +57,10 @@ check: $(VENV)/.dev ## ruff, mypy --strict, import-linter
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-client: $(VENV)/.dev ## the Python client, made anew from docs/openapi.json
-	$(BIN)/python clients/python/generate.py
+generated: $(VENV)/.dev ## what is made of the sources and kept: descriptions of REST and of reports, and the page (needs Node 20)
+	$(BIN)/python -m server.commands.openapi_file
+	$(BIN)/python -m fitting.report.schema.file
+	@$(MAKE) --no-print-directory page
 
 bench: $(VENV)/.dev ## the benchmarks that have a target, see benchmarks/README.md
 	$(BIN)/hilfit bench samples
@@ -78,7 +80,7 @@ paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 	$(BIN)/hilfit bench paper --page docs/paper.md
 
 page: ## build the web page (needs Node 20; what it makes is committed, so that nobody else does)
-	cd server/web && npm ci && npm run types && npm run check && npm test && npm run build
+	cd server/web && npm ci && npm run check && npm test && npm run build
 
 COMPILE = $(BIN)/uv pip compile --universal --python-version 3.11 --quiet --no-annotate --no-header --no-emit-index-url \
   --no-emit-find-links pyproject.toml

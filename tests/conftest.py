@@ -4,6 +4,7 @@ import gc
 import os
 import resource
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,6 +18,12 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # What is imported and collected stays: looking through half a million of such objects, again and again, is left out.
 gc.disable()
+
+# python-can loads asammdf, and pandas and SymPy with it, for log files that no test has; what reads MDF loads it later.
+sys.modules["asammdf"] = None  # type: ignore[assignment]
+import can  # noqa: E402, F401
+
+del sys.modules["asammdf"]
 
 # The same examples in every run, and none fails because the computer was busy.
 settings.register_profile(

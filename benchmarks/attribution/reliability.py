@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.stats import beta
 
 from benchmarks.targets import Check, figure
@@ -112,6 +111,8 @@ def text(lines: Sequence[Line]) -> list[str]:
 
 def draw(lines: Sequence[Line], target: Path) -> None:
     """Draw the diagram: share that is right over stated probability, with intervals and numbers of statements."""
+    from matplotlib.figure import Figure
+
     found = diagram(statements(lines))
     stated, right = np.array([b.stated for b in found]), np.array([b.right for b in found])
     ends = np.array([[b.right - b.low, b.high - b.right] for b in found]).T

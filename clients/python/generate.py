@@ -1,4 +1,4 @@
-"""``python clients/python/generate.py``: write the client's typed part from ``docs/openapi.json`` (``make client``).
+"""Write the client's typed part from ``docs/openapi.json``; ``setup.py`` does before the client is built.
 
 One class per resource with a method per operation, one TypedDict per schema. What a generator for every OpenAPI file
 of the world would have to know is not here; what this service uses is, and anything else is an error.
@@ -6,12 +6,10 @@ of the world would have to know is not here; what this service uses is, and anyt
 
 from __future__ import annotations
 
-import hashlib
 import json
 import keyword
+import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +18,7 @@ SOURCE = ROOT / "docs" / "openapi.json"
 TARGET = Path(__file__).parent / "hilfit_client" / "generated.py"
 PREFIX = "/api/v1"
 SIMPLE = {"string": "str", "integer": "int", "number": "float", "boolean": "bool", "null": "None"}
-HEAD = '''"""Made from docs/openapi.json by clients/python/generate.py; do not edit, run ``make client``."""
-# ruff: noqa: E501
+HEAD = '''"""Made from docs/openapi.json by clients/python/generate.py; do not edit."""
 
 from __future__ import annotations
 
@@ -29,9 +26,6 @@ from collections.abc import Iterator
 from typing import Any, Literal, NotRequired, TypedDict, Unpack
 
 from hilfit_client.transport import Transport
-
-#: SHA-256 of the description that this was made from.
-SOURCE_SHA256 = "{sha256}"
 '''
 
 
@@ -140,7 +134,7 @@ def method(path: str, verb: str, operation: dict[str, Any]) -> str:
 def generate(text: bytes) -> str:
     """The module made from a description."""
     description = json.loads(text)
-    parts = [HEAD.replace("{sha256}", hashlib.sha256(text).hexdigest())]
+    parts = [HEAD]
     for name, schema in sorted(description["components"]["schemas"].items()):
         if schema.get("type") == "object":
             parts.append(typed_dict(name, schema))
@@ -163,13 +157,12 @@ def generate(text: bytes) -> str:
     return "\n\n\n".join(part.rstrip("\n") for part in parts) + "\n"
 
 
-def main() -> int:
-    """Write the module."""
-    TARGET.write_text(generate(SOURCE.read_bytes()), encoding="utf-8")
-    subprocess.run([sys.executable, "-m", "ruff", "format", "--quiet", str(TARGET)], check=True)
-    print(f"wrote {TARGET.relative_to(ROOT)}")
-    return 0
+def main() -> None:
+    """Write the module, whole or not at all: it may be imported meanwhile."""
+    partial = TARGET.with_name(f"{TARGET.name}.{os.getpid()}")
+    partial.write_text(generate(SOURCE.read_bytes()), encoding="utf-8")
+    partial.replace(TARGET)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

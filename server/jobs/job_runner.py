@@ -211,6 +211,10 @@ class JobRunner:
 
         The claim is no step: every execution takes one of its own.
         """
+        with self.host.counted():  # the store has to be there until the job is left
+            return self._execute(job, stages)
+
+    def _execute(self, job: str, stages: list[str]) -> str:
         host = self.host
         row = host.patiently(lambda: host.jobs.get(job))
         kind = self._kinds[row.kind]

@@ -39,6 +39,9 @@ function messages(): Plugin {
   };
 }
 
+/** Chunks of texts. Their names hold no hash, so that a text that changes renames no file that loads it. */
+const TEXTS = ["said_de", "words"];
+
 // What is built is package data of the server and is committed: a site needs no Node.
 export default defineConfig(({ command }) => ({
   base: "./",
@@ -54,7 +57,8 @@ export default defineConfig(({ command }) => ({
     rollupOptions: {
       output: {
         entryFileNames: "assets/page-[hash].js",
-        chunkFileNames: "assets/[name]-[hash].js",
+        chunkFileNames: ({ name }) => (TEXTS.includes(name) ? "texts/[name].js" : "assets/[name]-[hash].js"),
+        codeSplitting: { groups: [{ name: "words", test: /src\/texts\/(en|de)\.ts$/ }] },
         assetFileNames: "assets/[name]-[hash][extname]",
       },
     },

@@ -173,6 +173,7 @@ def test_a_measured_arm_is_predicted_on_another_motion(swapped: bool, most: floa
     assert not session.prior.refused
 
 
+@pytest.mark.slow
 def test_an_arm_whose_motion_refuses_it_is_left_to_least_squares() -> None:
     data = SHARED / "samples" / "tilted-base"
     if not data.is_dir():

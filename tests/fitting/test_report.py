@@ -617,7 +617,7 @@ def test_the_json_schema_has_the_keys_as_written() -> None:
 
 
 def test_the_published_schema_is_that_of_the_definition() -> None:
-    said = "write it anew with 'python -m fitting.report.schema.file', and the page's types with 'npm run types'"
+    said = "write it anew with 'python -m fitting.report.schema.file', and the page with 'make page'"
     assert file.PLACE.read_text(encoding="utf-8") == file.text(), said
 
 

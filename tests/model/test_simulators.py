@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from fitting.model.export.functions import states
 from fitting.regression.body_prior import pseudo_inertia
 
 mujoco = pytest.importorskip("mujoco")
-pytest.importorskip("cvxpy")
+pytestmark = pytest.mark.skipif(find_spec("cvxpy") is None, reason="cvxpy is not installed")
 
 
 def links_alone(model: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> np.ndarray:

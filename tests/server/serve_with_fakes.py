@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from service_fakes import ANY_PLACE, Fakes
+from service_fakes import ANY_PLACE, Fakes, children_as_important_as_tests
 
 from server.composition.serve import serve
 from server.platform.settings import Settings
@@ -17,4 +17,5 @@ def ready(url: str) -> None:
 
 
 if __name__ == "__main__":
-    serve(Settings(data_dir=Path(sys.argv[1]), port=0, bus_places=ANY_PLACE), ready, Fakes().parts)
+    with children_as_important_as_tests():
+        serve(Settings(data_dir=Path(sys.argv[1]), port=0, bus_places=ANY_PLACE), ready, Fakes().parts)

@@ -6,6 +6,7 @@ import asyncio
 import atexit
 import getpass
 import json
+import os
 import sys
 import tempfile
 import threading
@@ -33,6 +34,7 @@ from server.identifications.stage_request import StageProgram
 from server.jobs.job_store import Jobs
 from server.machines.machine_resource import LAUNCH
 from server.platform.parts import Key
+from server.platform.processes import children
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import Resource
 from server.platform.service import Service
@@ -169,9 +171,9 @@ def file_children() -> FileChildren:
     """What looks at uploads, one for all services of this process: it takes two seconds to load."""
     room = Path(tempfile.gettempdir(), f"pytest-of-{getpass.getuser()}")  # the directories of all services are in it
     room.mkdir(mode=0o700, exist_ok=True)
-    children = FileChildren(room=room)
-    atexit.register(children.close)
-    return children
+    shared = FileChildren(room=room)
+    atexit.register(shared.close)
+    return shared
 
 
 class Fakes:
@@ -240,17 +242,29 @@ def wait_for_change(service: Service, number: int, timeout: float = 60) -> bool:
 
 
 @contextmanager
+def children_as_important_as_tests() -> Iterator[None]:
+    """Children of a service are as important as the test that waits for them: the last has no turn beside others."""
+    kept = children.NICENESS, children.SESSION_NICENESS
+    children.NICENESS, children.SESSION_NICENESS = os.getpriority(os.PRIO_PROCESS, 0), 0
+    try:
+        yield
+    finally:
+        children.NICENESS, children.SESSION_NICENESS = kept
+
+
+@contextmanager
 def running_service(
     data_dir: Path, fakes: Fakes, *, resources: Sequence[Resource] = RESOURCES, **settings: Any
 ) -> Iterator[Running]:
     settings = {"bus_places": ANY_PLACE, **settings}
-    service = Service(Settings(data_dir=data_dir, **settings), resources, fakes.parts)
-    try:
-        service.start()
-        with TestClient(create_app(service), "http://127.0.0.1:8350", raise_server_exceptions=False) as client:
-            yield Running(service, client, fakes)
-    finally:
-        service.stop()
+    with children_as_important_as_tests():
+        service = Service(Settings(data_dir=data_dir, **settings), resources, fakes.parts)
+        try:
+            service.start()
+            with TestClient(create_app(service), "http://127.0.0.1:8350", raise_server_exceptions=False) as client:
+                yield Running(service, client, fakes)
+        finally:
+            service.stop()
 
 
 def ran(running: Running, identification: str) -> list[str]:

@@ -133,6 +133,7 @@ class Database:
         self._lock = threading.Lock()
         self._own: Mapping[str, int] = {}
         self._alone: sa.Connection | None = None
+        self._closed = False
         # PostgreSQL may be restarted below us: a connection that it ended is noticed before it is used.
         self._engine = sa.create_engine(self.url, pool_pre_ping=not self.is_sqlite)
         if self.is_sqlite:
@@ -161,10 +162,7 @@ class Database:
                 self.site.refuse_emptied(self.name)
             if found is not None and found < SCHEMA_VERSION:
                 copy_database(self.url, backups, f"before-version-{SCHEMA_VERSION}-{found}")
-            with (
-                self._engine.connect().execution_options(hilfit_write=True) as connection,
-                connection.begin(),
-            ):
+            with self._connected(hilfit_write=True) as connection, connection.begin():
                 found = _version(connection)  # another process may have been quicker
                 if found is not None and found < SCHEMA_VERSION:
                     migrate(connection, found, SCHEMA_VERSION)
@@ -199,15 +197,26 @@ class Database:
             return _version(connection)
 
     @contextmanager
+    def _connected(self, **options: Any) -> Iterator[sa.Connection]:
+        """A connection of the pool; closed afterwards if the store was closed meanwhile."""
+        try:
+            with self._engine.connect().execution_options(**options) as connection:
+                yield connection
+        finally:
+            # Returned first, then asked: either this finds the store closed, or :meth:`close` finds the connection.
+            if self._closed:
+                self._engine.pool.dispose()
+
+    @contextmanager
     def read(self) -> Iterator[sa.Connection]:
         """A transaction that only reads."""
-        with self._engine.connect() as connection, connection.begin():
+        with self._connected() as connection, connection.begin():
             yield connection
 
     @contextmanager
     def write(self, *resources: str) -> Iterator[sa.Connection]:
         """A transaction that writes; counts a revision of each of ``resources``, then wakes the waiters."""
-        with self._engine.connect().execution_options(hilfit_write=True) as connection, connection.begin():
+        with self._connected(hilfit_write=True) as connection, connection.begin():
             yield connection
             counted = {resource: _count(connection, resource) for resource in resources}
         with self._lock:  # after the commit: whoever sees the number finds what was written
@@ -229,7 +238,7 @@ class Database:
         if self.is_sqlite:
             yield
             return
-        with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        with self._connected(isolation_level="AUTOCOMMIT") as connection:
             if not _take(connection):
                 connection.invalidate()
                 self.close()
@@ -287,8 +296,13 @@ class Database:
         self.damage = None if found == "ok" else " ".join(found.split())
 
     def close(self) -> None:
-        """Close all connections."""
-        self._engine.dispose()
+        """Close all connections; one that somebody still uses is closed as soon as it is returned.
+
+        The pool stays the engine's: a new one, as ``Engine.dispose`` makes, would leave what is returned to the old one
+        open until it is collected.
+        """
+        self._closed = True
+        self._engine.pool.dispose()
 
 
 def _take(connection: sa.Connection) -> bool:

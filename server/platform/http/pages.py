@@ -2,7 +2,7 @@
 
 Only what was there at the start is served, under the name that it had: no path of a request ever reaches the file
 system. Names below ``assets/`` hold a hash of the content, so what a browser has of them is good for ever; the page
-itself is asked for each time (RFC 9111 section 5.2.2, RFC 8246).
+itself and its texts are asked for each time (RFC 9111 section 5.2.2, RFC 8246).
 """
 
 from __future__ import annotations

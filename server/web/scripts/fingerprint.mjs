@@ -4,9 +4,20 @@ import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 
 const ROOTS = ["src", "public"];
-const FILES = ["index.html", "package-lock.json", "package.json", "tsconfig.json", "vite.config.ts"];
+const FILES = [
+  "index.html",
+  "package-lock.json",
+  "package.json",
+  "scripts/types.mjs",
+  "tsconfig.json",
+  "vite.config.ts",
+  // What types.mjs makes the rest of.
+  "../../docs/openapi.json",
+  "../../docs/report.schema.json",
+  "../../fitting/report/languages/german.json",
+];
 
-/** SHA-256 over the names and contents of all sources but their tests, in the order of their names. */
+/** SHA-256 over the names and contents of all sources but their tests and what is made of them, in the order of names. */
 export function fingerprint(folder) {
   const hash = createHash("sha256");
   for (const name of [...ROOTS.flatMap((root) => walk(folder, root)), ...FILES].sort()) {
@@ -19,6 +30,6 @@ function walk(folder, place) {
   return readdirSync(join(folder, place), { withFileTypes: true }).flatMap((entry) =>
     entry.isDirectory()
       ? walk(folder, `${place}/${entry.name}`)
-      : [`${place}/${entry.name}`].filter((name) => !name.includes(".test.")),
+      : [`${place}/${entry.name}`].filter((name) => !/\.(test|gen)\./.test(name)),
   );
 }

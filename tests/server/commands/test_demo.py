@@ -1,22 +1,28 @@
 """``hilfit demo`` as people use it: interrupted, killed, started twice, and with the result that README.md prints.
 
-Recordings of demos that are not let to their end are half as long as the demo's own.
+Recordings of demos that are not let to their end are half as long as the demo's own. Those of the one that is are
+identified through REST as well: a service says of them what the command line says.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
+from service_fakes import API, Fakes, running_service
 
 from benchmarks.demonstration import APART
 from benchmarks.readme import numbers, printed_result, said_by_the_demo
+from server.commands.demo_command import PLAN
+from server.identifications.identification_resource import STAGE_PROGRAM
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -54,6 +60,48 @@ def left(folder: Path) -> set[str]:
     return {path.name for pattern in ("*.json", "*.html", "recordings/*") for path in made.glob(pattern)}
 
 
+def identified_over_rest(place: Path, machine: Path, recordings: Mapping[Path, str]) -> tuple[dict[str, Any], str]:
+    """The report of recordings, files with their roles, by a service with the stages that a site has; and its page."""
+    fakes = Fakes()
+    del fakes.parts[STAGE_PROGRAM]
+    with running_service(place, fakes) as site:
+        name = site.client.post(f"{API}/machines", content=machine.read_bytes()).json()["name"]
+        chosen = []
+        for path, role in recordings.items():
+            query = {"machine": name, "role": role, "name": path.name}
+            answer = site.client.post(f"{API}/recordings/upload", params=query, content=path.read_bytes())
+            assert answer.status_code == 201, answer.text
+            chosen.append({"id": answer.json()["id"]})
+        ordered = site.client.post(f"{API}/identifications", json={"machine": name, "recordings": chosen})
+        assert ordered.status_code == 202, ordered.text
+        job = ordered.headers["location"]
+        with site.client.stream("GET", f"{job}/events") as stream:
+            told = [json.loads(line[6:]) for line in stream.iter_lines() if line.startswith("data: ")]
+        assert told[-1]["state"] == "done", site.client.get(job).json()
+        assert [*dict.fromkeys(event["stage"] for event in told[1:])] == site.client.get(job).json()["stages"]
+        made = f"{API}/identifications/{ordered.json()['id']}"
+        report = site.client.get(f"{made}/report.json").json()
+        assert site.client.get(made).json()["verdict"] == report["loop"]["verdict"]
+        page = site.client.get(f"{made}/report.html")
+        assert page.status_code == 200
+        return report, page.text
+
+
+def same(report: dict[str, Any], other: dict[str, Any]) -> None:
+    """Two reports of the same recordings say the same."""
+    assert report["schema"] == other["schema"] == "hilfit/report/1"
+    assert report["reduction"] == other["reduction"] == {"standard_parameters": 78, "base_parameters": 18}
+    by_role = [sorted((entry["role"], entry["samples"]) for entry in one["data"]) for one in (report, other)]
+    assert by_role[0] == by_role[1]
+    loops = report["loop"], other["loop"]
+    assert loops[0]["verdict"] == loops[1]["verdict"]
+    effects, others = (one["effects"] for one in loops)
+    assert [(one["id"], one["joint"]) for one in effects] == [(one["id"], one["joint"]) for one in others]
+    for joint, errors in report["errors"].items():
+        for when in ("before", "after"):
+            assert errors[when]["validate"] == pytest.approx(other["errors"][joint][when]["validate"], rel=1e-6)
+
+
 def test_it_is_interrupted_killed_started_twice_and_does_what_readme_says(tmp_path: Path) -> None:
     made = tmp_path / "hilfit-demo"
     made.mkdir()
@@ -89,3 +137,14 @@ def test_it_is_interrupted_killed_started_twice_and_does_what_readme_says(tmp_pa
     assert words(result) == words(readme)
     for own, theirs in zip(numbers(result), numbers(readme), strict=True):
         assert own == pytest.approx(theirs, rel=APART, abs=0.05), "README.md's result is made by: make readme"
+
+    recorded = {made / "recordings" / f"{name}.parquet": role for name, role, _ in PLAN}
+    report, page = identified_over_rest(tmp_path / "data", made / "machine" / "machine.yaml", recorded)
+    same(report, json.loads((made / "report.json").read_text("utf-8")))
+    found, errors = report["loop"]["effects"][0], report["errors"]["joint2"]
+    assert (found["id"], found["joint"]) == ("position_dependent_friction", "joint2")
+    # It was well above the floor, and most of it is gone.
+    assert errors["before"]["validate"] > 1.5 * errors["noise_floor"]
+    assert errors["after"]["validate"] < 0.5 * errors["before"]["validate"]
+    assert report["loop"]["verdict"] != "nothing_missing"
+    assert "joint2" in page

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,11 @@ from acquired_machines import acquire
 from dbos import DBOS
 from service_fakes import API, MACHINE, Fakes, Running, running_service
 
+from server.jobs.claims import Claim, Claims
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs
 from server.machines.acquisition import Acquisition
+from server.platform.database.engine import Database
 from server.recordings.recording_store import RecordingRow, Recordings, recordings
 
 pytestmark = pytest.mark.slow
@@ -99,6 +102,30 @@ def test_a_job_that_was_stored_but_never_queued_is_taken_up(
         assert first.service[Jobs].get(order.job).state == "queued"
     with running_service(tmp_path, Fakes()) as second:
         assert outcome(second, order.job)["state"] == "done"
+
+
+def test_the_store_is_not_closed_before_the_job_that_has_just_ended_is_left(
+    tmp_path: Path, csv: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    leaving, closed, left = threading.Event(), threading.Event(), list[bool]()
+    give_back, close = Claims.give_back, Database.close
+
+    def late(claims: Claims, claim: Claim) -> None:
+        leaving.set()
+        closed.wait(3)
+        give_back(claims, claim)
+        left.append(closed.is_set())
+
+    def noted(database: Database) -> None:
+        closed.set()
+        close(database)
+
+    monkeypatch.setattr(Claims, "give_back", late)
+    with running_service(tmp_path, Fakes()) as running:
+        monkeypatch.setattr(Database, "close", noted)
+        assert running.follow(running.order(csv).job)[-1]["state"] == "done"
+        assert leaving.wait(60)
+    assert left == [False]
 
 
 def test_two_services_in_one_process_are_refused(tmp_path: Path) -> None:

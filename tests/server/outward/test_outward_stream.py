@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import jsonschema
+import jsonschema_rs
 import pytest
 import sqlalchemy as sa
 
@@ -174,8 +174,8 @@ def test_every_message_fits_the_schema_that_is_told(site: Site) -> None:
     Alarms(site.database).report("lever", "overload", "hit", "critical", True)
     site.stream.look_at_outbox()
     assert {message.type for message in site.sink.taken} == {"state", "result", "alarm"}
-    validator = jsonschema.Draft202012Validator(schema())
+    validator = jsonschema_rs.Draft202012Validator(schema())
     for message in site.sink.taken:
         validator.validate(json.loads(message.body()))
-    with pytest.raises(jsonschema.ValidationError):
+    with pytest.raises(jsonschema_rs.ValidationError):
         validator.validate({"id": "x"})

@@ -166,6 +166,7 @@ def test_an_upload_to_s3_creates_no_bucket(local: Path, tmp_path: Path, monkeypa
     assert buckets.kept == {f"site/hilfit/inputs/{SHA}": CONTENT}
 
 
+@pytest.mark.slow
 def test_a_job_s_files_travel_and_an_order_waits_for_a_storage_that_is_away(tmp_path: Path, csv: bytes) -> None:
     shared = tmp_path / "shared"
     with running_service(tmp_path / "data", Fakes(), storage_url=f"file://{shared}") as running:

@@ -90,6 +90,21 @@ def test_sqlite_is_set_up_to_survive_a_power_cut(files: DataDirectory) -> None:
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
 
 
+@pytest.mark.parametrize("began", ["before it is closed", "afterwards"])
+def test_who_is_late_leaves_no_connection_of_a_closed_store_open(database: Database, began: str) -> None:
+    if began == "afterwards":
+        database.close()
+    with database.read() as connection:
+        driver = connection.connection.dbapi_connection
+        errors = connection.dialect.loaded_dbapi.Error
+        if began != "afterwards":
+            database.close()
+        assert connection.exec_driver_sql("SELECT 1").scalar() == 1, "what was begun is ended"
+    assert driver is not None
+    with pytest.raises(errors, match="closed"):
+        driver.cursor().execute("SELECT 1")
+
+
 @pytest.mark.slow
 def test_uploads_at_once_get_versions_of_their_own(database: Database, files: DataDirectory) -> None:
     reader = MachineReader(files, file_children())
