@@ -138,13 +138,12 @@ class Rating:
         if more <= 0:
             return rated
         exact = max(0.0, both[0].exact - both[1].exact - narrow)
-        return Rated(
-            replace(found, null=None),
-            rated.log_odds + more,
-            rated.log_bayes + more,
-            rated.exact + exact,
-            rated.leftover,
-            rated.refuted,
+        return replace(
+            rated,
+            score=replace(found, null=None),
+            log_odds=rated.log_odds + more,
+            log_bayes=rated.log_bayes + more,
+            exact=rated.exact + exact,
         )
 
     def _covered(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> set[int]:

@@ -154,14 +154,11 @@ class Search:
         # Of two the larger makes half of what the curve does.
         for first in [r for r in names if r.score.gain > 0.5 * choice.score.gain][:WIDTH]:
             beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
-            second = [
-                r
-                for r in self._beside(beside, [*self.model.terms, first.term])
-                if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > priors.SAID_ODDS
-            ]
+            other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
+            second = self._sharp(self._beside(other, [*self.model.terms, first.term]))[:1]
             # Two names are not what the first leaves: that is held against the second once it is asked for.
-            total = first.exact + max((r.exact + r.against for r in second), default=-np.inf)
-            if total > most:
+            total = first.exact + sum(r.exact + r.against for r in second)
+            if second and second[0].exact > priors.SAID_ODDS and total > most:
                 best, most = first, total
         self.candidates.follow(self.scored.model, scored.model)
         self.candidates.refresh(scored.model, self.fresh)
