@@ -40,6 +40,7 @@ from fitting.checks.reading import read_leniently
 from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
+from fitting.checks.time_axis import repeated_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
@@ -160,6 +161,8 @@ def check_recordings(
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]
+    for recording in recordings:
+        result += repeated_findings(recording)
     recordings = [with_lost_rows(recording) for recording in recordings]
     for recording in recordings:
         result += signal_findings(machine, recording)
