@@ -320,19 +320,32 @@ def test_a_link_with_a_decimal_slip_is_named_however_little_it_leaves() -> None:
     assert first(check_recordings(wrong, runs)) == ("length", "joint1")
 
 
+def sample_of(name: str) -> tuple[Machine, list[Recording]]:
+    data = Path(__file__).parents[3] / "shared" / "samples" / name
+    if not data.is_dir():
+        pytest.skip(f"the sample is not there (../shared/samples/{name})")
+    machine = load_machine(data / "machine.yaml")
+    return machine, [read_recording(path, machine, path.stem.split("-")[0]) for path in sorted(data.glob("*.parquet"))]
+
+
 @pytest.mark.slow
 def test_a_length_of_the_wrong_sign_is_named_however_little_it_leaves() -> None:
-    data = Path(__file__).parents[3] / "shared" / "samples" / "nothing-missing"
-    if not data.is_dir():
-        pytest.skip("the sample is not there (../shared/samples/nothing-missing)")
-    machine = load_machine(data / "machine.yaml")
-    runs = [read_recording(path, machine, path.stem.split("-")[0]) for path in sorted(data.glob("*.parquet"))]
+    machine, runs = sample_of("nothing-missing")
     found = check_recordings(with_length(machine, 1, -1.0), runs)
     assert first(found) == ("length", "joint2") and found[0].before is not None and found[0].before < SUSPECT
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [20.0, 10.0, 0.1])
+def test_an_arm_that_moves_twenty_times_too_fast_is_not_pushed_by_its_joints() -> None:
+    machine, runs = sample_of("tilted-base")
+    fast = machine.model_copy(update={"rate_hz": 20 * machine.rate_hz})
+    found = check_recordings(fast, [replace(r, time=r.time / 20, rate_hz=fast.rate_hz) for r in runs])
+    assert first(found) == ("wrong_rate", None)
+    assert found[0].factor == pytest.approx(0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [20.0, 10.0, 0.1, 0.05])
 def test_a_false_time_axis_is_named_by_the_inertias_of_all_joints(factor: float) -> None:
     machine = JOINT.model_copy(update={"rate_hz": JOINT.rate_hz / factor})
     slow = [replace(r, time=factor * r.time, rate_hz=machine.rate_hz) for r in SINGLE]

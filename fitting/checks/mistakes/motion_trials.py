@@ -159,8 +159,8 @@ def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
     return on_samples(lambda own: own.moved(keys, delay))
 
 
-#: Rates that a recorder may have run at instead, over the one that its time column says.
-TRUE_RATES = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
+#: Rates that a recorder may have run at instead, over the one that its time column says; 20: milliseconds at 50 Hz.
+TRUE_RATES = (0.05, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 20.0)
 
 
 def _faster(factor: float) -> Build:
