@@ -7,7 +7,7 @@ out stand least squares (a flat prior, all efforts alike) and the nearest fit wi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,11 +65,15 @@ def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[R
         if found := sets.read(name, data, scratch):
             yield short, *found
             yield f"{short}, swapped", found[0], sets.swapped(found[1][0], found[1][2])
+            if short == "KUKA":  # at 3 Hz half as many rows as parameters
+                sixth = sets.cut(found[1][2], 1 / 6)[0]
+                yield f"{short}, swapped, a sixth", found[0], [sixth, replace(found[1][0], role="validate")]
     if found := sets.read("TX40", data, scratch):
         first, second = sets.cut(found[1][0], 0.5)
         yield "TX40, halves", found[0], [first, second]
         yield "TX40, halves swapped", found[0], sets.swapped(first, second)
         yield "TX40, last 30 %", found[0], list(sets.cut(found[1][0], sets.FITTED))
+        yield "TX40, a third", found[0], list(sets.cut(found[1][0], 1 / 3))
 
 
 def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:

@@ -608,3 +608,18 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(
         changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some), "noisy", joint
     )
+
+
+_mistake("link with the wrong sign")(_edit_dh("a", lambda v: -v, "length", 3, True))
+
+
+@_mistake("one pressure of two joints exchanged in one recording")
+def _(rig: Rig, rng: Rng) -> Made | None:
+    pair = _two(rig, rng)
+    if pair is None:
+        return None
+    chamber = int(rng.integers(2))
+    first, second = (_chambers(rig, joint)[chamber] for joint in pair)
+    table = rig.tables["train-2"]
+    mixed = rig.with_column("train-2", first, table[second]).with_column("train-2", second, table[first])
+    return _made(mixed, "exchanged_channels other_machine", *pair)

@@ -40,13 +40,14 @@ from fitting.checks.reading import read_leniently
 from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
+from fitting.checks.time_axis import repeated_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
 
 #: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little
 #: effort of their own (wrists) have as much, so the joint has to carry this share of the arm's largest effort as well.
-GROSS, _CARRIES = 0.55, 0.1
+GROSS, _CARRIES, _MOST_JOINTS = 0.55, 0.1, 0.5
 #: A misfit up to this many times another one explains as much.
 _AS_WELL = 1.2
 #: s; gaps up to this are bridged before recordings are compared with anything.
@@ -160,6 +161,8 @@ def check_recordings(
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]
+    for recording in recordings:
+        result += repeated_findings(recording)
     recordings = [with_lost_rows(recording) for recording in recordings]
     for recording in recordings:
         result += signal_findings(machine, recording)
@@ -373,19 +376,20 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
     misfits = current.misfits
     if np.nanmax(misfits, initial=0.0) >= GROSS:
         misfits = np.fmin(misfits, with_payload(searched.trial).misfits)
-    for number, joint in enumerate(machine.joints):
-        misfit = misfits[number]
-        if not np.isfinite(misfit) or misfit < GROSS or current.shares[number] < _CARRIES:
-            continue
-        coupled = with_couplings(searched.trial, number)
+    tells = np.isfinite(misfits) & ~(current.shares < _CARRIES)
+    bad = tells & (misfits >= GROSS)
+    whole = bool(bad.any() and np.mean(bad[tells]) > _MOST_JOINTS)  # no joint is pushed where all of an arm is wrong
+    for number in (int(k) for k in np.flatnonzero(bad)):
+        joint, misfit = machine.joints[number], misfits[number]
+        pushed = not whole and CLEAR * with_couplings(searched.trial, number) < misfit
         found.append(
             finding_of(
                 "unexplained",
                 where=places.key(("joints", number)),
                 joint=joint.name,
                 before=float(searched.nominal.misfits[number]),
-                severity="note" if CLEAR * coupled < misfit else "mistake",
-                alternatives=("motion of other joints that pushes it",) if CLEAR * coupled < misfit else (),
+                severity="note" if pushed else "mistake",
+                alternatives=("motion of other joints that pushes it",) if pushed else (),
                 after=float(misfit),
                 unit="of the effort",
                 strength=2.0,

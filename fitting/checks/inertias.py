@@ -15,7 +15,7 @@ from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
-from fitting.checks.mistakes.physical import Trial, fit, friction, measured_effort
+from fitting.checks.mistakes.physical import Trial, fit, friction, measured_effort, without
 from fitting.checks.mistakes.trials import SOUND
 from fitting.regression.plausible_arm import rods, standard_of_bodies
 
@@ -65,9 +65,9 @@ def inertia_ratios(trial: Trial) -> FloatArray:
         rest = np.column_stack([friction(motion.v[rows, joint], motion.speed_noise[joint]), np.ones(len(x)), x])
         own = static[rows, joint]
         # What the rods weigh of one kilogram, and what the joint's effort says of it.
-        weight = _without(np.column_stack([rest, acceleration]), np.column_stack([own @ links, effort[rows]]))
+        weight = without(np.column_stack([rest, acceleration]), np.column_stack([own @ links, effort[rows]]))
         weights += [float(weight[:, 0] @ weight[:, 1]) / size**2, float(weight[:, 0] @ weight[:, 0]) / size**2]
-        left = _without(np.column_stack([rest, own]), np.column_stack([acceleration, effort[rows]]))
+        left = without(np.column_stack([rest, own]), np.column_stack([acceleration, effort[rows]]))
         square = float(left[:, 0] @ left[:, 0])
         if not square > 0:
             continue
@@ -88,9 +88,3 @@ def _inertia(trial: Trial, joint: int, static: FloatArray, links: FloatArray) ->
     unit[:, joint] = 1.0
     moved = rigid_body_regressor(trial.machine, trial.motion.q, np.zeros_like(unit), unit)
     return float(np.mean((moved - static)[:, joint] @ links))
-
-
-def _without(A: FloatArray, B: FloatArray) -> FloatArray:
-    """What least squares on the columns of ``A`` leave of those of ``B``."""
-    scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
-    return np.asarray(B - (A / scale) @ np.linalg.lstsq(A / scale, B, rcond=1e-8)[0])

@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import RATE_TOLERANCE, regular_steps, uneven_steps
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, Severity, finding_of
+from fitting.signals.lost_rows import repeated_rows
 
 #: What a time in another unit is too large by.
 _UNITS = {1e3: "milliseconds", 1e6: "microseconds", 1e9: "nanoseconds", 1 / 60: "minutes", 1 / 3600: "hours"}
@@ -38,6 +40,15 @@ def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[st
     if len(steps) == 0 or not np.all(np.isfinite(time)):
         return []
     return _backwards(file, time, steps) or _other_rate(machine, file, steps) or _holes(machine, file, time, values)
+
+
+def repeated_findings(recording: Recording) -> list[Finding]:
+    """A remark on rows that repeat the one before in every channel."""
+    rows = np.flatnonzero(repeated_rows(recording))
+    if not len(rows):
+        return []
+    said = {"count": len(rows), "at": recording.time[rows[0]]}
+    return [finding_of("lost_rows/repeated", recording=recording.file, severity="note", strength=4.0, **said)]
 
 
 def _backwards(file: str, time: FloatArray, steps: FloatArray) -> list[Finding]:

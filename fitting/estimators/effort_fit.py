@@ -40,6 +40,8 @@ OUTER = 0.25
 #: Chance that a right fit exceeds what is said to be its error at most, and short recordings of two equal noises.
 CHANCE = 1e-3
 _SHORT = 20  # rows below which a series says nothing of its own colour
+#: Logarithm of the least variance of noise over that of the effort, how many are tried, and what is not probable.
+_QUIET, _GRID, _IMPROBABLE = -60.0, 601, 40.0
 
 
 class EffortRows:
@@ -122,17 +124,15 @@ class EffortRows:
     @cached_property
     def spread(self) -> float:
         """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
-        freedom, and of how much longer it hangs together than white noise (:func:`long_run`).
+        freedom (:func:`noise_variance`), and of how much longer it hangs together than white noise (:func:`long_run`).
         """
-        found = self._factor
-        theta = found.root @ (found.Q.T @ self._stacked[:, -1])
+        variance, theta = noise_variance(self.triangles, int(self.rows.sum()))
         residual = self._residual(theta)
         squares = np.array([float(e @ e) for e in residual])
-        freedom = max(int(self.rows.sum()) - found.root.shape[1], 1)
         if not squares.sum() > 0:
             return 1.0
         colour = float(np.sum(squares * [long_run(e) for e in residual]) / squares.sum())
-        return float(np.sqrt(squares.sum() / freedom * colour))
+        return float(np.sqrt(variance * colour))
 
     @cached_property
     def _stacked(self) -> FloatArray:
@@ -326,6 +326,50 @@ class EffortRows:
             condition_number=self._factor.condition_number,
             share=data_share(found.root @ found.root.T, parameters, prior),
         )
+
+
+def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, FloatArray]:
+    """Variance of a row's noise, and the parameters (p,) that are most probable with it.
+
+    Where rows are many, the squares that least squares leaves per degree of freedom. Where they are hardly more than
+    the columns, or fewer, least squares leaves nothing, whatever the noise is; but a contribution is no larger than its
+    joint's own effort, so that what is in directions too weak for that is noise. With ``d`` the singular values of the
+    columns in such sizes, ``c = U'b`` and ``s`` the noise, ``c_i ~ N(0, d_i^2 + s^2)``, and the rest of ``b`` is noise
+    alone (evidence of MacKay, Neural Computation 4 (1992) 415); the variance is its mean over ``s``, all of which are
+    as probable beforehand.
+
+    Parameters
+    ----------
+    triangles : per joint ``R`` (.., p + 1) with ``R'R = [A b]'[A b]``
+    rows : how many rows they are made of
+    """
+    sizes = [float(np.linalg.norm(R[:, -1])) for R in triangles]
+    whole, power = np.vstack(triangles), float(np.sum(np.square(sizes)))
+    own = np.zeros(whole.shape[1] - 1)
+    if not power > 0:
+        return 0.0, own
+    for R, size in zip(triangles, sizes, strict=True):
+        own += np.sum(R[:, :-1] ** 2, axis=0) / size**2 if size > 0 else 0.0
+    largest = np.divide(1.0, np.sqrt(own), out=np.zeros_like(own), where=own > 0)
+    U, d, V = np.linalg.svd(whole[:, :-1] * largest, full_matrices=False)
+    c = U.T @ whole[:, -1]
+    beside, free = float(np.sum((whole[:, -1] - U @ c) ** 2)), max(rows - len(d), 0)
+
+    def doubt(log: FloatArray) -> FloatArray:
+        """Twice the negative logarithm of the probability of logarithms (k,) of the variance."""
+        variance = np.exp(log)
+        total = d**2 + variance[:, None]
+        return np.asarray(np.sum(np.log(total) + c**2 / total, axis=1) + (free - 1) * log + beside / variance)
+
+    log = np.log(power / rows) + np.linspace(_QUIET, 0.0, _GRID)
+    for _ in range(2):
+        found = doubt(log)
+        near = np.flatnonzero(found < found.min() + _IMPROBABLE)
+        log = np.linspace(log[max(near[0] - 1, 0)], log[min(near[-1] + 1, _GRID - 1)], _GRID)
+    found = doubt(log)
+    chance = np.exp((found.min() - found) / 2)
+    variance = float(chance @ np.exp(log) / chance.sum())
+    return variance, largest * (V.T @ (d * c / (d**2 + variance)))
 
 
 def long_run(series: FloatArray) -> float:

@@ -133,9 +133,7 @@ class PlausibleArm:
         """Inverses (n, 4, 4) of the plausible links' pseudo-inertias."""
         return np.asarray(np.linalg.inv(self.bodies))
 
-    def optimum(
-        self, A: FloatArray, b: FloatArray, start: Optimum | None = None, weight: float = WEIGHT, held: bool = True
-    ) -> Optimum:
+    def optimum(self, A: FloatArray, b: FloatArray, start: Optimum | None = None, weight: float = WEIGHT) -> Optimum:
         """Most probable links and drives.
 
         Parameters
@@ -143,18 +141,17 @@ class PlausibleArm:
         A, b : (R, p), (R,) rows of unit noise, or a triangle of them; drives, base, then free columns
         start : of rows that differ little
         weight : of the divergence
-        held : whether parameters below zero are held there
         """
         rest, free = A[:, : self.width], factor(A[:, self.width :]).Q if A.shape[1] > self.width else None
         both = np.column_stack([rest, b])
         if free is not None and free.shape[1]:
             both = both - free @ (free.T @ both)
-        problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), weight, held)
+        problem = _Problem(self, np.asarray(np.linalg.qr(both, mode="r")), weight)
         if start is None:
             state = problem.solved(_State(np.asarray(np.linalg.cholesky(self.bodies)), np.zeros(len(self.own))))
         else:
             state = problem.solved(_State(start.roots, start.phi))
-        return Optimum(self, state.roots, state.phi, weight, held)
+        return Optimum(self, state.roots, state.phi, weight)
 
     def fields(self, roots: FloatArray) -> FloatArray:
         """Base parameters per ``X`` of every link in the orthonormal basis, (nb, 10 n)."""
@@ -182,9 +179,9 @@ class PlausibleArm:
         links = self.regrouping[:, : 10 * len(roots)] @ standard_of_bodies(bodies)
         return np.concatenate([phi[: self.drives], links + self.of_motors @ phi[self.drives :]])
 
-    def precision(self, phi: FloatArray, held: bool) -> FloatArray:
+    def precision(self, phi: FloatArray) -> FloatArray:
         """``own f`` of every drive's parameter."""
-        below = self.signed & (phi < 0) & held
+        below = self.signed & (phi < 0)
         return np.asarray(self.own * np.where(below, self.below**-2, 1.0))
 
 
@@ -197,8 +194,8 @@ class _State:
 class _Problem:
     """One minimisation over a triangle ``[A b]`` of the drives' and base columns."""
 
-    def __init__(self, arm: PlausibleArm, R: FloatArray, weight: float, held: bool) -> None:
-        self.arm, self.weight, self.held = arm, weight, held
+    def __init__(self, arm: PlausibleArm, R: FloatArray, weight: float) -> None:
+        self.arm, self.weight = arm, weight
         self.A, self.b = R[:, :-1], R[:, -1]
         self.of_phi = np.hstack([self.A[:, : arm.drives], self.A[:, arm.drives :] @ arm.of_motors])
         self.unit = np.where(arm.own > 0, 1.0 / np.sqrt(np.where(arm.own > 0, arm.own, 1.0)), 1.0)
@@ -209,7 +206,7 @@ class _Problem:
         own = state.roots.transpose(0, 2, 1) @ self.arm.inverse @ state.roots
         spread = self.weight * float(np.sum(np.trace(own, axis1=1, axis2=2) - 4.0))
         spread -= mu * float(np.sum(np.linalg.slogdet(own)[1]))
-        precision = self.arm.precision(state.phi, self.held)
+        precision = self.arm.precision(state.phi)
         return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + spread
 
     def solved(self, state: _State) -> _State:
@@ -250,7 +247,7 @@ class _Problem:
         arm = self.arm
         missing = self.A @ arm.theta(state.roots, state.phi) - self.b
         M = np.hstack([self.A[:, arm.drives :] @ arm.fields(G), self.of_phi * self.unit])
-        known = arm.precision(state.phi, self.held) * state.phi * self.unit
+        known = arm.precision(state.phi) * state.phi * self.unit
         return M, -M.T @ missing - np.concatenate([arm.slope(G, self.weight, log), known])
 
     def _step(self, state: _State, G: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -258,7 +255,7 @@ class _Problem:
         M, down = self._slope(state, G, log)
         count = 10 * len(G)
         H = M.T @ M
-        known = self.arm.precision(state.phi, self.held) * self.unit**2
+        known = self.arm.precision(state.phi) * self.unit**2
         H[np.diag_indices(len(H))] += np.concatenate([np.ones(count), known])
         H[np.diag_indices(len(H))] += np.where(np.diag(H) > 0, 0.0, 1.0)  # a drive that no row shows stays at zero
         # Squaring costs digits of the step, none of the place that it goes to: there the slope itself vanishes.
@@ -290,14 +287,12 @@ class Optimum:
     roots : (n, 4, 4), pseudo-inertias are ``L L'``
     phi : (k,) drives' parameters, then those of coupled motors
     weight : of the divergence
-    held : whether parameters below zero were held
     """
 
     arm: PlausibleArm
     roots: FloatArray
     phi: FloatArray
     weight: float
-    held: bool
 
     @property
     def theta(self) -> FloatArray:
@@ -324,7 +319,7 @@ class Optimum:
         arm, base = self.arm, self.theta[self.arm.drives :]
         fields = arm.fields(self.roots)
         g = arm.slope(self.roots, self.weight, np.full((len(self.roots), 4), self.weight))
-        precision = arm.precision(self.phi, self.held)
+        precision = arm.precision(self.phi)
         own, motors = precision[: arm.drives], precision[arm.drives :]
         known = motors > 0
         spread = arm.of_motors[:, known] / np.sqrt(motors[known])

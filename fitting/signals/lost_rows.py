@@ -28,17 +28,47 @@ from fitting.signals.filters import FilterBank
 _PAUSE_S = 1.0
 #: Share of a channel's rows that may be bridged: a device that is read at every other row has another rate.
 _MOST = 0.3
+#: s; rows that repeat the one before for longer are no rows that were lost; how many that do by chance are expected.
+_REPEATED_S, _CHANCE = 0.1, 1e-3
 #: Longest gap that is bridged, in periods of the identification bandwidth, which is five times the motion's frequency.
 _PERIODS = 0.5
 #: Rows on either side that a gap is bridged from, beside as many as it is long; degree of the polynomial.
 _BESIDE, _CUBIC = 2, 3
 
 
+def repeated_rows(recording: Recording) -> BoolArray:
+    """Rows (N,) that a recorder wrote once more for want of new ones, which a motion would stumble over.
+
+    Every channel has the value of the row before there, although they repeat it so seldom elsewhere that not one such
+    row is to be expected. What lasts longer is a machine that stands, or a device that hangs, and more than a third of
+    all rows is another rate.
+    """
+    count, alike = len(recording) - 1, np.ones(max(len(recording) - 1, 0), dtype=bool)
+    own = []
+    for values in recording.values.values():
+        equal = np.diff(values) == 0
+        alike &= equal
+        own.append(np.count_nonzero(equal))
+    again, most = np.count_nonzero(alike), max(1, round(_REPEATED_S * recording.rate_hz))
+    if not 0 < again <= _MOST * count or count * np.prod((np.array(own) - again + 1.0) / (count - again)) > _CHANCE:
+        return np.zeros(len(recording), dtype=bool)
+    for run in runs(alike):
+        alike[run] = run.stop - run.start <= most
+    return np.concatenate([[False], alike])
+
+
 def with_lost_rows(recording: Recording) -> Recording:
-    """The recording with a row for every period that its clock left out, all its values missing.
+    """The recording with a row for every period that its clock left out, all its values missing, as they are in rows
+    that repeat the one before.
 
     Quality, age and UTC of such rows are unknown; a recording that has some is without them altogether.
     """
+    again = repeated_rows(recording)
+    if again.any():
+        shelf = _shelf(recording.values)
+        for name, own in recording.values.items():
+            shelf[name] = np.where(again, np.nan, own)
+        recording = replace(recording, values=shelf)
     lost = lost_between(recording.time, recording.rate_hz)
     lost = np.where(lost > _PAUSE_S * recording.rate_hz, 0, lost)
     if not lost.any():
@@ -98,26 +128,33 @@ def short_gaps(missing: BoolArray, joined: BoolArray, most: int) -> BoolArray:
     return short
 
 
-def filled(values: FloatArray, rows: BoolArray) -> FloatArray:
-    """Values (N,) with those of some rows told by the cubic that fits the measured ones on both sides best."""
+def filled(values: FloatArray, rows: BoolArray, closely: bool = False) -> FloatArray:
+    """Values (N,) with those of some rows told by the cubic that fits the measured ones on both sides best.
+
+    A cubic does not fit as well across long gaps, and a step at either end passes for a fast motion. ``closely``, a row
+    counts the less the further it is from the gap.
+    """
     known = np.flatnonzero(np.isfinite(values))
     out = values.copy()
     for run in runs(rows):
-        length = run.stop - run.start
-        middle, beside = np.searchsorted(known, run.start), length + _BESIDE
-        near = known[max(0, middle - beside) : middle + beside]
+        length, middle = run.stop - run.start, int(np.searchsorted(known, run.start))
+        # No further away than that, be it that another gap is near: across it the motion is no cubic any more.
+        first, last = np.searchsorted(known, [run.start - length - _BESIDE, run.stop + length + _BESIDE])
+        near = known[max(0, min(first, middle - _BESIDE)) : max(last, middle + _BESIDE)]
         if len(near) > _CUBIC:
             offsets = tuple((near - run.start).tolist())
-            out[run] = _weights(offsets, length) @ values[near]
+            out[run] = _weights(offsets, length, closely) @ values[near]
     return out
 
 
 @lru_cache(maxsize=4096)
-def _weights(near: tuple[int, ...], length: int) -> FloatArray:
+def _weights(near: tuple[int, ...], length: int, closely: bool) -> FloatArray:
     """Weights (length, k) of values at places ``near`` in the best cubic's values at places 0 to ``length - 1``."""
+    places = np.array(near)
+    counts = 1.0 / np.maximum(-places, places - length + 1) ** 2 if closely else np.ones(len(places))
     scale = float(np.abs(near).max())
-    powers = np.vander(np.array(near) / scale, _CUBIC + 1)
-    return np.asarray(np.vander(np.arange(length) / scale, _CUBIC + 1) @ np.linalg.pinv(powers))
+    powers = np.vander(places / scale, _CUBIC + 1) * counts[:, None]
+    return np.asarray(np.vander(np.arange(length) / scale, _CUBIC + 1) @ np.linalg.pinv(powers) * counts)
 
 
 def hidden(made_up: BoolArray, most: int) -> BoolArray:

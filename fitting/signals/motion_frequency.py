@@ -45,7 +45,7 @@ def motion_frequency(machine: Machine, recordings: Sequence[Recording], in_piece
             values = recording.values[name]
             noise = channel_noise(recording, name)
             short = short_gaps(~np.isfinite(values), recording.joined, round(_BRIDGED_S * machine.rate_hz))
-            values = filled(values, short)
+            values = filled(values, short, closely=True)
             stretches = runs(np.isfinite(values), recording.joined)
             parts = [values[part] for part in stretches if part.stop - part.start >= 4 * smooth.margin]
             if parts:

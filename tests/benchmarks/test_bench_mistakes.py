@@ -81,6 +81,7 @@ def test_a_missed_mistake_and_a_false_accusation_miss_their_targets() -> None:
         ("single", 8_205_023),
         ("both", 9_205_166),
         ("both", 9_205_199),
+        ("one", 520_805_054),
     ],
 )
 def test_an_effect_that_resembles_a_mistake_is_not_reported_as_one(kind: Kind, seed: int, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
 from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.signal_faults import signal_findings
-from fitting.checks.time_axis import repaired_time, time_findings
+from fitting.checks.time_axis import repaired_time, repeated_findings, time_findings
 
 MACHINE = planar_machine(2)
 SOUND = make_recordings(MACHINE, truth(2), [("train", 2), ("validate", 3)])
@@ -291,6 +291,17 @@ def test_single_lost_rows_are_a_note_up_to_a_fifth(share: float, severity: str) 
     kept = np.random.default_rng(8).random(2000) > share
     found = time_findings(MACHINE, "run.csv", np.arange(2000)[kept] / MACHINE.rate_hz, {})
     assert [(own.code, own.severity) for own in found] == [("lost_rows", severity)]
+
+
+def test_rows_that_repeat_the_one_before_are_a_note() -> None:
+    source = np.arange(len(SOUND[0]))
+    source[[50, 400, 700]] -= 1
+    again = replace(SOUND[0], values={name: np.asarray(own)[source] for name, own in SOUND[0].values.items()})
+    (own,) = repeated_findings(again)
+    assert (own.code, own.severity, own.recording) == ("lost_rows", "note", again.file)
+    assert "3 rows" in own.text and f"{again.time[50]:.6g} s" in own.text
+    assert repeated_findings(SOUND[0]) == []
+    assert named(list(check_recordings(MACHINE, [again]))) == []
 
 
 def test_other_rows_lost_in_each_run_do_not_make_another_motion_of_it() -> None:

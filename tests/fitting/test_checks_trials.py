@@ -12,8 +12,8 @@ import pytest
 from synthetic_arm import QUIET, Noise, force, make_motion, make_recordings, planar_machine, sample, truth
 
 from daq.errors import RecordingError
-from daq.machine.machine_file import Machine, machine_to_yaml
-from daq.recordings.recording import Recording, write_recording
+from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
+from daq.recordings.recording import Recording, read_recording, write_recording
 from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
 from fitting.checks.machine_numbers import machine_findings
@@ -41,6 +41,15 @@ def first(found: Sequence[Finding]) -> tuple[str, str | None]:
     mistakes = [own for own in found if own.severity == "mistake"]
     assert mistakes, "silent"
     return mistakes[0].code, mistakes[0].joint
+
+
+def with_length(machine: Machine, number: int, factor: float) -> Machine:
+    """The machine with the length of a link ``factor`` times what it is."""
+    own = machine.joints[number]
+    other = own.model_copy(update={"dh": own.dh.model_copy(update={"a": factor * own.dh.a})})
+    return machine.model_copy(
+        update={"joints": tuple(other if k == number else j for k, j in enumerate(machine.joints))}
+    )
 
 
 def edited(machine: Machine, joint: int, **cylinder: float) -> Machine:
@@ -158,11 +167,19 @@ def test_exchanged_pressures_are_found_however_little_they_leave() -> None:
 
 
 @pytest.mark.slow
-def test_what_was_wrong_in_one_recording_is_said_of_it() -> None:
+@pytest.mark.parametrize(
+    ("a", "b", "code"),
+    [
+        ("joint1.head", "joint1.rod", "swapped_chambers"),
+        ("joint1.head", "joint2.head", "exchanged_channels"),
+        ("joint1.q", "joint3.q", "exchanged_channels"),
+    ],
+)
+def test_what_was_wrong_in_one_recording_is_said_of_it(a: str, b: str, code: str) -> None:
     one = SINGLE[1]
-    swapped = {"joint1.head": one.values["joint1.rod"], "joint1.rod": one.values["joint1.head"]}
+    swapped = {a: one.values[b], b: one.values[a]}
     found = check_recordings(JOINT, [SINGLE[0], replace(one, values={**one.values, **swapped}), SINGLE[2]])
-    assert first(found) == ("swapped_chambers", "joint1")
+    assert first(found) == (code, "joint1")
     assert (found[0].recording, "in this recording alone" in found[0].text) == (one.file, True)
 
 
@@ -295,9 +312,7 @@ def test_a_link_with_a_decimal_slip_is_named_however_little_it_leaves() -> None:
     arm = replace(arm, drive=0.3 * arm.drive)
     runs = make_recordings(JOINT, arm, MOTIONS, noise=Noise(2e-6, 1e-6, 1.0, 0.5))
     assert check_recordings(JOINT, runs) == ()
-    own = JOINT.joints[0]
-    short = own.model_copy(update={"dh": own.dh.model_copy(update={"a": own.dh.a / 10})})
-    wrong = JOINT.model_copy(update={"joints": (short, *JOINT.joints[1:])})
+    wrong = with_length(JOINT, 0, 0.1)
     samples = take_samples(wrong, runs)
     assert samples is not None
     misfits = fit(Trial(samples, wrong, positions_of(wrong, samples))).misfits
@@ -305,8 +320,32 @@ def test_a_link_with_a_decimal_slip_is_named_however_little_it_leaves() -> None:
     assert first(check_recordings(wrong, runs)) == ("length", "joint1")
 
 
+def sample_of(name: str) -> tuple[Machine, list[Recording]]:
+    data = Path(__file__).parents[3] / "shared" / "samples" / name
+    if not data.is_dir():
+        pytest.skip(f"the sample is not there (../shared/samples/{name})")
+    machine = load_machine(data / "machine.yaml")
+    return machine, [read_recording(path, machine, path.stem.split("-")[0]) for path in sorted(data.glob("*.parquet"))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("factor", [20.0, 10.0, 0.1])
+def test_a_length_of_the_wrong_sign_is_named_however_little_it_leaves() -> None:
+    machine, runs = sample_of("nothing-missing")
+    found = check_recordings(with_length(machine, 1, -1.0), runs)
+    assert first(found) == ("length", "joint2") and found[0].before is not None and found[0].before < SUSPECT
+
+
+@pytest.mark.slow
+def test_an_arm_that_moves_twenty_times_too_fast_is_not_pushed_by_its_joints() -> None:
+    machine, runs = sample_of("tilted-base")
+    fast = machine.model_copy(update={"rate_hz": 20 * machine.rate_hz})
+    found = check_recordings(fast, [replace(r, time=r.time / 20, rate_hz=fast.rate_hz) for r in runs])
+    assert first(found) == ("wrong_rate", None)
+    assert found[0].factor == pytest.approx(0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [20.0, 10.0, 0.1, 0.05])
 def test_a_false_time_axis_is_named_by_the_inertias_of_all_joints(factor: float) -> None:
     machine = JOINT.model_copy(update={"rate_hz": JOINT.rate_hz / factor})
     slow = [replace(r, time=factor * r.time, rate_hz=machine.rate_hz) for r in SINGLE]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_arm import clean_session
 
-from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error
+from fitting.estimators.effort_fit import EffortRows, mean_levers, noise_variance, parameter_error
 from fitting.regression.design import effort_errors
 from fitting.regression.prior import Prior
 
@@ -69,6 +69,37 @@ def test_deviations_are_near_those_of_the_noise_where_the_model_is_right(rows: E
     session = clean_session()
     ratio = rows.fit(session.prior).std / session.base_model.fit.std
     assert 0.8 < float(np.median(ratio)) < 2.0  # weights by the noise are the best, so others are hardly better
+
+
+def test_the_noise_of_many_rows_is_what_least_squares_leaves_per_degree_of_freedom() -> None:
+    rng = np.random.default_rng(5)
+    A = rng.standard_normal((3000, 12)) * np.geomspace(1.0, 1e4, 12)
+    b = A @ (rng.standard_normal(12) / np.geomspace(1.0, 1e4, 12)) + 0.2 * rng.standard_normal(3000)
+    left = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
+    variance, theta = noise_variance([np.column_stack([A, b])[k::3] for k in range(3)], 3000)
+    assert variance == pytest.approx(left @ left / (3000 - 12), rel=3e-3)
+    assert theta == pytest.approx(np.linalg.lstsq(A, b, rcond=None)[0], rel=1e-3)
+
+
+@pytest.mark.parametrize("rows", [30, 45, 70])
+def test_the_noise_of_fewer_rows_than_parameters_is_not_what_least_squares_leaves(rows: int) -> None:
+    """Columns of a slow motion: their singular values fall from the effort to far below the noise."""
+    rng = np.random.default_rng(6)
+    found = []
+    for _ in range(20):
+        U, V = (np.linalg.qr(rng.standard_normal((n, n)))[0] for n in (rows, 60))
+        least = min(rows, 60)
+        A = U[:, :least] * np.geomspace(1.0, 1e-5, least) @ V[:, :least].T
+        b = A @ rng.standard_normal(60)
+        noise = 0.02 * float(np.sqrt(np.mean(b**2)))
+        b = b + noise * rng.standard_normal(rows)
+        found.append(noise_variance([np.column_stack([A, b])], rows)[0] / noise**2)
+    assert 0.6 < float(np.median(found)) < 1.7  # least squares: 0 of up to 60 rows
+
+
+def test_rows_without_an_effort_have_no_noise() -> None:
+    variance, theta = noise_variance([np.column_stack([np.ones((5, 2)), np.zeros(5)])], 5)
+    assert variance == 0.0 and not theta.any()
 
 
 def test_the_parameters_error_is_exceeded_as_often_as_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -49,6 +49,34 @@ def test_lost_rows_are_put_back_where_they_were(lost: set[int]) -> None:
     assert np.array_equal(found.values["x"][~missing], np.arange(100.0)[~missing])
 
 
+def repeating(recording: Recording, rows: np.ndarray) -> Recording:
+    """The recording as a recorder writes it that repeats its last row where it has no new one."""
+    source = np.arange(len(recording))
+    source[rows] -= 1
+    return replace(recording, values={name: np.asarray(own)[source] for name, own in recording.values.items()})
+
+
+@settings(max_examples=20, deadline=None)
+@given(lost=st.sets(st.integers(1, 198).map(lambda k: 2 * k), min_size=1, max_size=60))
+def test_rows_that_repeat_the_one_before_are_lost(lost: set[int]) -> None:
+    rows = np.array(sorted(lost))
+    whole = replace(RECORDINGS[1].cut(slice(0, 400)), role="train")
+    found = with_lost_rows(repeating(whole, rows))
+    for name, own in found.values.items():
+        assert np.flatnonzero(np.isnan(own)).tolist() == rows.tolist()
+        assert np.delete(own, rows) == pytest.approx(np.delete(np.asarray(whole.values[name]), rows), abs=0)
+
+
+def test_a_machine_that_stands_a_slow_device_and_few_levels_repeat_no_rows() -> None:
+    whole, rows = RECORDINGS[1], np.arange(len(RECORDINGS[1]))
+    values = {name: np.asarray(own) for name, own in whole.values.items()}
+    stands = {name: own[np.clip(rows, None, 300)] for name, own in values.items()}
+    slow = {name: own[rows // 2 * 2] for name, own in values.items()}
+    coarse = {name: np.round(own / np.ptp(own) * 40) for name, own in list(values.items())[:2]}
+    for changed in (values, stands, slow, coarse):
+        assert with_lost_rows(replace(whole, values=changed)).values == changed
+
+
 def test_a_pause_is_no_lost_rows() -> None:
     recording = simple(np.arange(100.0))
     paused = replace(recording, time=recording.time + 30.0 * (recording.time > 1.0))
@@ -106,6 +134,16 @@ def test_rows_beside_what_hides_have_no_weight_and_beside_a_single_one_they_do()
     assert not told[np.abs(middles - 904) < 4].any()
     assert told[np.abs(middles - 904) > 40].all()
     assert hidden(single | long, 2).sum() == 8 + (long[899] or single[899] or single[908])
+
+
+def test_long_gaps_beside_one_another_are_no_fast_motion() -> None:
+    """Up to a second each: a cubic through what lies beyond the next gap misses its ends, and a step is fast."""
+    whole, rng = RECORDINGS[1], np.random.default_rng(3)
+    expected = motion_frequency(MACHINE, [whole], in_pieces=False)
+    for _ in range(10):
+        lost = np.concatenate([np.arange(k, k + rng.integers(5, 45)) for k in rng.choice(len(whole) - 60, 20) + 5])
+        cut = with_lost_rows(without(whole, np.unique(lost)))
+        assert motion_frequency(MACHINE, [cut], in_pieces=False) < 1.5 * expected
 
 
 def lost_of(pattern: str, rows: int, rng: np.random.Generator) -> np.ndarray:

@@ -174,6 +174,24 @@ def test_a_measured_arm_is_predicted_on_another_motion(swapped: bool, most: floa
 
 
 @pytest.mark.slow
+def test_a_measured_arm_with_fewer_rows_than_parameters_keeps_the_plausible_arm() -> None:
+    """35 rows of 69 parameters in a sixth of a motion: least squares leaves nothing of them, which is no noise."""
+    data = SHARED / "data" / "kuka_lwr4"
+    if not data.is_dir():
+        pytest.skip("the measured KUKA is not there (../shared/data/kuka_lwr4)")
+    machine = load_machine(data / "machine.yaml")
+    train, validate = (read_recording(data / f"{f}.parquet", machine, f) for f in ("validate", "train"))
+    sixth = len(train) // 6
+    for k in range(2):
+        part = replace(train.cut(slice(k * sixth, (k + 1) * sixth)), role="train")
+        session = Session(machine, [part, replace(validate, role="validate")], Options(loop=False, bandwidth_hz=3.0))
+        design, base = session.plain.design, session.handed_base
+        ways = {"base": base.model.fit.theta, **base.tried}
+        error = {name: errors_of(design, theta)[2]["validate"] for name, theta in ways.items()}
+        assert error["base"] < 0.85 * error["least_squares"] and error["base"] < 0.95 * error["possible"]
+
+
+@pytest.mark.slow
 def test_an_arm_whose_motion_refuses_it_is_left_to_least_squares() -> None:
     data = SHARED / "samples" / "tilted-base"
     if not data.is_dir():

@@ -28,7 +28,8 @@ _NOTED_SIGMAS, _NOTED_FALLS = 3.5, 1.1
 #: Cylinders are built with rod sides of a fifth to nearly all of the head's area, so no true ratio is beyond these of a
 #: declared one; and the joint has to be explained well with it, or far better: else it stands in for what is missing.
 _POSSIBLE, _EXPLAINED = (0.15, 6.0), 0.1
-#: An effect has more parameters: it has to leave less by this share.
+#: An effect has more parameters: it has to leave less by this share, but beside areas that no cylinder has (a rod takes
+#: some of the head's).
 _AS_MUCH = 0.02
 #: Standard errors are of coloured residuals: a third as many samples as rows in each direction count.
 _COLOURED = 3.0
@@ -91,7 +92,8 @@ def area_ratios(trial: Trial) -> list[AreaRatio]:
         target = block.target(weights)
         size = max(float(target @ block.centred @ target), 1e-300) ** 0.5
         before, after = (float(np.linalg.norm(e)) / size for e in (y - back, left))
-        effect = any(_explains_as_much(rivals[:, own], y - back, left) for own in RIVALS)
+        asked = 1.0 - _AS_MUCH if rho * joint.cylinder.rod_area < joint.cylinder.head_area else 1.0
+        effect = any(_explains_as_much(rivals[:, own], y - back, asked * left) for own in RIVALS)
         result.append(AreaRatio(number, rho, std, before, after, effect))
     return result
 
@@ -99,4 +101,4 @@ def area_ratios(trial: Trial) -> list[AreaRatio]:
 def _explains_as_much(columns: FloatArray, before: FloatArray, left: FloatArray) -> bool:
     """Whether an effect's columns leave less than the ratio of the areas, which has one parameter, does."""
     rest = before - columns @ np.linalg.lstsq(columns, before, rcond=None)[0]
-    return bool(np.linalg.norm(rest) < (1 - _AS_MUCH) * np.linalg.norm(left))
+    return bool(np.linalg.norm(rest) < np.linalg.norm(left))

@@ -34,8 +34,9 @@ class Hypothesis:
     every : it is about all joints
     exact : it puts channels or roles right and changes no number: no effect resembles it, so that it is tried however
         well the efforts are explained
-    slip : a length's decimal point or unit: no effect is as large, and every joint that carries the link feels it. It
-        is tried where most joints are explained worse than they can be, however little that is
+    slip : a length's sign, decimal point or unit, or an axis that is turned: no effect is as large, and every joint
+        that carries the link feels it. It is tried where most joints are explained worse than they can be, however
+        little that is
     """
 
     code: str

@@ -50,8 +50,8 @@ def gravity(trial: Trial) -> Iterator[Hypothesis]:
         )  # fmt: skip
 
 
-#: Factors by which a decimal point or a unit is off.
-SLIPS = (10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
+#: Factors by which a sign, a decimal point or a unit is off.
+SLIPS = (-1.0, 10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
 #: m that a link is long: another length is not what was meant.
 LONG = (0.005, 20.0)
 
@@ -61,7 +61,7 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
     for j, joint in enumerate(machine.joints):
         for name in ("a", "d"):
             value = float(getattr(joint.dh, name))
-            for factor in (*SLIPS, -1.0, 0.5, 2.0):
+            for factor in (*SLIPS, 0.5, 2.0):
                 if LONG[0] < abs(factor * value) < LONG[1]:
                     yield Hypothesis(
                         *worded("length", name=name, new=factor * value, old=value), (j,),
@@ -74,7 +74,7 @@ def lengths(trial: Trial) -> Iterator[Hypothesis]:
             yield Hypothesis(
                 *worded("axis", new=alpha, old=joint.dh.alpha), (j,),
                 on_machine(lambda m, j=j, v=alpha: changed_joint(m, j, "dh", {"alpha": v})),  # type: ignore[misc]
-                key=("joints", j, "dh", "alpha"), price=1.8,
+                key=("joints", j, "dh", "alpha"), price=1.8, slip=True,
             )  # fmt: skip
         if joint.cylinder is None or not isinstance(joint.cylinder.linkage, ThreePin):
             continue

@@ -13,7 +13,7 @@ from fitting.checks.findings import worded
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis
 from fitting.checks.mistakes.physical import Trial
-from fitting.checks.mistakes.samples import EFFORTS, Samples, Signal
+from fitting.checks.mistakes.samples import EFFORTS, PRESSURES, Samples, Signal
 
 
 def on_samples(change: Callable[[Samples], Samples]) -> Build:
@@ -159,8 +159,8 @@ def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
     return on_samples(lambda own: own.moved(keys, delay))
 
 
-#: Rates that a recorder may have run at instead, over the one that its time column says.
-TRUE_RATES = (0.1, 0.2, 0.5, 2.0, 5.0, 10.0)
+#: Rates that a recorder may have run at instead, over the one that its time column says; 20: milliseconds at 50 Hz.
+TRUE_RATES = (0.05, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 20.0)
 
 
 def _faster(factor: float) -> Build:
@@ -176,16 +176,20 @@ def stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
 
 
 def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
-    """What may have been wrong while one recording was made: chambers swapped, a position that counts the other way."""
+    """What may have been wrong while one recording was made: chambers swapped, channels of two joints exchanged, a
+    position that counts the other way."""
     machine, samples = trial.machine, trial.samples
     rows = samples.recording == number
+
+    def swapped(pairs: Sequence[tuple[tuple[str, int], tuple[str, int]]]) -> Build:
+        both = [(a, b) for pair in pairs for a, b in (pair, pair[::-1])]
+        return _changed({a: _where(rows, samples.signals[b], samples.signals[a]) for a, b in both})
+
     for j, joint in enumerate(machine.joints):
-        head, rod = samples.get("head_pressure", j), samples.get("rod_pressure", j)
-        if head is not None and rod is not None:
-            changes = {("head_pressure", j): _where(rows, rod, head), ("rod_pressure", j): _where(rows, head, rod)}
+        if all(samples.get(quantity, j) is not None for quantity in PRESSURES):
             yield Hypothesis(
                 *worded("swapped_chambers/alone"), (j,),
-                _changed(changes), ("head_pressure", "rod_pressure"), recording=number, exact=True,
+                swapped([((PRESSURES[0], j), (PRESSURES[1], j))]), PRESSURES, recording=number, exact=True,
             )  # fmt: skip
         quantity = trial.positions[j]
         signal = samples.get(quantity, j)
@@ -197,6 +201,16 @@ def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
                 _changed({(quantity, j): _where(rows, signal.mapped(-1.0, about), signal)}), (quantity,),
                 recording=number, exact=True,
             )  # fmt: skip
+        for other in range(j):
+            there = [q for q in (quantity, *EFFORTS) if samples.get(q, j) and samples.get(q, other)]
+            sets = [(q,) for q in there] + [PRESSURES] * (set(PRESSURES) <= set(there))
+            for chosen in sets:
+                what = " and ".join(q.replace("_", " ") for q in chosen)
+                names = machine.joints[other].name, joint.name
+                yield Hypothesis(
+                    *worded("exchanged_channels/alone", what=what, first=names[0], second=names[1]), (other, j),
+                    swapped([((q, j), (q, other)) for q in chosen]), chosen, price=1.1, recording=number, exact=True,
+                )  # fmt: skip
 
 
 def _where(rows: BoolArray, there: Signal, elsewhere: Signal) -> Signal:

@@ -32,7 +32,8 @@ _BANDWIDTH_FACTOR, _LEAST_BANDWIDTH = 5.0, 1.5
 _MOVES, _OF_NOISE = 0.02, 5.0
 
 POSITIONS = ("joint_position", "piston_position")
-EFFORTS = ("head_pressure", "rod_pressure", "cylinder_force", "joint_effort")
+PRESSURES = ("head_pressure", "rod_pressure")
+EFFORTS = (*PRESSURES, "cylinder_force", "joint_effort")
 
 
 @dataclass(frozen=True)

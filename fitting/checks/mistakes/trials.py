@@ -99,7 +99,8 @@ def _worth_trying(option: Hypothesis, current: Physical) -> bool:
     """
     own = suspicious(current)
     if option.exact:
-        falls = np.hypot(current.misfits, LEAST_MISFIT) / LEAST_MISFIT
+        least = LEAST_MISFIT if option.recording is None else FINEST_MISFIT  # the others dilute what is wrong in one
+        falls = np.hypot(current.misfits, least) / least
         return not np.all((falls < option.least)[list(option.joints) or slice(None)])
     # Where a link is, and how it moves, shows at any joint that carries it or is carried by it.
     everywhere = option.code in ("length", "axis", "linkage") or bool(_MOTIONS.intersection(option.channels))
@@ -150,15 +151,15 @@ def search(trial: Trial) -> Searched:
 
 
 def _odd_ones(trial: Trial, targets: Targets, current: Physical) -> list[int]:
-    """Recordings without which a badly explained joint is explained well: something may be wrong in them alone."""
+    """Recordings without which a joint is explained far better, however well it is: something may be wrong in them."""
     found = []
-    for option in recordings(trial) if suspicious(current).any() else ():
+    for option in recordings(trial):
         if option.code != "other_machine" or option.recording is None:
             continue
         changed, wanted = option.build(trial, targets)
         after = fit(changed, wanted, bounded=False)
-        a, b = np.hypot(current.misfits, LEAST_MISFIT), np.hypot(after.free, LEAST_MISFIT)
-        if np.any((a / b > option.least) & suspicious(current)):
+        a, b = np.hypot(current.misfits, FINEST_MISFIT), np.hypot(after.free, FINEST_MISFIT)
+        if np.any((a / b > CLEAR) & ~(current.shares < CARRIES)):
             found.append(option.recording)
     return found
 
