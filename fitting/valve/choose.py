@@ -206,7 +206,7 @@ def _kept(fit: Fit, structure: Structure) -> Shape:
 def _candidates(fit: Fit) -> list[Candidate]:
     """Everything that could be added, with its probability, the best first."""
     tried = list(_effects(fit))
-    if fit.structure.curve != "monotone" and "pump_flow_limit" not in fit.structure.effects:
+    if fit.structure.curve != "monotone":
         tried.append(_best(*FREE, fit, [replace(fit.structure, curve="monotone")], ({},)))
     if not tried:
         return []

@@ -125,17 +125,14 @@ def _directed(
     power = shape.get(f"power.{WAYS[way]}", 1.0)
     opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
     factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * rate
-    result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
-    for effect in structure.found:
-        result = effect.limited(result, signals, shape)
-    return result
+    return {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
 
 
 @lru_cache(maxsize=4)
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
     """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
     signals, result = axis.signals, dict[str, FloatArray]()
-    told = delayed(signals, np.sign(signals.u), delay * axis.bank.rate_hz)
+    told = delayed(signals, signals.last_way, delay * axis.bank.rate_hz)
     share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
     if structure.stiffness:
         head, rod = signals.rates
@@ -266,8 +263,8 @@ def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArr
 def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:
     """Linear parameters (k,) of least squares that are not negative."""
     scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
+    told, scale = scale > 0, np.where(scale > 0, scale, 1.0)
     scaled = matrix / scale
     gram = scaled.T @ scaled
     root = np.linalg.cholesky(gram + 1e-10 * np.eye(len(gram)))  # nnls of a few rows, not of thousands
-    return np.asarray(optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)
+    return np.asarray(told * optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)
