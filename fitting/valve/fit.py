@@ -19,10 +19,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize
 
 from fitting.arrays import FloatArray, IntArray
-from fitting.estimators.covariance import autoregression
+from fitting.estimators.effort_fit import long_run
+from fitting.regression.freedom import SIGMAS, coverage_factors
 from fitting.valve.laws import Bounds
 from fitting.valve.model import WAYS, Shape, Structure, columns, solved, speeds
 from fitting.valve.rows import Axis
@@ -91,7 +92,8 @@ class Fit:
     @cached_property
     def rows(self) -> float:
         """How many independent values the kept rows of the residual count for."""
-        return independent(self.residual[self.axis.keep])
+        e = self.residual[self.axis.keep]
+        return len(e) / long_run(e)
 
     @cached_property
     def scaled(self) -> tuple[tuple[str, ...], FloatArray, FloatArray, float]:
@@ -129,7 +131,7 @@ class Fit:
         """Standard deviations and half 95 % intervals (k,) of what has ``slopes`` (k, p) over the free parameters."""
         _, S, moves = self.covariance
         std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
-        return std, stats.t.ppf(0.975, freedom_of(moves @ slopes.T)) * std
+        return std, SIGMAS * coverage_factors(freedom_of(moves @ slopes.T)) * std
 
     def bar(self, name: str) -> tuple[float, float] | None:
         """:meth:`spread` of a parameter; None where it stands at the end of its interval, or is not there."""
@@ -138,14 +140,6 @@ class Fit:
             return None
         std, half = self.spread(np.eye(len(names))[[names.index(name)]])
         return float(std[0]), float(half[0])
-
-
-def independent(e: FloatArray) -> float:
-    """How many independent values a series (N,) that hangs together counts for."""
-    taps = autoregression(e)
-    white = np.convolve(e, taps, mode="valid")
-    long_run = float(np.mean(white**2)) / float(np.sum(taps)) ** 2
-    return len(e) / max(long_run / max(float(np.mean(e**2)), 1e-30), 1.0)
 
 
 def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:

@@ -15,6 +15,7 @@ from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
+from fitting.regression.freedom import SIGMAS
 from fitting.valve.checks import axis_checks, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
 from fitting.valve.controller import compensated_edge
@@ -30,7 +31,6 @@ from fitting.valve.rows import Axis, axis_of
 SCHEMA = "hilfit/valve/1"
 #: Share of full speed at whose command an edge is reported: what a controller needs does not hang on the exponent then.
 EDGE_SPEED = 0.02
-_NORMAL_95 = 1.959964
 _UNITS = {"delay": "s", "margin": "Pa", "order": "1", "exponent": "1", "power": "1"}
 #: Points of the curves of a report.
 _POINTS = 61
@@ -146,7 +146,7 @@ def _of_axis(
     if judged is not None and _error(fit, judged) > peers.static:
         fit, handed = peers.curve, "static"
     errors["handed_out"] = _error(fit, judged)
-    limits = {} if pump is None else {pump.unit: _barred(pump.value, (pump.std, _NORMAL_95 * pump.std), pump.unit)}
+    limits = {} if pump is None else {pump.unit: _barred(pump.value, (pump.std, SIGMAS * pump.std), pump.unit)}
     limit = limits.get("m^3/s")
     model = model_of(
         fit,

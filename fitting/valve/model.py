@@ -96,11 +96,12 @@ def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, 
 
 def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
     """Filtered speeds (M, S) that shapes make with the same gains, each by one column; a gain not there is none."""
-    whole = np.zeros((len(axis.signals), len(shapes)))
-    for place, shape in enumerate(shapes):
-        for name, own in _parts(axis, structure, shape).items():
-            whole[:, place] += gains.get(name, 0.0) * own
-    return axis.reduced(whole)
+    whole = np.zeros((len(shapes), len(axis.signals)))
+    for own, shape in zip(whole, shapes, strict=True):
+        for name, part in _parts(axis, structure, shape).items():
+            if gains.get(name, 0.0) != 0.0:
+                own += gains[name] * part
+    return axis.reduced(whole.T)
 
 
 def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
@@ -195,11 +196,12 @@ def followed(signals: Signals, u: FloatArray, samples: float, damping: float) ->
     ramp = time - late + (gone / (one - other)).real
     steps = PARTS * np.diff(ramp).reshape(3, PARTS)  # the answer to a step; it goes on with the two poles
     poles = np.poly(np.exp([one, other])).real
+    zeros = np.array([np.convolve(taps, poles)[:3] for taps in np.diff(steps, axis=0, prepend=0.0).T])
     out = np.empty((PARTS, len(u)))
-    for place, taps in enumerate(np.diff(steps, axis=0, prepend=0.0).T):
-        zeros = np.convolve(taps, poles)[:3]
-        for part in signals.parts:
-            out[place, part] = u[part][0] + recursive(zeros, poles, u[part] - u[part][0])
+    for part in signals.parts:
+        first = u[part][0]
+        slow = np.append(np.zeros(2), recursive(np.eye(3)[0], poles, u[part] - first))
+        out[:, part] = first + zeros @ np.stack([slow[2:], slow[1:-1], slow[:-2]])
     return out
 
 

@@ -15,12 +15,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+from scipy import stats
 
 from fitting.arrays import FloatArray
+from fitting.estimators.effort_fit import long_run
 from fitting.selection import priors
 from fitting.valve.effects import EFFECTS
-from fitting.valve.fit import Fit, independent
+from fitting.valve.fit import Fit
 from fitting.valve.inverse import direction_of
 from fitting.valve.model import SIGNS, delayed
 
@@ -86,7 +87,7 @@ def _limit(flow: FloatArray, held: FloatArray, per: FloatArray, unit: str) -> Pu
     tried = (_mixture(flow, held, per, float(own), None) for own in np.quantile(given, _BEGIN))
     logs, limit, spread, share = max(tried, key=lambda own: float(own[0].sum()))
     gained = logs - _mixture(flow, held, per, limit, spread)[0]
-    rows = independent(gained - gained.mean())
+    rows = len(gained) / long_run(gained - gained.mean())
     there = max(share * rows, 1.0)  # rows that tell where the limit is, and how far they fall
     odds = rows * float(gained.mean()) - 0.5 * float(np.log(rows)) - float(np.log(there))
     return PumpLimit(limit, spread / float(np.sqrt(there)), unit, odds)
@@ -103,8 +104,8 @@ def _mixture(
     for _ in range(_ROUNDS):
         top, off = limit / per, held - level + droop * flow
         below = level - droop * top - held
-        line = _normal(off / noise) / noise / most * special.ndtr((limit - flow * per) / spread)
-        there = _normal((flow * per - limit) / spread) / spread * per * special.ndtr(below / noise)
+        line = stats.norm.pdf(off, scale=noise) / most * stats.norm.cdf((limit - flow * per) / spread)
+        there = stats.norm.pdf(flow * per, limit, spread) * per * stats.norm.cdf(below / noise)
         there *= np.exp(-np.maximum(below, 0.0) / fall) / fall
         parts = shares[:, None] * np.stack([line, there, np.full_like(flow, 1.0 / area)])
         whole = parts.sum(axis=0)
@@ -120,7 +121,3 @@ def _mixture(
             spread = min(max(wide, 1e-3 * limit), _SPREAD * limit)
             fall = noise + float(at @ np.maximum(below, 0.0) / at.sum())
     return np.log(whole), limit, spread, float(shares[1])
-
-
-def _normal(z: FloatArray) -> FloatArray:
-    return np.asarray(np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi))
