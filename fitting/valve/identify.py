@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ def identify_valves(
             judged = judged if moves(judged) else None
         seen[joint.name] = axis, judged, chosen(axis, loop=loop)
     kind = "unknown" if machine.supply is None else machine.supply.kind
-    pump = pump_limit_of([picked.fit for *_, picked in seen.values()], kind) if seen and loop else None
+    pump = pump_limit_of([picked.fits[-1] for *_, picked in seen.values()], kind) if seen and loop else None
     for name, what in seen.items():
         axes[name], models[name] = _of_axis(machine, *what, pump)
     if not axes:
@@ -130,19 +131,19 @@ def _of_axis(
     machine: Machine, axis: Axis, judged: Axis | None, picked: Chosen, pump: PumpLimit | None
 ) -> tuple[dict[str, Any], ValveModel]:
     peers = peers_of(axis, judged or axis)
-    fit, handed = picked.fit, "model"
+    off = [_error(own, judged) for own in picked.fits]
+    kept = len(picked.found) if judged is None else held_elsewhere(off)
+    fit, handed, found = picked.fits[kept], "model" if kept == len(picked.found) else "before", picked.found[:kept]
     errors: dict[str, Any] = {
         "role": "train" if judged is None else "validate",
         "unit": "of the speed's RMS",
-        "before": _error(picked.base, judged),
-        "after": _error(fit, judged),
+        "before": off[0],
+        "after": off[-1],
         "linear": _finite(peers.linear),
         "arx": _finite(peers.arx),
         "static": _finite(peers.static),
         "speed_rms": float(np.sqrt(np.mean((judged or axis).speed[(judged or axis).keep] ** 2))),
     }
-    if judged is not None and errors["after"] > errors["before"]:
-        fit, handed = picked.base, "before"  # what was found does not hold on another motion
     if judged is not None and _error(fit, judged) > peers.static:
         fit, handed = peers.curve, "static"
     errors["handed_out"] = _error(fit, judged)
@@ -167,15 +168,20 @@ def _of_axis(
         "pump_power": limits.get("W"),
         "errors": errors,
         "laws": picked.laws,
-        "effects": [_effect(found, alike, fit) for found, alike in zip(picked.found, picked.sets, strict=True)],
-        "verdict": ("ambiguous" if any(picked.sets) else "effect_added") if picked.found else "nothing_missing",
+        "effects": [_effect(own, alike, fit) for own, alike in zip(found, picked.sets[:kept], strict=True)],
+        "verdict": ("ambiguous" if any(picked.sets[:kept]) else "effect_added") if found else "nothing_missing",
         "candidates": [[_candidate(c) for c in step] for step in picked.steps],
-        "checks": axis_checks(machine, axis, picked.fit),
+        "checks": axis_checks(machine, axis, picked.fits[-1]),
         "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
         "model": model.to_json(),
         "figures": _figures(fit, model, judged or axis),
     }
     return content, model
+
+
+def held_elsewhere(errors: Sequence[float]) -> int:
+    """How many of what was found one after the other took the error on another motion down, or left it, each."""
+    return sum(1 for _ in takewhile(lambda pair: pair[1] <= pair[0], pairwise(errors)))
 
 
 def _error(fit: Fit, judged: Axis | None) -> float:

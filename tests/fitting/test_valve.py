@@ -21,7 +21,7 @@ from fitting.valve.choose import left_out
 from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import fitted, freedom_of, moved_without, predicted, relative
-from fitting.valve.identify import Identified, identify_valves
+from fitting.valve.identify import Identified, held_elsewhere, identify_valves
 from fitting.valve.inverse import CLIPPED, NO_NUMBER, NO_PRESSURE, REST_SHARE, Direction, ValveModel
 from fitting.valve.laws import LAWS, laws_for
 from fitting.valve.model import DEGREE, PARTS, Structure, columns, delayed, followed, free_curve, solved
@@ -348,6 +348,13 @@ def test_a_compensator_takes_over_softly(order: float) -> None:
     assert factor[2] == pytest.approx(np.sqrt(drop[2] / margin), rel=0.02)
     bends = np.diff(factor, 2)[20:]
     assert np.all(bends <= 1e-9) and np.abs(bends).max() < 0.1 * np.diff(factor)[20:].max()
+
+
+@pytest.mark.parametrize(
+    ("errors", "held"), [([0.02], 0), ([0.02, 0.01], 1), ([0.02, 0.01, 0.012, 0.005], 1), ([0.01, 0.02, 0.001], 0)]
+)
+def test_what_is_said_ends_where_another_motion_gets_worse(errors: list[float], held: int) -> None:
+    assert held_elsewhere(errors) == held
 
 
 def test_the_last_way_it_was_told_to_go_is_kept_at_rest_and_forgotten_in_a_gap() -> None:
