@@ -223,11 +223,11 @@ class PistonLeak(ValveEffect):
 
 
 class PortLeak(ValveEffect):
-    """Oil that leaves a closed port to the tank: the spool's own leak, a relief valve that does not close."""
+    """Oil that leaves a port to the tank, of each its own: the spool's leak, a relief valve that does not close."""
 
     id = "port_leak"
     title = "a leak from the ports to the tank"
-    equation = "Q_i = c (p_i - p_tank)"
+    equation = "Q_i = c_i (p_i - p_tank)"
     confounders = ("piston_leak",)
     experiment = "rest with the valve closed at a loaded pose: both pressures fall, and the load sinks"
     look_at = "the spool, relief and anti-cavitation valves"
@@ -238,7 +238,7 @@ class PortLeak(ValveEffect):
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
         head, rod = (own - signals.tank for own in signals.pressures)
-        return {"port_leak": -share * head / areas[0] + (1.0 - share) * rod / areas[1]}
+        return {"port_leak.head": -share * head / areas[0], "port_leak.rod": (1.0 - share) * rod / areas[1]}
 
 
 EFFECTS: dict[str, ValveEffect] = {

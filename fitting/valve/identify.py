@@ -284,9 +284,9 @@ def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any
     }
     if effect is None:
         return own
-    for name in (*effect.shape, found.id):
-        if name in fit.shape or (name in fit.gains and name == found.id):
-            unit = effect.units.get(name, "m^3/s/Pa" if name == found.id else "1")
+    leaks = {name: "m^3/s/Pa" for name in fit.gains if name.partition(".")[0] == found.id}
+    for name, unit in {**{name: effect.units.get(name, "1") for name in effect.shape}, **leaks}.items():
+        if name in fit.shape or name in fit.gains:
             own["parameters"][name.rpartition(".")[2]] = _value(fit, name, unit)
     return own | {"equation": effect.equation, "look_at": effect.look_at, "experiment": effect.experiment}
 

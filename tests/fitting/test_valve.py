@@ -350,6 +350,17 @@ def test_a_compensator_takes_over_softly(order: float) -> None:
     assert np.all(bends <= 1e-9) and np.abs(bends).max() < 0.1 * np.diff(factor)[20:].max()
 
 
+def test_a_leak_of_one_port_is_told_apart_from_one_of_the_other() -> None:
+    """What a balance of each chamber loses to the tank, with nothing lost at the other port."""
+    one, rng = np.ones(60), np.random.default_rng(3)
+    head, rod, share = rng.uniform(2e6, 9e6, 60), rng.uniform(2e6, 9e6, 60), rng.uniform(0.0, 1.0, 60)
+    signals: Any = SimpleNamespace(pressures=(head, rod), tank=5e5 * one)
+    columns = np.stack(list(EFFECTS["port_leak"].columns(signals, share, (5e-3, 3e-3)).values()), axis=1)
+    for lost in (-share * (head - 5e5) / 5e-3, (1.0 - share) * (rod - 5e5) / 3e-3):
+        found = np.linalg.lstsq(columns, 2e-12 * lost, rcond=None)[0]
+        assert np.allclose(columns @ found, 2e-12 * lost) and np.allclose(sorted(found), [0.0, 2e-12], atol=1e-18)
+
+
 @pytest.mark.parametrize(
     ("errors", "held"), [([0.02], 0), ([0.02, 0.01], 1), ([0.02, 0.01, 0.012, 0.005], 1), ([0.01, 0.02, 0.001], 0)]
 )
