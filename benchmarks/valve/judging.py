@@ -82,7 +82,8 @@ def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
         told = model.command(speed, moving=moving, head=head, rod=rod, supply=supply, tank=tank)
         return float(told.share)
 
-    limit = own["pump_limit"]
+    limit, pump = own["pump_limit"], {"pump_flow_limit"} if own["pump_limit"] or own["pump_power"] else set()
+    effects = [(effect["id"], *effect["indistinguishable_from"]) for effect in own["effects"]]
     return AxisAnswer(
         error=float(own["errors"]["handed_out"]),
         delay=bar(own["delay"]),
@@ -90,7 +91,7 @@ def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
             way: bar(own["directions"][way]["edge_at_2_percent"]) for way in WAYS if own["directions"][way]["moves"]
         },
         largest=own["largest_recorded"],
-        effects=tuple((effect["id"], *effect["indistinguishable_from"]) for effect in own["effects"]),
+        effects=(*effects, *((name,) for name in pump - {found[0] for found in effects})),
         flow_limit=None if limit is None else float(limit["value"]),
         command=command,
     )

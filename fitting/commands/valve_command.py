@@ -119,6 +119,8 @@ def _sentences(name: str, own: Mapping[str, Any]) -> list[str]:
         lines.append(f"{name}: no effect stands out of what is left")
     if own["pump_limit"] is not None:
         lines.append(f"{name}: the pump gives at most {number(own['pump_limit']['value'] * 6e4)} l/min")
+    if own["pump_power"] is not None:
+        lines.append(f"{name}: the pump gives at most {number(own['pump_power']['value'] / 1e3)} kW")
     reasons = {
         "before": "what was found does not hold on the other motion; the model without it is handed out",
         "static": "on the other motion nothing is better than a static curve, which is handed out",

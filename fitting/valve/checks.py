@@ -100,4 +100,6 @@ def _of_the_pressures(axis: Axis) -> Iterator[Check]:
 
 
 def _moves(fit: Fit, way: str) -> bool:
+    if fit.axis.largest[WAYS.index(way)] <= fit.shape[f"edge.{way}"]:
+        return False  # a spool that swings beyond its middle is no command
     return any(gain > 0 for name, gain in fit.gains.items() if name.startswith(f"gain.{way}"))

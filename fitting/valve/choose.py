@@ -78,15 +78,14 @@ class Chosen:
 
     Attributes
     ----------
-    base, fit : without and with what was found
+    fits : without anything, and with each of ``found`` one after the other
     laws : error on rows left out of each law that was tried, by direction and law
     steps : candidates of each round, the best first
     found : what was added
     sets : of each of ``found`` the ids that cannot be told from it
     """
 
-    base: Fit
-    fit: Fit
+    fits: tuple[Fit, ...]
     laws: dict[str, dict[str, float]]
     steps: tuple[tuple[Candidate, ...], ...]
     found: tuple[Candidate, ...]
@@ -136,10 +135,9 @@ def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
     """The model of an axis: its laws of the pressure and its curve; with the ``loop`` its effects."""
     wide = fitted(axis, Structure(curve="monotone", stiffness=axis.has_pressures))
     wide, laws = _with_laws(axis, wide)
-    base = _curved(wide)
-    fit, steps, found, sets, said = base, [], [], [], set[str]()
+    fits, steps, found, sets, said = [_curved(wide)], [], [], [], set[str]()
     for _ in range(priors.MOST if loop else 0):
-        tried = _candidates(fit)
+        tried = _candidates(fits[-1])
         steps.append(tuple(tried))
         if not tried or tried[0].probability < 0.5:
             break
@@ -149,10 +147,11 @@ def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
         if together < priors.SAID or not worth(best.before, best.error) or best.id in said:
             break
         fit, laws = _with_laws(axis, best.fit)
+        fits.append(fit)
         found.append(best)
         sets.append(tuple(c.id for c in near[:2]))
         said |= {best.id, *sets[-1]}
-    return Chosen(base, fit, laws, tuple(steps), tuple(found), tuple(sets))
+    return Chosen(tuple(fits), laws, tuple(steps), tuple(found), tuple(sets))
 
 
 def _curved(wide: Fit) -> Fit:
@@ -206,7 +205,7 @@ def _kept(fit: Fit, structure: Structure) -> Shape:
 def _candidates(fit: Fit) -> list[Candidate]:
     """Everything that could be added, with its probability, the best first."""
     tried = list(_effects(fit))
-    if fit.structure.curve != "monotone" and "pump_flow_limit" not in fit.structure.effects:
+    if fit.structure.curve != "monotone":
         tried.append(_best(*FREE, fit, [replace(fit.structure, curve="monotone")], ({},)))
     if not tried:
         return []

@@ -1,7 +1,7 @@
 """Effects of the level "valve": what a command's way to a speed may have beyond edges, gains, delay and pressure law.
 
 Each is one object with the hooks of :class:`ValveEffect`: it changes the command, the delay, the factor of an
-opening, adds columns, or limits the whole. ``starts`` are the shapes from which a search begins anew: an optimum that
+opening, or adds columns. ``starts`` are the shapes from which a search begins anew: an optimum that
 was found without the effect has bent the edges and the delay, and leads nowhere.
 """
 
@@ -62,10 +62,6 @@ class ValveEffect:
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
         """Further linear columns (N,); ``share`` is that of the head's balance in the speed."""
         return {}
-
-    def limited(self, columns: dict[str, FloatArray], signals: Signals, shape: Shape) -> dict[str, FloatArray]:
-        """All columns (N,) by their names, once everything else is in them."""
-        return columns
 
     def starts_of(self, axis: Axis) -> Sequence[Shape]:
         """Shapes from which the search begins anew."""
@@ -136,7 +132,6 @@ class WarmUp(ValveEffect):
         {"warm_up.share": -0.1, "warm_up.tau": 120.0},
         {"warm_up.share": 0.1, "warm_up.tau": 60.0},
     )
-    confounders = ("pump_flow_limit",)
     experiment = "the same cycle cold and warm, with the oil's temperature"
     look_at = "oil temperature and viscosity grade"
     source = "Merritt 1967, 3-3"
@@ -228,11 +223,11 @@ class PistonLeak(ValveEffect):
 
 
 class PortLeak(ValveEffect):
-    """Oil that leaves a closed port to the tank: the spool's own leak, a relief valve that does not close."""
+    """Oil that leaves a port to the tank, of each its own: the spool's leak, a relief valve that does not close."""
 
     id = "port_leak"
     title = "a leak from the ports to the tank"
-    equation = "Q_i = c (p_i - p_tank)"
+    equation = "Q_i = c_i (p_i - p_tank)"
     confounders = ("piston_leak",)
     experiment = "rest with the valve closed at a loaded pose: both pressures fall, and the load sinks"
     look_at = "the spool, relief and anti-cavitation valves"
@@ -243,53 +238,7 @@ class PortLeak(ValveEffect):
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
         head, rod = (own - signals.tank for own in signals.pressures)
-        return {"port_leak": -share * head / areas[0] + (1.0 - share) * rod / areas[1]}
-
-
-class PumpFlowLimit(ValveEffect):
-    """The pump gives no more: what is asked beyond that is not there.
-
-    ``openings`` are those at which this axis alone takes all that the pump gives; the flow itself shows where others
-    take part of it.
-    """
-
-    id = "pump_flow_limit"
-    title = "the pump's flow limit"
-    equation = "A |v| <= Q - sum of the others' A |v|"
-    shape: ClassVar = {
-        "pump_flow_limit.flow": (5e-4, 1e-6, 1e-1),
-        "pump_flow_limit.extend": (0.5, 0.01, 1.5),
-        "pump_flow_limit.retract": (0.5, 0.01, 1.5),
-    }
-    units: ClassVar = {
-        "pump_flow_limit.flow": "m^3/s",
-        "pump_flow_limit.extend": "of full command, beyond the edge",
-        "pump_flow_limit.retract": "of full command, beyond the edge",
-    }
-    confounders = ("warm_up",)
-    experiment = "all axes together, faster than the pump can, and each alone"
-    look_at = "the pump, its drive and its setting; supply.flow_limit of the machine file"
-    source = "continuity"
-
-    def beside(self, axis: Axis) -> tuple[str, str] | None:
-        return ("meter_in", "meter_in") if axis.has_supply and axis.valve.compensated is not True else None
-
-    def starts_of(self, axis: Axis) -> Sequence[Shape]:
-        own = np.where(axis.speed > 0, axis.areas[0] * axis.speed, -axis.areas[1] * axis.speed)
-        most = max(float(np.quantile(own + axis.reduced(axis.signals.others), 0.98)), 1e-5)
-        return [
-            {"pump_flow_limit.flow": most, "pump_flow_limit.extend": share, "pump_flow_limit.retract": share}
-            for share in (0.25, 0.5, 0.8)
-        ]
-
-    def limited(self, columns: dict[str, FloatArray], signals: Signals, shape: Shape) -> dict[str, FloatArray]:
-        left = np.clip(1.0 - signals.others / shape["pump_flow_limit.flow"], 0.0, 1.0)
-        for way in ("extend", "retract"):
-            name = f"gain.{way}"
-            if name in columns:
-                most = shape[f"pump_flow_limit.{way}"] * left
-                columns[name] = np.clip(columns[name], -most, most)
-        return columns
+        return {"port_leak.head": -share * head / areas[0], "port_leak.rod": (1.0 - share) * rod / areas[1]}
 
 
 EFFECTS: dict[str, ValveEffect] = {
@@ -302,6 +251,5 @@ EFFECTS: dict[str, ValveEffect] = {
         UndeclaredOrifice(),
         PistonLeak(),
         PortLeak(),
-        PumpFlowLimit(),
     )
 }

@@ -106,7 +106,9 @@ def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -
     if own.law == "free_exponent":
         factor = graph.binary("power", ratio, own.law_shape["exponent"])
     elif own.law == "compensated":
-        factor = graph.binary("min", graph.unary("sqrt", ratio * (reference / own.law_shape["margin"])), 1.0)
+        order, whole = own.law_shape["order"], (reference / own.law_shape["margin"]) ** own.law_shape["order"]
+        share = graph.binary("power", ratio, order) * whole
+        factor = graph.binary("power", share / (1.0 + share) * ((1.0 + whole) / whole), 0.5 / order)
     else:
         factor = graph.unary("sqrt", ratio)
     return believed * factor + (1.0 - believed), 1.0 - believed

@@ -4,10 +4,12 @@ Least squares of the speed over the rows that are kept. The grid is over the del
 at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
 several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
 lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
-another by more than blocks do, which counts where three or more were fitted.
+another by more than blocks do, which counts where three or more were fitted. What a few blocks tell is not better known
+than a few values tell a variance: 95 % are Student's, with Satterthwaite's degrees of freedom.
 
 Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); H. Kuensch, Ann. Stat. 17, 1989
-(jackknife over blocks); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings).
+(jackknife over blocks); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings); F. Satterthwaite, Biometrics
+Bulletin 2, 1946 (degrees of freedom).
 """
 
 from __future__ import annotations
@@ -20,9 +22,10 @@ import numpy as np
 from scipy import optimize
 
 from fitting.arrays import FloatArray, IntArray
-from fitting.estimators.covariance import autoregression
+from fitting.estimators.effort_fit import long_run
+from fitting.regression.freedom import SIGMAS, coverage_factors
 from fitting.valve.laws import Bounds
-from fitting.valve.model import Shape, Structure, columns, solved, speeds
+from fitting.valve.model import WAYS, Shape, Structure, columns, solved, speeds
 from fitting.valve.rows import Axis
 
 #: s, and share of full command, of the grid.
@@ -90,10 +93,7 @@ class Fit:
     def rows(self) -> float:
         """How many independent values the kept rows of the residual count for."""
         e = self.residual[self.axis.keep]
-        taps = autoregression(e)
-        white = np.convolve(e, taps, mode="valid")
-        long_run = float(np.mean(white**2)) / float(np.sum(taps)) ** 2
-        return len(e) / max(long_run / max(float(np.mean(e**2)), 1e-30), 1.0)
+        return len(e) / long_run(e)
 
     @cached_property
     def scaled(self) -> tuple[tuple[str, ...], FloatArray, FloatArray, float]:
@@ -107,8 +107,8 @@ class Fit:
         return names, J * wide, np.array(wide), max(float(self.residual @ self.residual) / self.rows, 1e-30)
 
     @cached_property
-    def covariance(self) -> tuple[tuple[str, ...], FloatArray]:
-        """Names of the free parameters, and their covariance (p, p): see the module's text."""
+    def covariance(self) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
+        """Names of the free parameters, their covariance (p, p), and what each block moves (blocks, p)."""
         names, J, wide, noise = self.scaled
         r, inverse = self.residual, np.linalg.inv(J.T @ J + noise * np.eye(len(names)))
         groups = [np.flatnonzero(self.axis.recordings == number) for number in np.unique(self.axis.recordings)]
@@ -125,12 +125,21 @@ class Fit:
         if "delay" in names:
             place = names.index("delay")
             S[place, place] += (CLOCK / self.axis.bank.rate_hz) ** 2
-        return names, S
+        return names, S, moves * wide
 
-    def std(self, name: str) -> float | None:
-        """Standard deviation of a parameter; None where it stands at the end of its interval, or is not there."""
-        names, S = self.covariance
-        return float(np.sqrt(S[names.index(name), names.index(name)])) if name in names else None
+    def spread(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Standard deviations and half 95 % intervals (k,) of what has ``slopes`` (k, p) over the free parameters."""
+        _, S, moves = self.covariance
+        std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
+        return std, SIGMAS * coverage_factors(freedom_of(moves @ slopes.T)) * std
+
+    def bar(self, name: str) -> tuple[float, float] | None:
+        """:meth:`spread` of a parameter; None where it stands at the end of its interval, or is not there."""
+        names = self.covariance[0]
+        if name not in names:
+            return None
+        std, half = self.spread(np.eye(len(names))[[names.index(name)]])
+        return float(std[0]), float(half[0])
 
 
 def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:
@@ -141,6 +150,12 @@ def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], nois
     """
     gram = J.T @ J + noise * np.eye(J.shape[1])
     return np.array([np.linalg.solve(gram - J[b].T @ J[b], -J[b].T @ r[b]) for b in blocks])
+
+
+def freedom_of(moves: FloatArray) -> FloatArray:
+    """Degrees of freedom (k,) of sums of squares of moves (blocks, k): all blocks if they tell alike, 3 if one does."""
+    squares = moves**2
+    return np.asarray(3.0 * np.maximum(squares.sum(axis=0) ** 2 / np.maximum((squares**2).sum(axis=0), 1e-300), 1.0))
 
 
 def relative(axis: Axis, residual: FloatArray) -> float:
@@ -188,33 +203,17 @@ def profile(fit: Fit) -> list[tuple[float, float]]:
 def _grid(
     axis: Axis, structure: Structure, shape: Shape, points: tuple[tuple[float, ...], tuple[float, ...]]
 ) -> dict[str, float]:
-    """The best delay and edges of a grid, of a straight line."""
-    structure = replace(structure, curve="line")
-    keep, y = axis.keep, axis.speed[axis.keep]
-    best, where = np.inf, dict[str, float]()
-    for delay in points[0]:
-        tried = []
-        for edge in points[1]:
-            here = {**shape, "delay": delay, "edge.extend": edge, "edge.retract": edge}
-            names, matrix = columns(axis, structure, here)
-            tried.append(matrix[keep])
-        whole = np.column_stack(tried)
-        gram, product = whole.T @ whole, whole.T @ y
-        one, other = (np.array([name.startswith(f"gain.{way}") for name in names]) for way in ("extend", "retract"))
-        rest = np.flatnonzero(~(one | other))
-        for first in range(len(tried)):
-            for second in range(len(tried)):
-                place = np.concatenate(
-                    [np.flatnonzero(one) + first * len(names), np.flatnonzero(other) + second * len(names), rest]
-                )
-                own, right = gram[np.ix_(place, place)], product[place]
-                scale = np.sqrt(np.maximum(np.diag(own), 1e-30))
-                answer = np.linalg.solve(own / np.outer(scale, scale) + 1e-9 * np.eye(len(scale)), right / scale)
-                cost = float(y @ y - answer @ (right / scale))
-                if cost < best and np.all(answer[: -len(rest) or None] >= -1e-9):
-                    best = cost
-                    where = {"delay": delay, "edge.extend": points[1][first], "edge.retract": points[1][second]}
-    return where
+    """The best delay and edges of a grid, of a straight line: one edge for both directions, then each its own."""
+    structure, keep, y = replace(structure, curve="line"), axis.keep, axis.speed[axis.keep]
+
+    def cost(own: dict[str, float]) -> float:
+        matrix = columns(axis, structure, {**shape, **own})[1][keep]
+        return float(np.linalg.norm(y - matrix @ solved(matrix, y)))
+
+    best = min(({"delay": d, "edge.extend": e, "edge.retract": e} for d in points[0] for e in points[1]), key=cost)
+    for way in WAYS:
+        best = min(({**best, f"edge.{way}": edge} for edge in reversed(points[1])), key=cost)  # unseen: shut
+    return best
 
 
 def _refined(

@@ -7,17 +7,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
 
 from daq.errors import InputError
-from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
+from fitting.regression.freedom import SIGMAS
 from fitting.valve.checks import axis_checks, moves
-from fitting.valve.choose import Candidate, chosen
+from fitting.valve.choose import Candidate, Chosen, chosen
 from fitting.valve.controller import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
@@ -25,13 +26,13 @@ from fitting.valve.inverse import ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
+from fitting.valve.pump import PumpLimit, pump_limit_of
 from fitting.valve.rows import Axis, axis_of
 
 SCHEMA = "hilfit/valve/1"
 #: Share of full speed at whose command an edge is reported: what a controller needs does not hang on the exponent then.
 EDGE_SPEED = 0.02
-_NORMAL_95 = 1.959964
-_UNITS = {"delay": "s", "margin": "Pa", "exponent": "1", "power": "1"}
+_UNITS = {"delay": "s", "margin": "Pa", "order": "1", "exponent": "1", "power": "1"}
 #: Points of the curves of a report.
 _POINTS = 61
 
@@ -85,9 +86,8 @@ def identify_valves(
     for own in validate:
         if own.sha256 in digests:
             raise InputError(f"{own.file}: is fitted and judged on at once; give a recording of another motion")
-    axes: dict[str, Any] = {}
-    models: dict[str, ValveModel] = {}
-    resting = []
+    axes, models, resting = dict[str, Any](), dict[str, ValveModel](), list[str]()
+    seen = dict[str, tuple[Axis, Axis | None, Chosen]]()
     for number, joint in enumerate(joints):
         progress(number / len(joints), f"the valve of {joint.name}")
         axis = axis_of(machine, joint, recordings, bandwidth_hz=bandwidth_hz)
@@ -98,7 +98,11 @@ def identify_valves(
         if validate:
             judged = axis_of(machine, joint, validate, bandwidth_hz=bandwidth_hz, like=axis)
             judged = judged if moves(judged) else None
-        axes[joint.name], models[joint.name] = _of_axis(machine, joint, axis, judged, loop=loop)
+        seen[joint.name] = axis, judged, chosen(axis, loop=loop)
+    kind = "unknown" if machine.supply is None else machine.supply.kind
+    pump = pump_limit_of([picked.fits[-1] for *_, picked in seen.values()], kind) if seen and loop else None
+    for name, what in seen.items():
+        axes[name], models[name] = _of_axis(machine, *what, pump)
     if not axes:
         raise InputError(
             f"{recordings[0].file}: {', '.join(resting)}: no axis is moved by its command; record a motion, or look "
@@ -124,31 +128,31 @@ def identify_valves(
 
 
 def _of_axis(
-    machine: Machine, joint: Joint, axis: Axis, judged: Axis | None, *, loop: bool
+    machine: Machine, axis: Axis, judged: Axis | None, picked: Chosen, pump: PumpLimit | None
 ) -> tuple[dict[str, Any], ValveModel]:
-    picked = chosen(axis, loop=loop)
     peers = peers_of(axis, judged or axis)
-    fit, handed = picked.fit, "model"
+    off = [_error(own, judged) for own in picked.fits]
+    kept = len(picked.found) if judged is None else held_elsewhere(off)
+    fit, handed, found = picked.fits[kept], "model" if kept == len(picked.found) else "before", picked.found[:kept]
     errors: dict[str, Any] = {
         "role": "train" if judged is None else "validate",
         "unit": "of the speed's RMS",
-        "before": _error(picked.base, judged),
-        "after": _error(fit, judged),
+        "before": off[0],
+        "after": off[-1],
         "linear": _finite(peers.linear),
         "arx": _finite(peers.arx),
         "static": _finite(peers.static),
         "speed_rms": float(np.sqrt(np.mean((judged or axis).speed[(judged or axis).keep] ** 2))),
     }
-    if judged is not None and errors["after"] > errors["before"]:
-        fit, handed = picked.base, "before"  # what was found does not hold on another motion
     if judged is not None and _error(fit, judged) > peers.static:
         fit, handed = peers.curve, "static"
     errors["handed_out"] = _error(fit, judged)
-    limit = _pump_limit(fit)
+    limits = {} if pump is None else {pump.unit: _barred(pump.value, (pump.std, SIGMAS * pump.std), pump.unit)}
+    limit = limits.get("m^3/s")
     model = model_of(
         fit,
         error=None if judged is None else errors["handed_out"],
-        pump_limit=machine.pump_limit if limit is None else limit,
+        pump_limit=machine.pump_limit if limit is None else limit["value"],
     )
     content = {
         "unit": axis.valve.unit,
@@ -160,18 +164,24 @@ def _of_axis(
         "delay": {**_value(fit, "delay", "s"), "profile": [list(point) for point in profile(fit)]},
         "directions": {way: _direction(fit, model, number) for number, way in enumerate(WAYS)},
         "stiffness": _stiffness(fit),
-        "pump_limit": None if limit is None else {"value": limit, "unit": "m^3/s"},
+        "pump_limit": limit,
+        "pump_power": limits.get("W"),
         "errors": errors,
         "laws": picked.laws,
-        "effects": [_effect(found, alike, fit) for found, alike in zip(picked.found, picked.sets, strict=True)],
-        "verdict": ("ambiguous" if any(picked.sets) else "effect_added") if picked.found else "nothing_missing",
+        "effects": [_effect(own, alike, fit) for own, alike in zip(found, picked.sets[:kept], strict=True)],
+        "verdict": ("ambiguous" if any(picked.sets[:kept]) else "effect_added") if found else "nothing_missing",
         "candidates": [[_candidate(c) for c in step] for step in picked.steps],
-        "checks": axis_checks(machine, axis, picked.fit),
+        "checks": axis_checks(machine, axis, picked.fits[-1]),
         "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
         "model": model.to_json(),
         "figures": _figures(fit, model, judged or axis),
     }
     return content, model
+
+
+def held_elsewhere(errors: Sequence[float]) -> int:
+    """How many of what was found one after the other took the error on another motion down, or left it, each."""
+    return sum(1 for _ in takewhile(lambda pair: pair[1] <= pair[0], pairwise(errors)))
 
 
 def _error(fit: Fit, judged: Axis | None) -> float:
@@ -183,11 +193,11 @@ def _finite(value: float) -> float | None:
 
 
 def _value(fit: Fit, name: str, unit: str) -> dict[str, Any]:
-    return _barred(fit.shape[name] if name in fit.shape else fit.gains[name], fit.std(name), unit)
+    return _barred(fit.shape[name] if name in fit.shape else fit.gains[name], fit.bar(name), unit)
 
 
-def _barred(value: float, std: float | None, unit: str) -> dict[str, Any]:
-    ends = None if std is None else [value - _NORMAL_95 * std, value + _NORMAL_95 * std]
+def _barred(value: float, bar: tuple[float, float] | None, unit: str) -> dict[str, Any]:
+    std, ends = (None, None) if bar is None else (bar[0], [value - bar[1], value + bar[1]])
     return {"value": value, "std": std, "ci95": ends, "unit": unit}
 
 
@@ -218,9 +228,8 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
     found = compensated_edge((1.0, -1.0)[way] * signals.u, signals.first)
     if found is None:
         return None
-    edge = _value(fit, f"edge.{WAYS[way]}", "of full command")
-    short = _barred(edge["value"] - found, edge["std"], edge["unit"])
-    return {"value": found, "unit": edge["unit"], "too_small_by": short}
+    name, unit = f"edge.{WAYS[way]}", "of full command"
+    return {"value": found, "unit": unit, "too_small_by": _barred(fit.shape[name] - found, fit.bar(name), unit)}
 
 
 def _edge(fit: Fit, way: int) -> dict[str, Any]:
@@ -230,25 +239,25 @@ def _edge(fit: Fit, way: int) -> dict[str, Any]:
         own = direction_of(moved, way)
         return own.edge + own.opening(EDGE_SPEED * own.fastest)
 
-    (here,), (std,) = (own.tolist() for own in _spread(fit, at))
+    (here,), (std,), (half,) = (own.tolist() for own in _spread(fit, at))
     valve = fit.axis.valve
     return {
-        **_barred(here, std or None, "of full command"),
+        **_barred(here, (std, half) if std else None, "of full command"),
         "command": valve.neutral + (1.0, -1.0)[way] * valve.extends * here * valve.full,
         "command_unit": valve.unit,
     }
 
 
-def _spread(fit: Fit, of: Callable[[Fit], FloatArray | float]) -> tuple[FloatArray, FloatArray]:
-    """What ``of`` makes of a fit (k,), and its standard deviations, by its slopes over all free parameters."""
-    (names, S), here = fit.covariance, np.atleast_1d(of(fit))
+def _spread(fit: Fit, of: Callable[[Fit], FloatArray | float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What ``of`` makes of a fit (k,), and its :meth:`Fit.spread`, by its slopes over all free parameters."""
+    (names, S, _), here = fit.covariance, np.atleast_1d(of(fit))
     slopes = np.zeros((len(here), len(names)))
     for place, name in enumerate(names):
         step = 1e-2 * max(float(np.sqrt(S[place, place])), 1e-300)
         kind = "shape" if name in fit.shape else "gains"
         numbers: dict[str, Any] = {kind: {**getattr(fit, kind), name: getattr(fit, kind)[name] + step}}
         slopes[:, place] = (of(replace(fit, **numbers)) - here) / step
-    return here, np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
+    return here, *fit.spread(slopes)
 
 
 def _stiffness(fit: Fit) -> dict[str, Any] | None:
@@ -259,22 +268,6 @@ def _stiffness(fit: Fit) -> dict[str, Any] | None:
         "bulk_modulus": None if compliance <= 0 else {"value": 1.0 / compliance, "unit": "Pa"},
         "dead_volume": None if compliance <= 0 else {"value": hoses / compliance, "unit": "m^3"},
     }
-
-
-def _pump_limit(fit: Fit) -> float | None:
-    """The flow that the pump gives, by the direction that is limited more often; None where none was seen."""
-    if "pump_flow_limit" not in fit.structure.effects:
-        return None
-    signals, shape = fit.axis.signals, fit.shape
-    if float(np.ptp(signals.others)) * 10.0 > shape["pump_flow_limit.flow"]:
-        return float(shape["pump_flow_limit.flow"])
-    counts = [
-        np.count_nonzero(sign * signals.u - shape[f"edge.{way}"] > shape[f"pump_flow_limit.{way}"])
-        for way, sign in zip(WAYS, (1.0, -1.0), strict=True)
-    ]
-    way = int(np.argmax(counts))
-    name = WAYS[way]
-    return float(fit.axis.areas[way] * fit.gains[f"gain.{name}"] * shape[f"pump_flow_limit.{name}"])
 
 
 def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any]:
@@ -291,9 +284,9 @@ def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any
     }
     if effect is None:
         return own
-    for name in (*effect.shape, found.id):
-        if name in fit.shape or (name in fit.gains and name == found.id):
-            unit = effect.units.get(name, "m^3/s/Pa" if name == found.id else "1")
+    leaks = {name: "m^3/s/Pa" for name in fit.gains if name.partition(".")[0] == found.id}
+    for name, unit in {**{name: effect.units.get(name, "1") for name in effect.shape}, **leaks}.items():
+        if name in fit.shape or name in fit.gains:
             own["parameters"][name.rpartition(".")[2]] = _value(fit, name, unit)
     return own | {"equation": effect.equation, "look_at": effect.look_at, "experiment": effect.experiment}
 
@@ -319,7 +312,7 @@ def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
         both = ((x, ways[0 if x > 0 else 1]) for x in u)
         return np.array([np.sign(x) * way.speed(abs(x) - way.edge) for x, way in both])
 
-    v, std = _spread(fit, curve)
+    v, std, _ = _spread(fit, curve)
     period = 1.0 / judged.bank.reduced_rate_hz
     measured = np.where(judged.keep, judged.speed, np.nan)
     return {

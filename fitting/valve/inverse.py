@@ -218,7 +218,7 @@ class ValveModel:
 
 
 #: Effects that are in the inverse, or that it needs not undo: a delay is for whoever looks ahead.
-_HARMLESS = ("delay_per_direction", "pump_flow_limit", "undeclared_orifice")
+_HARMLESS = ("delay_per_direction", "undeclared_orifice")
 
 
 def direction_of(fit: Fit, way: int) -> Direction:

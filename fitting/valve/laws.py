@@ -2,7 +2,8 @@
 
 A land lets through ``sqrt(d / d_0)`` of what it does at the reference drop ``d_0``. Which drop decides is not known
 from outside: that of the oil that goes in (``meter_in``), of the oil that leaves (``meter_out``), or none where a
-compensator holds it (``compensated``), as long as supply and load leave it its margin.
+compensator holds it (``compensated``), as long as supply and load leave it its margin. A compensator's spring gives way
+over its stroke, so it takes over softly, and how softly is searched: a corner there bends the edges.
 
 Source: H. Merritt, Hydraulic Control Systems, 1967, chapters 5 and 7.
 """
@@ -46,7 +47,9 @@ def root(drop: FloatArray) -> FloatArray:
 
 
 def _compensated(inlet: FloatArray, _: FloatArray, reference: FloatArray, shape: Mapping[str, float]) -> FloatArray:
-    return np.minimum(1.0, root(inlet * reference[0] / shape["margin"]))
+    shares = (np.maximum(own, 0.0) * reference[0] / shape["margin"] for own in (inlet, np.ones(1)))
+    here, there = (own ** shape["order"] / (1.0 + own ** shape["order"]) for own in shares)
+    return np.asarray((here / there) ** (0.5 / shape["order"]))
 
 
 LAWS: dict[str, Law] = {
@@ -60,7 +63,7 @@ LAWS: dict[str, Law] = {
             "a compensator that needs its margin",
             "supply",
             _compensated,
-            {"margin": (8e5, 2e5, 4e6)},
+            {"margin": (8e5, 2e5, 4e6), "order": (4.0, 1.0, 12.0)},
         ),
         Law(
             "free_exponent",

@@ -96,11 +96,12 @@ def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, 
 
 def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
     """Filtered speeds (M, S) that shapes make with the same gains, each by one column; a gain not there is none."""
-    whole = np.zeros((len(axis.signals), len(shapes)))
-    for place, shape in enumerate(shapes):
-        for name, own in _parts(axis, structure, shape).items():
-            whole[:, place] += gains.get(name, 0.0) * own
-    return axis.reduced(whole)
+    whole = np.zeros((len(shapes), len(axis.signals)))
+    for own, shape in zip(whole, shapes, strict=True):
+        for name, part in _parts(axis, structure, shape).items():
+            if gains.get(name, 0.0) != 0.0:
+                own += gains[name] * part
+    return axis.reduced(whole.T)
 
 
 def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
@@ -125,17 +126,14 @@ def _directed(
     power = shape.get(f"power.{WAYS[way]}", 1.0)
     opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
     factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * rate
-    result = {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
-    for effect in structure.found:
-        result = effect.limited(result, signals, shape)
-    return result
+    return {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
 
 
 @lru_cache(maxsize=4)
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
     """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
     signals, result = axis.signals, dict[str, FloatArray]()
-    told = delayed(signals, np.sign(signals.u), delay * axis.bank.rate_hz)
+    told = delayed(signals, signals.last_way, delay * axis.bank.rate_hz)
     share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
     if structure.stiffness:
         head, rod = signals.rates
@@ -198,11 +196,12 @@ def followed(signals: Signals, u: FloatArray, samples: float, damping: float) ->
     ramp = time - late + (gone / (one - other)).real
     steps = PARTS * np.diff(ramp).reshape(3, PARTS)  # the answer to a step; it goes on with the two poles
     poles = np.poly(np.exp([one, other])).real
+    zeros = np.array([np.convolve(taps, poles)[:3] for taps in np.diff(steps, axis=0, prepend=0.0).T])
     out = np.empty((PARTS, len(u)))
-    for place, taps in enumerate(np.diff(steps, axis=0, prepend=0.0).T):
-        zeros = np.convolve(taps, poles)[:3]
-        for part in signals.parts:
-            out[place, part] = u[part][0] + recursive(zeros, poles, u[part] - u[part][0])
+    for part in signals.parts:
+        first = u[part][0]
+        slow = np.append(np.zeros(2), recursive(np.eye(3)[0], poles, u[part] - first))
+        out[:, part] = first + zeros @ np.stack([slow[2:], slow[1:-1], slow[:-2]])
     return out
 
 
@@ -266,8 +265,8 @@ def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArr
 def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:
     """Linear parameters (k,) of least squares that are not negative."""
     scale = np.linalg.norm(matrix, axis=0)
-    scale[scale == 0] = 1.0
+    told, scale = scale > 0, np.where(scale > 0, scale, 1.0)
     scaled = matrix / scale
     gram = scaled.T @ scaled
     root = np.linalg.cholesky(gram + 1e-10 * np.eye(len(gram)))  # nnls of a few rows, not of thousands
-    return np.asarray(optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)
+    return np.asarray(told * optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)

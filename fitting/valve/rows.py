@@ -48,7 +48,6 @@ class Signals:
     inlet, outlet : (2, N) Pa at the side that is filled and emptied while extending, retracting; NaN if not measured
     rates : (2, N) Pa/s of head and rod
     supply, tank : (N,) Pa; NaN where nobody knows
-    others : (N,) m^3/s that all other cylinders take, by their measured speeds
     temperature : (N,) K of the oil, NaN where it is not measured
     usable : (N,) False where something else than the valve decides the speed
     """
@@ -63,7 +62,6 @@ class Signals:
     rates: FloatArray
     supply: FloatArray
     tank: FloatArray
-    others: FloatArray
     temperature: FloatArray
     usable: BoolArray
 
@@ -80,6 +78,13 @@ class Signals:
         """The stretches."""
         edges = [*np.unique(self.first).tolist(), len(self)]
         return [slice(a, b) for a, b in pairwise(edges)]
+
+    @cached_property
+    def last_way(self) -> FloatArray:
+        """Which way (N,) it was told to go last, 1 or -1; 0 before the first command of a stretch."""
+        place = np.where(self.u != 0.0, np.arange(len(self)), -1)
+        last = np.maximum.accumulate(place)
+        return np.where(last >= self.first, np.sign(self.u[last]), 0.0)
 
     @cached_property
     def warm(self) -> bool:
@@ -124,6 +129,11 @@ class Axis:
     def has_supply(self) -> bool:
         """Whether the supply pressure is known too."""
         return self.has_pressures and bool(np.isfinite(self.signals.supply).all())
+
+    @cached_property
+    def sees_supply(self) -> bool:
+        """Whether the supply pressure is measured, not declared."""
+        return self.has_supply and float(np.ptp(self.signals.supply)) > 0.0
 
     @property
     def areas(self) -> tuple[float, float]:
@@ -274,7 +284,6 @@ def _stretch(
         rates=np.stack([bank.rate(own) for own in inlet]),
         supply=supply,
         tank=tank,
-        others=_flow_of_others(machine, joint, recording, part, bank),
         temperature=nothing if oil is None else oil,
         usable=usable,
     )
@@ -317,20 +326,6 @@ def _stale(machine: Machine, joint: Joint, recording: Recording) -> BoolArray:
             with np.errstate(invalid="ignore"):
                 stale |= recording.age[channel.name] > STALE_PERIODS / recording.rate_hz
     return stale
-
-
-def _flow_of_others(machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank) -> FloatArray:
-    """Oil (N,) that all other cylinders take in, m^3/s; zero of one that was not measured all along."""
-    total = np.zeros(part.stop - part.start)
-    for other in machine.joints:
-        if other.name == joint.name or other.cylinder is None:
-            continue
-        x = piston_of(machine, other, recording)[part]
-        if not np.isfinite(x).all():
-            continue
-        v = np.pad(bank.smooth(x)[1], bank.margin, mode="edge")
-        total += np.where(v > 0, other.cylinder.head_area * v, -other.cylinder.rod_area * v)
-    return total
 
 
 def _drops(axis: Axis) -> FloatArray:

@@ -26,13 +26,8 @@ from server.valves.valve_schemas import ValveList, ValveOrder, ValveResource
 
 router = APIRouter(prefix="/valves", tags=["valves"], route_class=TypedRoute)
 InverseFormat = Literal["c", "csv", "python", "st"]
-#: Endings of the files of each format (:func:`fitting.valve.export.formats`).
-ENDINGS: dict[InverseFormat, tuple[str, ...]] = {
-    "c": (".c", ".h"),
-    "csv": (".csv",),
-    "python": (".py",),
-    "st": (".st",),
-}
+#: Format of a file (:func:`fitting.valve.export.formats`) by its ending.
+ENDINGS: dict[str, InverseFormat] = {".c": "c", ".h": "c", ".csv": "csv", ".py": "python", ".st": "st"}
 #: Of what is in an archive: the same files make the same archive.
 _NO_TIME = (1980, 1, 1, 0, 0, 0)
 
@@ -86,7 +81,7 @@ def inverse(
 ) -> Response:
     """What a controller is told: of each axis the command for a speed, as source; 404 if no valve moved its axis."""
     folder = service[ValveResults].written(id, VALVE_REPORT).with_name(INVERSES)
-    wanted = [ending for key, own in ENDINGS.items() if format in (None, key) for ending in own]
+    wanted = [ending for ending, own in ENDINGS.items() if format in (None, own)]
     files = sorted(path for path in folder.glob("*") if path.suffix in wanted)
     if not files:
         raise NotFoundError(f"valves '{id}' have no inverse: none was seen to move its axis", valve=id)

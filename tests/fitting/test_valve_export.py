@@ -26,7 +26,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "pieces": PIECES,
     "meter_in": {"law": "meter_in"},
     "meter_out": {"law": "meter_out", "power": 0.8},
-    "compensated": {"law": "compensated", "law_shape": {"margin": 8e5}},
+    "compensated": {"law": "compensated", "law_shape": {"margin": 8e5, "order": 4.0}},
     "free_exponent": {"law": "free_exponent", "law_shape": {"exponent": 0.37}, **PIECES},
 }
 

@@ -65,11 +65,12 @@ def test_an_order_becomes_a_report_and_inverses(running: Running, csv: bytes) ->
 
 
 def test_every_format_of_an_inverse_has_its_endings(tmp_path: Path) -> None:
-    assert set(ENDINGS) == set(get_args(InverseFormat)) == set(formats())
+    assert set(ENDINGS.values()) == set(get_args(InverseFormat)) == set(formats())
     way = Direction(0.05, 0.3, 1.0, (), (), "none", {}, 1e5, 1e5, 0.8)
     model = ValveModel("boom", "1", 0, 1, 1, -1, 1, 0.1, (way, way), (0.01, 0.005), None, (), None)
-    for name, endings in ENDINGS.items():
-        assert {path.suffix for path in export_valve(model, name, tmp_path).files} == set(endings)
+    for name in formats():
+        suffixes = {path.suffix for path in export_valve(model, name, tmp_path).files}
+        assert suffixes == {ending for ending, own in ENDINGS.items() if own == name}
 
 
 @pytest.mark.slow

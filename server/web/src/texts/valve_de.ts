@@ -41,11 +41,6 @@ export const VALVE: Record<string, string> = {
   "the spool, relief and anti-cavitation valves": "Schieber, Druckbegrenzungs- und Nachsaugventile",
   "rest with the valve closed at a loaded pose: both pressures fall, and the load sinks":
     "Ruhe mit geschlossenem Ventil in belasteter Stellung: Beide Drücke fallen, und die Last sinkt",
-  "the pump's flow limit": "die Grenze des Förderstroms",
-  "the pump, its drive and its setting; supply.flow_limit of the machine file":
-    "die Pumpe, ihr Antrieb und ihre Einstellung; supply.flow_limit der Maschinendatei",
-  "all axes together, faster than the pump can, and each alone":
-    "alle Achsen zusammen, schneller als die Pumpe kann, und jede allein",
   "{} looks as if it had the wrong sign: turned round it leaves {} of the speed unexplained, not {}":
     "$1 sieht aus, als hätte es das falsche Vorzeichen: umgedreht lässt es $2 der Geschwindigkeit unerklärt, nicht $3",
   "write extends: {} in its valve, or look at swapped position and pressures":
