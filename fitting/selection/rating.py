@@ -77,10 +77,11 @@ class Rating:
         self._trust.weigh(names.values(), laws.values(), scores)
         rated = self._explanations(names, laws, scores)
         if self._settled:
-            number, heads = {score.term.label: n for n, score in scores.items()}, dict[int, tuple[int, Score]]()
+            numbers = {score.term.label: n for n, score in scores.items()}
+            heads: dict[int, tuple[int, Score]] = {}
             for r in rated:
                 if r.term.joint is not None and not r.term.everywhere and r.score.gain > priors.SMALLEST**2:
-                    heads.setdefault(r.term.joint, (number[r.term.label], r.score))
+                    heads.setdefault(r.term.joint, (numbers[r.term.label], r.score))
             self._inflations = self._trust.inflations(heads)
             self._trust.divide(self._inflations, scores)
             rated = self._explanations(names, laws, scores)

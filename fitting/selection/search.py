@@ -384,10 +384,10 @@ class Search:
         self.accepted = all_
         there = any(family(r.term) == own for r in rated) and family(decided(rated).term) == own
         needless = slot.nothing > 1 - priors.SAID or not rated
-        instead = {family(term) for term in rest} | (set() if needless else {family(decided(rated).term)})
-        if final or (there and not needless) or frozenset(instead) in self.held:
+        instead = frozenset([*map(family, rest), *([] if needless else [family(decided(rated).term)])])
+        if final or (there and not needless) or (instead in self.held and not needless):
             return slot
-        self.held.add(frozenset(instead))
+        self.held.add(instead)
         place = item.score.term.family
         self.accepted, self.model = others, model
         if needless:

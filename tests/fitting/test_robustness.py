@@ -41,6 +41,7 @@ def test_noise_as_the_model_says_inflates_nothing() -> None:
     assert min(seen) >= 1.0 and max(seen) < 1.3
 
 
+@pytest.mark.slow
 def test_few_rows_tell_little_of_their_noise() -> None:
     """Ten rows see any variance by chance; of a gain that is there a twentieth at most is lost by it."""
     rng = np.random.default_rng(7)

@@ -72,6 +72,7 @@ def test_a_flow_limit_is_found_and_no_limit_is_said_where_there_is_none(seed: in
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.slow
 def test_a_limit_of_the_power_is_told_from_one_of_the_flow(seed: int) -> None:
     found = pump_limit_of(axes(np.random.default_rng(seed), limit=np.inf, power=7e3), KINDS[False])
     assert found is not None and found.unit == "W" and found.value == pytest.approx(7e3, rel=0.03)
