@@ -241,6 +241,10 @@ def wait_for_change(service: Service, number: int, timeout: float = 60) -> bool:
     return asyncio.run(service.changes.wait(number, timeout))
 
 
+#: What children of a service that is not tested have.
+NICENESS = children.NICENESS
+
+
 @contextmanager
 def children_as_important_as_tests() -> Iterator[None]:
     """Children of a service are as important as the test that waits for them: the last has no turn beside others."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from service_fakes import API, REPORT, Running, ran
+from service_fakes import API, NICENESS, REPORT, Running, ran
 
 from fitting.loop.session import Options
 from fitting.pipeline.stage_names import ReportLanguage
@@ -17,6 +17,7 @@ from fitting.report.languages import codes
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_schemas import IdentificationOptions
 from server.identifications.identification_store import Identification
+from server.platform.processes import children
 from server.platform.processes.children import ChildResult
 
 pytestmark = pytest.mark.slow
@@ -90,7 +91,10 @@ def test_the_next_experiment_has_its_motion_and_an_unexamined_report_says_so(run
     assert made.json()["verdict"] == "not_looked_for"
 
 
-def test_stages_run_at_the_lowest_priority_in_processes_of_their_own(running: Running, csv: bytes) -> None:
+def test_stages_run_at_the_lowest_priority_in_processes_of_their_own(
+    running: Running, csv: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(children, "NICENESS", NICENESS)
     order = running.order(csv)
     running.follow(order.job)
     lines = (running.service.files.identifications / order.id / "ran.txt").read_text().split("\n")[:-1]
