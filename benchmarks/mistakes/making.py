@@ -246,8 +246,10 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "swapped_chambers", *rig.names)
 
 
-def _swapped(rig: Rig, a: str, b: str) -> Rig:
-    for stem, table in rig.tables.items():
+def _swapped(rig: Rig, a: str, b: str, *stems: str) -> Rig:
+    """Two channels exchanged in some recordings, or in all."""
+    for stem in stems or tuple(rig.tables):
+        table = rig.tables[stem]
         rig = rig.with_column(stem, a, table[b]).with_column(stem, b, table[a])
     return rig
 
@@ -279,14 +281,19 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "exchanged_channels", *pair)
 
 
-@_mistake("one chamber of two joints exchanged")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    pair = _two(rig, rng)
-    if pair is None:
-        return None
-    chamber = int(rng.integers(2))
-    first, second = (_chambers(rig, joint)[chamber] for joint in pair)
-    return _made(_swapped(rig, first, second), "exchanged_channels", *pair)
+def _chamber_exchanged(said: str, *stems: str) -> Make:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        pair = _two(rig, rng)
+        if pair is None:
+            return None
+        chamber = int(rng.integers(2))
+        first, second = (_chambers(rig, joint)[chamber] for joint in pair)
+        return _made(_swapped(rig, first, second, *stems), said, *pair)
+
+    return make
+
+
+_mistake("one chamber of two joints exchanged")(_chamber_exchanged("exchanged_channels"))
 
 
 @_mistake("a channel recorded twice")
@@ -612,14 +619,6 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 _mistake("link with the wrong sign")(_edit_dh("a", lambda v: -v, "length", 3, True))
 
-
-@_mistake("one pressure of two joints exchanged in one recording")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    pair = _two(rig, rng)
-    if pair is None:
-        return None
-    chamber = int(rng.integers(2))
-    first, second = (_chambers(rig, joint)[chamber] for joint in pair)
-    table = rig.tables["train-2"]
-    mixed = rig.with_column("train-2", first, table[second]).with_column("train-2", second, table[first])
-    return _made(mixed, "exchanged_channels other_machine", *pair)
+_mistake("one pressure of two joints exchanged in one recording")(
+    _chamber_exchanged("exchanged_channels other_machine", "train-2")
+)

@@ -151,8 +151,8 @@ class Search:
             return choice
         scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.NAMED_ODDS
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
-        # Of two the larger makes half of what the curve does.
-        for first in [r for r in names if r.score.gain > 0.5 * choice.score.gain][:WIDTH]:
+        half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
+        for first in [r for r in names if r.score.gain > half][:WIDTH]:
             beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
             other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
             second = self._sharp(self._beside(other, [*self.model.terms, first.term]))[:1]
@@ -379,25 +379,24 @@ class Search:
         if isinstance(content, Surface) and not content.twist:
             scores = score_terms(model, [item.score.term], [item.score.grid])
             rated = [*rated, *(self.rating.of_surface(score, rated) for score in scores)]
-        rated = by_formula(self._sharp(rated))
+        rated = self._sharp(rated)
         slot = Slot.of(item, rated)
         self.accepted = all_
-        there = any(family(r.term) == own for r in rated) and family(decided(rated).term) == own
-        needless = slot.nothing > 1 - priors.SAID or not rated
-        instead = frozenset([*map(family, rest), *([] if needless else [family(decided(rated).term)])])
-        if final or (there and not needless) or (instead in self.held and not needless):
+        choice = decided(rated) if rated and slot.nothing <= 1 - priors.SAID else None
+        instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
+        if final or (choice is not None and (family(choice.term) == own or instead in self.held)):
             return slot
         self.held.add(instead)
         place = item.score.term.family
         self.accepted, self.model = others, model
-        if needless:
+        if choice is None:
             self.unneeded.add(own)
             self.table[place] = Candidate(
                 *place, margin(item.score), "rejected", "not needed beside what was found later"
             )
             return replace(slot, moved=True)
         self.table[place] = Candidate(*place, margin(item.score), "rejected", "another explanation is more probable")
-        self._try(decided(rated))
+        self._try(choice)
         return replace(slot, moved=True)
 
     def result(self) -> Attribution:

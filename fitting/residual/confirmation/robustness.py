@@ -48,7 +48,7 @@ class Leftover:
     sections : of each joint the rows of each fitted segment, in time order; rows of a prior are in none
     """
 
-    def __init__(self, residual: Mapping[int, FloatArray], sections: Sequence[Sequence[slice]]) -> None:
+    def __init__(self, residual: Mapping[int, FloatArray], sections: Mapping[int, Sequence[slice]]) -> None:
         self._squares = {joint: r**2 for joint, r in residual.items()}
         self._taps = {j: autoregression(r) if len(r) >= _SHORT and r.any() else np.ones(1) for j, r in residual.items()}
         self._parts = {
@@ -62,11 +62,11 @@ class Leftover:
         residual = dict(enumerate(model.fit.residual))
         if shown is not None:
             residual = {joint: residual[joint] - own for joint, own in shown.items()}
-        sections = []
-        for joint in range(len(model.fit.residual)):
+        sections = {}
+        for joint in residual:
             counts = [int(np.count_nonzero(model.design.kept(model.noise, joint, index))) for index in model.fitted]
             ends = np.cumsum(counts).tolist()
-            sections.append([slice(end - count, end) for end, count in zip(ends, counts, strict=True)])
+            sections[joint] = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
         return cls(residual, sections)
 
     def inflation(self, shown: Mapping[int, FloatArray]) -> float:
@@ -117,8 +117,8 @@ def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[Floa
     live = np.einsum("ij,ij->j", left, left) > _DEAD
     shown = left[:, live] @ solve_gram(gram, A.T @ b)[first:][live]
     ends = np.cumsum([len(own.b) for own in rows])[:-1]
-    sections = []
-    for own in rows:
+    sections = {}
+    for joint, own in enumerate(rows):
         edges = np.cumsum([0, *(int(np.count_nonzero(kept)) for _, kept in own.sections)]).tolist()
-        sections.append([slice(start, stop) for start, stop in pairwise(edges)])
+        sections[joint] = [slice(start, stop) for start, stop in pairwise(edges)]
     return Leftover(dict(enumerate(residual)), sections).inflation(dict(enumerate(np.split(shown, ends))))
