@@ -65,6 +65,14 @@ class Poller:
         self.done.clear()
         self._go.set()
 
+    def begun(self) -> None:
+        """The start is over: what was read belongs to no cycle, and who has not answered is silent."""
+        with self.lock:
+            for unit in self.units:
+                unit.forget()
+                if unit.state == "commissioning":
+                    self._is(unit, "silent", f"{unit.place}: has not answered yet; check its power")
+
     def patience(self) -> bool:
         """Whether its round is worth waiting for: some unit answered lately, and in time."""
         return any(unit.failures < MISSES_TOLERATED and not unit.slow for unit in self.units)
@@ -238,13 +246,9 @@ class _ModbusDriver:
             for poller in self._pollers:
                 left = None if deadline is None else max(0.0, (deadline - self._context.monotonic_ns()) / NS)
                 poller.done.wait(left)
-        for unit in self._units:
-            unit.forget()
-        return tuple(
-            Problem(unit.detail or f"{unit.place}: has not answered yet; check its power", unit.lost())
-            for unit in self._units
-            if unit.detail or unit.state == "commissioning"
-        )
+        for poller in self._pollers:
+            poller.begun()
+        return tuple(Problem(unit.detail, unit.lost()) for unit in self._units if unit.detail)
 
     def trigger(self, cycle: int) -> None:
         """Start a round of reads."""
