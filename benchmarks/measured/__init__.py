@@ -5,16 +5,15 @@ The data stays where it is (see ``docs/measured-machines.md`` for whose it is); 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from benchmarks.measured import emps, seals, sets, splits, staubli
+from benchmarks.measured import actuator, emps, seals, sets, splits, staubli
 from benchmarks.measured.emps import Emps
 from benchmarks.measured.seals import Seal
 from benchmarks.measured.staubli import Staubli
 from benchmarks.measured.ways import MOST_WORSE, Ways, named, ways
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure, silent
 
 __all__ = ["DATA", "MACHINES", "run"]
 
@@ -23,14 +22,14 @@ DATA = Path(__file__).parents[2].parent / "shared" / "data"
 #: Relative error of the KUKA on another motion, percent: of the base model at most, and with what the loop added.
 #: Published: 13.2 %.
 KUKA_BASE, KUKA_AFTER = 4.4, 4.4
-MACHINES = ("emps", "staubli_tx40", "kuka_lwr4", "pneumatic_cylinder")
+MACHINES = ("emps", "staubli_tx40", "kuka_lwr4", "pneumatic_cylinder", "hydraulic_actuator")
 
 
 def run(
     data: Path = DATA,
     page: Path | None = None,
     only: str | None = None,
-    show: Callable[[str], None] = lambda line: None,
+    show: Show = silent,
 ) -> Outcome:
     """Evaluate the measured machines whose data is there.
 
@@ -51,6 +50,7 @@ def run(
     beside: list[Ways] = []
     tried: list[splits.Split] = []
     refused: list[str] = []
+    simulated: list[float] = []
     with TemporaryDirectory(prefix="hilfit-measured-") as scratch:
         directory = Path(scratch)
         if "emps" in there:
@@ -72,6 +72,9 @@ def run(
         for seal in seals.SEALS if "pneumatic_cylinder" in there else ():
             show(f"pneumatic cylinder: {seal}")
             third.append(seals.evaluate(data / "pneumatic_cylinder", directory, seal))
+        if "hydraulic_actuator" in there:
+            show("hydraulic actuator: its second half")
+            simulated.append(actuator.evaluate(data / "hydraulic_actuator"))
     checks = (
         *(() if first is None else _emps_checks(first)),
         *(() if second is None else _staubli_checks(second)),
@@ -79,6 +82,7 @@ def run(
         *(_beside(own) for own in beside),
         *_seal_checks(third),
         *(splits.checks(tried) if tried else ()),
+        *(figure("Hydraulic actuator: RMS of the second half", own, "{:.3f}", most=actuator.MOST) for own in simulated),
     )
     if page is not None:
         _write(page, first, second, third, beside, splits.table(tried, refused) if tried else "", checks)

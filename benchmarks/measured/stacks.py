@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from fitting.arrays import BoolArray, FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import final_model, term_from_json
+from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Request, Session
+from fitting.loop.stored_terms import term_from_json
 from fitting.pipeline.stages import run_stage
 from fitting.residual.terms import Model, Term
 

@@ -29,6 +29,7 @@ class AxisAnswer:
     edges : per direction the command, fraction of full, that gives 2 % of the speed at the largest recorded one
     largest : per direction the largest recorded command, fraction of full
     effects : per finding the ids that it may be, the best first
+    laws : variables of laws that no name says
     flow_limit : m^3/s, or None
     command : the inverse, or None
     """
@@ -38,6 +39,7 @@ class AxisAnswer:
     edges: Mapping[str, Bar]
     largest: Mapping[str, float]
     effects: tuple[tuple[str, ...], ...] = ()
+    laws: tuple[str, ...] = ()
     flow_limit: float | None = None
     command: CommandOf | None = field(default=None, compare=False)
 
@@ -92,6 +94,7 @@ def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
         },
         largest=own["largest_recorded"],
         effects=(*effects, *((name,) for name in pump - {found[0] for found in effects})),
+        laws=tuple(law["variable"] for law in own["unexplained"]),
         flow_limit=None if limit is None else float(limit["value"]),
         command=command,
     )

@@ -40,6 +40,7 @@ def scored(folder: Path, answer: Answer) -> Line:
             "floor": case["floor"][name],
             "seen": case["seen"][name],
             "named": [list(found) for found in axis.effects if not found[0].startswith(CURVE)],
+            "laws": list(axis.laws),
             "true": true,
             "delay": _beside(axis.delay, true_delay(truth, name)),
             "edges": {w: _beside(axis.edges[w], true_edge(truth, name, w, axis.largest[w])) for w in axis.edges},
@@ -150,6 +151,8 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         result.append(figure("held-out error of null over noise floor, median", middle, most=1.3, shown=shown))
     wrong = [axis for axis in healthy if any(not set(found) & set(axis["true"]) for found in axis["named"])]
     result.append(rate("null: an effect named that is not there", len(wrong), len(healthy), "at most", 0.02))
+    laws = sum(bool(axis["laws"]) for axis in healthy)
+    result.append(rate("null: a law of an unknown effect that is not there", laws, len(healthy)))
     counted = [line for line in lines if large(line)]
     result.append(rate("large: named, or in a set", sum(map(named, counted)), len(counted), "at least", 0.90))
     inside = [own["in"] for axis in healthy for own in axis["edges"].values() if own["in"] is not None]

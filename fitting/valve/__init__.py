@@ -6,7 +6,7 @@
 ``effects``     effects of the level "valve", one object each
 ``model``       structure and columns of the model
 ``fit``         grid, Gauss and Newton, intervals, profile of the delay
-``response``    a command and one answer, no positions: a curve in front of a rational filter
+``unknown``     laws of one variable, where no name fits
 ``choose``      laws, curves and effects by what another motion says
 ``peers``       a line, an autoregression, a static curve
 ``controller``  the dead band that a controller compensates already

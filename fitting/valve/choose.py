@@ -1,37 +1,39 @@
 """Which law of the pressure, which curve, which effect: what another motion says.
 
 In sample a law without pressure may win and lose elsewhere, so candidates are compared by the log predictive density
-of rows that were not fitted: recordings (stretches of a single one) are left out one after another. Of a model that is
-linear about its optimum, with residual ``r``, columns ``J`` and information ``G`` of what is left, a part has
-
-    log p = -1/2 (r'r + r'J G^-1 J'r) / s^2 - 1/2 log det(I + J G^-1 J')
-
-so what only the part itself could have told is not held against a model, and pays for being open instead. A residual
-hangs together, so its rows count for as many as its autoregression leaves independent. With the prior of
+of rows that were not fitted (:mod:`fitting.residual.confirmation.local`). With the prior of
 :mod:`fitting.selection.priors` that makes a probability for each candidate and for nothing; something is said from 0.95
-on, and names within reach of the best are said as a set.
+on, and names within reach of the best are said as a set. Nothing is chosen by the motion that is judged on: it may
+refuse, by the rule of the gate.
 
-Laws are chosen beside the widest curve there is: a land that is no straight line bends the edges, and looks like a law
-that it has not.
+Names stand beside laws of one variable (:mod:`fitting.valve.unknown`). Nature is off a formula by a share; so a law
+that takes no more beyond a name than that share of what the name takes is the name's own.
+
+Laws of the pressure are chosen beside the widest curve there is: a land that is no straight line bends the edges, and
+looks like a law that it has not.
 
 Source: S. Geisser and W. Eddy, J. Am. Stat. Assoc. 74, 1979 (predictive density of what is left out).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.arrays import BoolArray, FloatArray
+from fitting.arrays import BoolArray
+from fitting.residual.confirmation import cross_validation as gate
+from fitting.residual.confirmation.local import Local, beside, elsewhere
 from fitting.selection import priors
+from fitting.selection.confirm import objection
 from fitting.selection.evidence import log_sum
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, fitted
 from fitting.valve.laws import LAWS, laws_for
 from fitting.valve.model import WAYS, Shape, Structure
 from fitting.valve.rows import Axis
+from fitting.valve.unknown import Unknown, unknown_laws
 
 #: Parts that a single recording, or many, are left out in.
 FOLDS = 5
@@ -45,8 +47,6 @@ ALIKE = 1.25
 ENOUGH = 12_000
 #: Log odds by which a law, or a curve, has to be better than a simpler one.
 LAW_ODDS = 1.0
-#: A candidate that is no effect: id and title.
-FREE = ("curve_monotone", "a free curve (a spool that levels out)")
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,13 @@ class Candidate:
 
     Attributes
     ----------
-    id, title : of the effect, or of the curve
-    fit : the model with it
+    id, title : of the effect, or of the variable that a law follows
+    fit : the model with it; without it where it is a law
     odds : log predictive density over that without it, on rows that were left out
     error, before : RMS of the error over that of the speed on those rows, with it and without
+    reason : what speaks against it; empty if nothing does
+    refused : whether that is the motion that is judged on
+    law : where it is one
     probability : of this one, given that one of all tried or nothing is right
     """
 
@@ -68,7 +71,9 @@ class Candidate:
     odds: float
     error: float
     before: float
-    confirmed: bool
+    reason: str
+    refused: bool
+    law: Unknown | None = None
     probability: float = 0.0
 
 
@@ -82,7 +87,8 @@ class Chosen:
     laws : error on rows left out of each law that was tried, by direction and law
     steps : candidates of each round, the best first
     found : what was added
-    sets : of each of ``found`` the ids that cannot be told from it
+    sets : of each of ``found``, and of ``unknown``, the ids that cannot be told from it
+    unknown : the law that is said where no name fits what is left; it is not added
     """
 
     fits: tuple[Fit, ...]
@@ -90,6 +96,13 @@ class Chosen:
     steps: tuple[tuple[Candidate, ...], ...]
     found: tuple[Candidate, ...]
     sets: tuple[tuple[str, ...], ...]
+    unknown: Candidate | None = None
+
+    @property
+    def refused(self) -> bool:
+        """Whether the motion that is judged on spoke against what held everywhere else and was worth being said."""
+        known, tried = {own.id for own in self.found}, [own for step in self.steps for own in step]
+        return any(own.refused and worth(own.before, own.error) for own in tried if own.id not in known)
 
 
 def folds_of(axis: Axis) -> list[BoolArray]:
@@ -102,28 +115,15 @@ def folds_of(axis: Axis) -> list[BoolArray]:
     return [np.isin(place, part) for part in np.array_split(place, FOLDS)]
 
 
-def left_out(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Of each part left out the sum of squares and the log determinant (folds,) of the module's text."""
-    names, J, _, noise = fit.scaled
-    known = J.T @ J + noise * np.eye(len(names))
-    squares, open_ones = [], []
-    for fold in folds_of(fit.axis):
-        own, r = J[fold], fit.residual[fold]
-        rest, told = known - own.T @ own, own.T @ r
-        squares.append(float(r @ r + told @ np.linalg.solve(rest, told)))
-        open_ones.append(np.linalg.slogdet(known)[1] - np.linalg.slogdet(rest)[1])
-    return np.array(squares), np.array(open_ones)
+def compared(axis: Axis, before: Local, after: Local) -> tuple[gate.HeldOut, float, float]:
+    """What rows that were left out say of a model beside a simpler one; errors over the speed's RMS with it, without.
 
-
-def compared(before: Fit, after: Fit) -> tuple[float, float, float, bool]:
-    """Log predictive density gained, errors with and without, and whether it does not hang on a single part."""
-    rows, (was, one), (now, other) = before.rows, left_out(before), left_out(after)
-    total = max(float(now.sum()), 1e-30)
-    odds = 0.5 * rows * float(np.log(was.sum() / total)) + 0.5 * float(np.sum(one - other))
-    parts = 0.5 * rows * (was - now) / total + 0.5 * (one - other)
-    power = float(np.sum(before.axis.speed[before.axis.keep] ** 2))
-    errors = float(np.sqrt(total / power)), float(np.sqrt(was.sum() / power))
-    return odds, *errors, bool(parts.sum() > parts.max())
+    Whether it hangs on one part only is asked of the gate's blocks: few recordings move one axis.
+    """
+    block = np.arange(len(axis.keep)) // round(gate.BLOCK_SECONDS * axis.bank.reduced_rate_hz) % gate.FOLDS
+    held, *squares = beside(before, after, folds_of(axis), [block == number for number in np.unique(block)])
+    error, was = np.sqrt(np.array(squares) / float(np.sum(axis.speed[axis.keep] ** 2))).tolist()
+    return held, error, was
 
 
 def worth(before: float, after: float) -> bool:
@@ -131,40 +131,50 @@ def worth(before: float, after: float) -> bool:
     return after <= (1.0 - WORTH) * before and before**2 - after**2 >= VISIBLE**2
 
 
-def chosen(axis: Axis, *, loop: bool = True) -> Chosen:
-    """The model of an axis: its laws of the pressure and its curve; with the ``loop`` its effects."""
+def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chosen:
+    """The model of an axis: its laws of the pressure and its curve; with the ``loop`` its effects.
+
+    Nothing is chosen on the motion that is ``judged`` on: it only refuses.
+    """
     wide = fitted(axis, Structure(curve="monotone", stiffness=axis.has_pressures))
     wide, laws = _with_laws(axis, wide)
-    fits, steps, found, sets, said = [_curved(wide)], [], [], [], set[str]()
+    fits, steps, said = [_curved(wide)], list[tuple[Candidate, ...]](), set[str]()
+    found, sets = list[Candidate](), list[tuple[str, ...]]()
     for _ in range(priors.MOST if loop else 0):
-        tried = _candidates(fits[-1])
+        named = sum(c.before**2 - c.error**2 for c in found)
+        tried = _candidates(fits[-1], judged, named)
         steps.append(tuple(tried))
         if not tried or tried[0].probability < 0.5:
             break
         best = tried[0]
-        near = [c for c in tried[1:] if c.confirmed and _alike(best, c) and c.id not in said]
+        near = [c for c in tried[1:] if not c.reason and _alike(best, c) and c.id not in said]
         together = best.probability + sum(c.probability for c in near)
         if together < priors.SAID or not worth(best.before, best.error) or best.id in said:
             break
-        fit, laws = _with_laws(axis, best.fit)
-        fits.append(fit)
-        found.append(best)
         sets.append(tuple(c.id for c in near[:2]))
+        if best.law is not None:
+            return Chosen(tuple(fits), laws, tuple(steps), tuple(found), tuple(sets), best)
+        fit, laws = _with_laws(axis, best.fit)
+        fits.append(_curved(fit))
+        found.append(best)
         said |= {best.id, *sets[-1]}
     return Chosen(tuple(fits), laws, tuple(steps), tuple(found), tuple(sets))
 
 
-def _curved(wide: Fit) -> Fit:
-    """A line, or an exponent where it is earned, with the laws that were chosen beside the widest curve."""
-    line, power = (replace(wide.structure, curve=curve) for curve in ("line", "power"))
-    simple, bent = (fitted(wide.axis, own, _kept(wide, own)) for own in (line, power))
-    odds, error, before, confirmed = compared(simple, bent)
-    return bent if confirmed and odds > 2 * LAW_ODDS and worth(before, error) else simple
+def _curved(fit: Fit) -> Fit:
+    """A line, an exponent where it is earned, or a free curve (a spool that levels out) where that is."""
+    shapes = (replace(fit.structure, curve=curve) for curve in ("line", "power", "monotone"))
+    best, *others = (fitted(fit.axis, own, _kept(fit, own)) for own in shapes)
+    for trial in others:
+        held, error, before = compared(fit.axis, best.local, trial.local)
+        if 0.5 * held.gain > 2 * LAW_ODDS and held.alike > 0.0 and worth(before, error):
+            best = trial
+    return best
 
 
 def _alike(best: Candidate, other: Candidate) -> bool:
     """Whether one cannot be told from the best: nearly as probable, or known to be like it and nearly as good."""
-    known = best.id in EFFECTS and other.id in EFFECTS[best.id].confounders
+    known = best.law is None and other.id in EFFECTS[best.id].confounders
     return other.odds > best.odds - priors.SAID_ODDS or (known and other.error < ALIKE * best.error)
 
 
@@ -172,6 +182,7 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
     """The law of each direction, one after the other and the first once more."""
     ids = laws_for(pressures=axis.has_pressures, supply=axis.has_supply, compensated=axis.valve.compensated)
     tried: dict[str, dict[str, float]] = {way: {} for way in WAYS}
+    declared = axis.valve.compensated is True  # what the file says has nothing to earn
     if len(ids) < 2:
         return fit, tried
     for way in (0, 1, 0):
@@ -179,11 +190,11 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
         best, gained, least = simple, 0.0, np.inf
         for own in ids[1:]:
             trial = replace_law(fit, way, own)
-            odds, error, before, _ = compared(simple, trial)
+            held, error, before = compared(axis, simple.local, trial.local)
             tried[WAYS[way]] |= {"none": before, own: error}
             least = min(least, before)
-            odds -= LAW_ODDS * (1 + len(LAWS[own].shape))
-            earned = not LAWS[own].shape or worth(least, error)  # a number, beside the best that has none
+            odds = 0.5 * held.gain - LAW_ODDS * (1 + len(LAWS[own].shape))
+            earned = declared or not LAWS[own].shape or worth(least, error)  # a number, beside the best without one
             if odds > gained and earned:
                 best, gained, least = trial, odds, error
         fit = best
@@ -202,46 +213,51 @@ def _kept(fit: Fit, structure: Structure) -> Shape:
     return {name: value for name, value in fit.shape.items() if name in structure.shape()}
 
 
-def _candidates(fit: Fit) -> list[Candidate]:
-    """Everything that could be added, with its probability, the best first."""
-    tried = list(_effects(fit))
-    if fit.structure.curve != "monotone":
-        tried.append(_best(*FREE, fit, [replace(fit.structure, curve="monotone")], ({},)))
+def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
+    """Everything that could be added, with its probability, the best first.
+
+    ``named`` is what names that were found took of the error, squared: what they are off by is no other effect.
+    """
+    base, axis = fit.local, fit.axis
+    here = None if judged is None else fit.on(judged)
+
+    def candidate(own: str, title: str, other: Fit, law: Unknown | None = None) -> Candidate:
+        after, refused = other.local if law is None else law.local, ""
+        held, error, was = compared(axis, base, after)
+        reason = objection(held, None)
+        if judged is not None and here is not None and not reason:
+            there = other.on(judged)[1] if law is None else law.on(*here)
+            reason = refused = objection(held, elsewhere((base, here[1]), (after, there)))
+        return Candidate(own, title, other, 0.5 * held.gain, error, was, reason, bool(refused), law)
+
+    left = (own for own in EFFECTS.values() if own.id not in fit.structure.effects and own.applies(fit.axis))
+    with_it = {own: replace(fit.structure, effects=(*fit.structure.effects, own.id)) for own in left}
+    tried = [candidate(own.id, own.title, _best(fit, structure, own.starts)) for own, structure in with_it.items()]
+    laws = [candidate(own.variable, f"a gain that follows {own.variable}", fit, own) for own in unknown_laws(fit)]
+    names = [(named + c.before**2 - c.error**2, c.error) for c in tried if c.refused or not c.reason]
+    names += [(named, c.before) for c in laws[:1]]
+    off = max(priors.EPSILONS) ** 2
+    tried += [c for c in laws if all(error**2 - c.error**2 > off * took for took, error in names)]
     if not tried:
         return []
-    catalogue, other = np.log(priors.CATALOGUE / len(EFFECTS)), np.log(priors.UNKNOWN)
-    logs = [c.odds + (catalogue if c.id in EFFECTS else other) if c.confirmed else -np.inf for c in tried]
+    catalogue, other = np.log(priors.CATALOGUE / len(EFFECTS)), np.log(priors.UNKNOWN / max(len(laws), 1))
+    logs = [-np.inf if c.reason else c.odds + (catalogue if c.law is None else other) for c in tried]
     total = float(log_sum(np.array([*logs, np.log(priors.NOTHING)])))
     rated = [replace(c, probability=float(np.exp(own - total))) for c, own in zip(tried, logs, strict=True)]
     return sorted(rated, key=lambda c: (-c.probability, -c.odds))
 
 
-def _effects(fit: Fit) -> Iterable[Candidate]:
-    structure = fit.structure
-    for effect in EFFECTS.values():
-        if effect.id in structure.effects or not effect.applies(fit.axis, structure.laws):
-            continue
-        trials = [replace(structure, effects=(*structure.effects, effect.id))]
-        beside = effect.beside(fit.axis)
-        if beside is not None and beside != structure.laws:
-            trials.append(replace(trials[0], laws=beside))
-        yield _best(effect.id, effect.title, fit, trials, effect.starts_of(fit.axis))
-
-
-def _best(own: str, title: str, before: Fit, structures: Sequence[Structure], starts: Sequence[Shape]) -> Candidate:
+def _best(before: Fit, structure: Structure, starts: Sequence[Shape]) -> Fit:
     """The best of a candidate's shapes, begun with the delay and the edges anew, and from where they stand.
 
     Begun on a part of what was recorded; what comes out best is refined on all of it.
     """
     axis = _part(before.axis)
-    spool, trials = {name: before.shape[name] for name in ("lag", "damping")}, []
-    for structure in structures:
-        trials += [fitted(axis, structure, {**spool, **start}, iterations=8) for start in starts if start]
-        trials += [fitted(axis, structure, {**_kept(before, structure), **start}, iterations=8) for start in starts]
+    spool = {name: before.shape[name] for name in ("lag", "damping")}
+    trials = [fitted(axis, structure, {**spool, **start}, iterations=8) for start in starts if start]
+    trials += [fitted(axis, structure, {**_kept(before, structure), **start}, iterations=8) for start in starts]
     best = min(trials, key=lambda f: f.misfit)
-    whole = fitted(before.axis, best.structure, best.shape)
-    odds, error, was, confirmed = compared(before, whole)
-    return Candidate(own, title, whole, odds, error, was, confirmed)
+    return fitted(before.axis, best.structure, best.shape)
 
 
 def _part(axis: Axis) -> Axis:

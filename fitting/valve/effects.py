@@ -41,17 +41,17 @@ class ValveEffect:
     look_at: ClassVar[str]
     source: ClassVar[str]
 
-    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
-        """Whether what is measured could show it, beside the laws of the pressure that were chosen."""
+    def applies(self, axis: Axis) -> bool:
+        """Whether what is measured could show it."""
         return True
 
     def command(self, u: FloatArray, shape: Shape) -> FloatArray:
         """The command (N,) that the spool follows."""
         return u
 
-    def delay(self, way: int, shape: Shape) -> float:
-        """What is added to the delay of a direction, s."""
-        return 0.0
+    def delay(self, way: int, shape: Shape) -> tuple[float, float]:
+        """What is added to the delay of a direction, s, and how much of that is a lag of the spool."""
+        return 0.0, 0.0
 
     def factor(
         self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
@@ -62,14 +62,6 @@ class ValveEffect:
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
         """Further linear columns (N,); ``share`` is that of the head's balance in the speed."""
         return {}
-
-    def starts_of(self, axis: Axis) -> Sequence[Shape]:
-        """Shapes from which the search begins anew."""
-        return self.starts
-
-    def beside(self, axis: Axis) -> tuple[str, str] | None:
-        """Laws of the pressure that the effect is tried beside, too: without it others may have been chosen."""
-        return None
 
 
 class Hysteresis(ValveEffect):
@@ -102,18 +94,21 @@ class DelayPerDirection(ValveEffect):
 
     id = "delay_per_direction"
     title = "another delay in each direction"
-    equation = "T_extend = T + d, T_retract = T - d"
-    shape: ClassVar = {"delay_per_direction.half": (0.05, -0.25, 0.25)}
-    units: ClassVar = {"delay_per_direction.half": "s"}
-    starts = ({"delay_per_direction.half": 0.06}, {"delay_per_direction.half": -0.06})
+    equation = "T_extend = T + d, T_retract = T - d, tau_extend = tau + l, tau_retract = tau - l"
+    shape: ClassVar = {f"delay_per_direction.{name}": (0.0, -0.25, 0.25) for name in ("half", "lag")}
+    units: ClassVar = dict.fromkeys(shape, "s")
+    starts = tuple(
+        {"delay_per_direction.half": half, "delay_per_direction.lag": lag}
+        for half, lag in ((0.06, 0.0), (-0.06, 0.0), (0.06, 0.06), (-0.06, -0.06))
+    )
     confounders = ("spool_hysteresis",)
     experiment = "steps of both signs from rest"
     look_at = "the two solenoids, and a counterbalance valve"
     source = "measured"
 
-    def delay(self, way: int, shape: Shape) -> float:
-        half = shape["delay_per_direction.half"]
-        return half if way == 0 else -half
+    def delay(self, way: int, shape: Shape) -> tuple[float, float]:
+        half, lag = (shape[f"delay_per_direction.{name}"] for name in ("half", "lag"))
+        return (half, lag) if way == 0 else (-half, -lag)
 
 
 class WarmUp(ValveEffect):
@@ -158,14 +153,11 @@ class OverrunningLoad(ValveEffect):
     look_at = "counterbalance and throttle-check valves, the outlet edges of the spool"
     source = "Merritt 1967, 5-6"
 
-    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+    def applies(self, axis: Axis) -> bool:
         if not axis.has_pressures:
             return False
         pulling = [_pulls(axis.signals, way, axis.areas) & (sign * axis.signals.u > 0) for way, sign in _SIGNS.items()]
         return bool(np.any(pulling))
-
-    def beside(self, axis: Axis) -> tuple[str, str] | None:
-        return ("none", "none")
 
     def factor(
         self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
@@ -179,7 +171,7 @@ _SIGNS = {"extend": 1.0, "retract": -1.0}
 
 def _pulls(signals: Signals, way: str, areas: tuple[float, float]) -> BoolArray:
     """Where (N,) the load is along a direction's motion."""
-    force = signals.pressures[0] * areas[0] - signals.pressures[1] * areas[1]
+    force = signals.inlet[0] * areas[0] - signals.inlet[1] * areas[1]
     return np.asarray(_SIGNS[way] * force < 0.0)
 
 
@@ -194,7 +186,7 @@ class UndeclaredOrifice(ValveEffect):
     look_at = "the compensator, and compensated: of the machine file"
     source = "Merritt 1967, 5-3"
 
-    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+    def applies(self, axis: Axis) -> bool:
         return axis.has_supply and axis.valve.compensated is True
 
     def factor(
@@ -214,11 +206,11 @@ class PistonLeak(ValveEffect):
     look_at = "the piston's seal"
     source = "Merritt 1967, 5-4"
 
-    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+    def applies(self, axis: Axis) -> bool:
         return axis.has_pressures
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
-        across = signals.pressures[0] - signals.pressures[1]
+        across = signals.inlet[0] - signals.inlet[1]
         return {"piston_leak": -across * (share / areas[0] + (1.0 - share) / areas[1])}
 
 
@@ -233,11 +225,11 @@ class PortLeak(ValveEffect):
     look_at = "the spool, relief and anti-cavitation valves"
     source = "Merritt 1967, 5-4"
 
-    def applies(self, axis: Axis, laws: tuple[str, str]) -> bool:
+    def applies(self, axis: Axis) -> bool:
         return axis.has_pressures
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
-        head, rod = (own - signals.tank for own in signals.pressures)
+        head, rod = (own - signals.tank for own in signals.inlet)
         return {"port_leak.head": -share * head / areas[0], "port_leak.rod": (1.0 - share) * rod / areas[1]}
 
 

@@ -1,9 +1,9 @@
 """The inverse of a valve's model for a controller: C99, Python, Structured Text, and a table.
 
-The formula is written once, as a graph (:mod:`fitting.model.export.tracing.graph`), and printed by the dialects of
-the model's own export. Beside it each file has what a graph cannot say: numbers that are none give the neutral
-command, missing pressures the reference, and whether the axis stood decides where it starts. The text of every file
-says what else a controller owes the machine.
+The formula (:func:`fitting.valve.inverse.inverse_graph`) is printed by the dialects of the model's own export. Each
+file has beside it what a graph cannot say: numbers that are none give the neutral command, missing pressures the
+reference, and whether the axis stood decides where it starts. The text of every file says what else a controller owes
+the machine.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -23,14 +23,11 @@ from fitting.model.export.formats.c import dialect_of as c_words
 from fitting.model.export.formats.st import dialect_of as st_words
 from fitting.model.export.functions import rendered, written
 from fitting.model.export.printing import PYTHON, Dialect, statements
-from fitting.model.export.tracing.graph import Curve, Graph, Node
 from fitting.model.export.words import Written, require_folder
-from fitting.valve.inverse import CLIPPED, LEAST_SHARE, NO_NUMBER, NO_PRESSURE, REST_SHARE, Direction, ValveModel
+from fitting.valve.inverse import CLIPPED, GIVEN, NO_NUMBER, NO_PRESSURE, ValveModel, inverse_graph
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 
-#: What is given, in this order: m/s, Pa (of whatever is not known any number, with ``known`` 0), 1 and 0.
-GIVEN = ("speed", "head", "rod", "supply", "tank", "known", "moving")
 #: Rows of the self-test, largest difference that passes as share of full command, and points of a table.
 _ROWS, TOLERANCE, _POINTS = 48, 1e-9, 21
 SAFETY = (
@@ -45,6 +42,12 @@ def formats() -> dict[str, Callable[[ValveModel], dict[str, str]]]:
     return {"c": _c, "csv": _csv, "python": _python, "st": _st}
 
 
+def require_formats(names: Iterable[str]) -> None:
+    """Refuse what is none of :func:`formats` (InputError)."""
+    for name in set(names) - set(formats()):
+        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+
+
 def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     """Write the inverse of a valve's model in one of :func:`formats`.
 
@@ -53,78 +56,11 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     InputError
         If there is no such format, the folder is a file, or the model moves in no direction.
     """
-    if to not in formats():
-        raise InputError(f"--to {to}: there is no such format; use one of {', '.join(formats())}")
+    require_formats([to])
     require_folder(folder)
     if not model.moves:
         raise InputError(f"{model.joint}: its valve was never seen to move it; there is nothing to export")
     return written(folder, formats()[to](model), model.left_out)
-
-
-def inverse_graph(model: ValveModel) -> dict[str, Node]:
-    """Nodes ``command`` (as it is sent), ``flags`` and ``going`` (whether it moves) of variables :data:`GIVEN`."""
-    graph = Graph()
-    given = {name: graph.variable(name) for name in GIVEN}
-    speed, moving = given["speed"], given["moving"]
-    zero = graph.number(0.0)
-    share, flags, going = zero, zero, zero
-    for way, own in enumerate(model.directions):
-        if own.fastest <= 0.0:
-            continue
-        sign = 1.0 if way == 0 else -1.0
-        wanted = graph.binary("max", speed * sign, 0.0)
-        low = REST_SHARE * own.fastest
-        here = graph.binary("at_least", wanted, low * (3.0 - 2.0 * moving))
-        factor, missing = _factor(graph, own, way, given)
-        reduced = wanted / factor
-        asked = own.edge + _opening(graph, own, reduced)
-        beyond = graph.binary(
-            "max",
-            graph.binary("above", asked, own.largest),
-            graph.binary("above", reduced, own.fastest * (1.0 + 1e-9)),
-        )
-        clipped = beyond * own.largest + (1.0 - beyond) * graph.binary("min", asked, own.largest)
-        share = share + here * clipped * sign
-        flags = flags + here * (CLIPPED * beyond + NO_PRESSURE * missing)
-        going = going + here
-    raw = model.neutral + model.extends * model.full * share
-    command = graph.binary("min", graph.binary("max", raw, model.least), model.most)
-    outside = graph.binary("above", graph.unary("abs", raw - command), 0.0)
-    return {"command": command, "flags": graph.binary("max", flags, CLIPPED * outside), "going": going}
-
-
-def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -> tuple[Node, Node]:
-    """What the pressures make of the gain, and 1 where the reference is taken for them."""
-    needs = LAWS[own.law].needs
-    if needs == "nothing":
-        return graph.number(1.0), graph.number(0.0)
-    filled, emptied = (given["head"], given["rod"]) if way == 0 else (given["rod"], given["head"])
-    drop = given["supply"] - filled if needs == "supply" else emptied - given["tank"]
-    reference = own.drop_in if needs == "supply" else own.drop_out
-    believed = graph.binary("at_least", drop, LEAST_SHARE * reference) * given["known"]
-    ratio = graph.binary("max", drop, LEAST_SHARE * reference) / reference
-    if own.law == "free_exponent":
-        factor = graph.binary("power", ratio, own.law_shape["exponent"])
-    elif own.law == "compensated":
-        order, whole = own.law_shape["order"], (reference / own.law_shape["margin"]) ** own.law_shape["order"]
-        share = graph.binary("power", ratio, order) * whole
-        factor = graph.binary("power", share / (1.0 + share) * ((1.0 + whole) / whole), 0.5 / order)
-    else:
-        factor = graph.unary("sqrt", ratio)
-    return believed * factor + (1.0 - believed), 1.0 - believed
-
-
-def _opening(graph: Graph, own: Direction, speed: Node) -> Node:
-    """What has to be beyond the edge for a speed at the reference drops."""
-    if not own.openings:
-        line = speed / own.gain
-        return line if own.power == 1.0 else graph.binary("power", graph.binary("max", line, 1e-12), 1.0 / own.power)
-    speeds, openings = np.array(own.speeds), np.array(own.openings)
-    rising = np.append(True, np.diff(speeds) > 0.0)  # a flat piece has no inverse; what is before it is enough
-    speeds, openings = speeds[rising], openings[rising]
-    slopes = np.diff(openings) / np.diff(speeds)
-    nothing = np.zeros_like(slopes)
-    return graph.curve(speed, Curve(speeds, np.column_stack([nothing, nothing, slopes, openings[:-1]])))
 
 
 def said_of(model: ValveModel) -> list[str]:
@@ -159,6 +95,7 @@ def _name(model: ValveModel) -> str:
 def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
     """Statements and results of the formula in a language, and the curves that it uses."""
     nodes = inverse_graph(model)
+    del nodes["share"]
     lines, words = statements(nodes, dialect, {name: name for name in GIVEN}, indent)
     curves = [
         {"number": number, "breaks": own.breaks.tolist(), "pieces": own.pieces.tolist()}
@@ -198,10 +135,7 @@ def _c(model: ValveModel) -> dict[str, str]:
     words = _body(model, c_words(name, "double", ""), "        ") | {"upper": name.upper()}
     rows = [["NAN" if np.isnan(own) else repr(own) for own in row] for row in self_test_rows(model)]
     words |= {"rows": rows, "tolerance": TOLERANCE * model.full}
-    return {f"{name}{end}": rendered(f"valve{own}.j2", **words) for end, own in _C_FILES.items()}
-
-
-_C_FILES = {".h": ".h", ".c": ".c", "_selftest.c": "_selftest.c"}
+    return {f"{name}{end}": rendered(f"valve{end}.j2", **words) for end in (".h", ".c", "_selftest.c")}
 
 
 def _python(model: ValveModel) -> dict[str, str]:

@@ -14,18 +14,19 @@ Bulletin 2, 1946 (degrees of freedom).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
-from fitting.arrays import FloatArray, IntArray
+from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import long_run
-from fitting.regression.freedom import SIGMAS, coverage_factors
+from fitting.regression.freedom import SIGMAS, coverage_factors, freedom_of, moved_without
+from fitting.residual.confirmation.local import Local
 from fitting.valve.laws import Bounds
-from fitting.valve.model import WAYS, Shape, Structure, columns, solved, speeds
+from fitting.valve.model import WAYS, Shape, Structure, columns, openings, solved, speeds
 from fitting.valve.rows import Axis
 
 #: s, and share of full command, of the grid.
@@ -91,9 +92,17 @@ class Fit:
 
     @cached_property
     def rows(self) -> float:
-        """How many independent values the kept rows of the residual count for."""
-        e = self.residual[self.axis.keep]
-        return len(e) / long_run(e)
+        """Independent values of the residual in kept rows where what was added last acts: a leak at rest, too."""
+        keep, e = self.axis.keep, self.residual[self.axis.keep]
+        always = any(name.partition(".")[0] in self.structure.effects[-1:] for name in self.gains)
+        acting = self.axis.reduced(((self.openings != 0.0) | always).astype(float))[keep]
+        return max(float(acting.sum()) / long_run(e), 1.0)
+
+    @cached_property
+    def openings(self) -> FloatArray:
+        """m/s (N,) before the filters by what the valve lets through, without what stiffness and leaks take."""
+        parts = openings(self.axis, self.structure, self.shape)
+        return np.asarray(sum(self.gains[name] * own for name, own in parts.items()))
 
     @cached_property
     def scaled(self) -> tuple[tuple[str, ...], FloatArray, FloatArray, float]:
@@ -105,6 +114,20 @@ class Fit:
         bounds = self.structure.shape()
         wide = [0.25 * (bounds[n][2] - bounds[n][1]) if n in bounds else self.gains[n] for n in names]
         return names, J * wide, np.array(wide), max(float(self.residual @ self.residual) / self.rows, 1e-30)
+
+    @property
+    def local(self) -> Local:
+        """The model about its optimum, in the units of :attr:`scaled`."""
+        names, columns, _, noise = self.scaled
+        return Local(columns, self.residual, noise * np.eye(len(names)), noise, self.rows)
+
+    def on(self, judged: Axis) -> tuple[Fit, Local]:
+        """The fit with what it leaves of another motion, and :attr:`local` with the columns that it has there."""
+        there = replace(self, axis=judged, residual=np.where(judged.keep, judged.speed - predicted(judged, self), 0.0))
+        (names, J), (own, _, wide, _) = there.jacobian, self.scaled
+        columns = [J[:, names.index(name)] if name in names else np.zeros(len(J)) for name in own]
+        moved = replace(self.local, columns=np.column_stack(columns) * wide, residual=there.residual, rows=there.rows)
+        return there, moved
 
     @cached_property
     def covariance(self) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
@@ -140,22 +163,6 @@ class Fit:
             return None
         std, half = self.spread(np.eye(len(names))[[names.index(name)]])
         return float(std[0]), float(half[0])
-
-
-def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:
-    """By how much parameters (blocks, p) move when a block of rows is left out.
-
-    ``J`` (M, p) is in units that each is known to before any data, ``noise`` the variance of a row. Exact where the
-    model is linear and ``r`` (M,) the residual of its least squares.
-    """
-    gram = J.T @ J + noise * np.eye(J.shape[1])
-    return np.array([np.linalg.solve(gram - J[b].T @ J[b], -J[b].T @ r[b]) for b in blocks])
-
-
-def freedom_of(moves: FloatArray) -> FloatArray:
-    """Degrees of freedom (k,) of sums of squares of moves (blocks, k): all blocks if they tell alike, 3 if one does."""
-    squares = moves**2
-    return np.asarray(3.0 * np.maximum(squares.sum(axis=0) ** 2 / np.maximum((squares**2).sum(axis=0), 1e-300), 1.0))
 
 
 def relative(axis: Axis, residual: FloatArray) -> float:

@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from fitting.valve.inverse import ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
 from fitting.valve.peers import peers_of
-from fitting.valve.pump import PumpLimit, pump_limit_of
+from fitting.valve.pump import PumpLimit, pump_limits_of
 from fitting.valve.rows import Axis, axis_of
 
 SCHEMA = "hilfit/valve/1"
@@ -98,9 +97,9 @@ def identify_valves(
         if validate:
             judged = axis_of(machine, joint, validate, bandwidth_hz=bandwidth_hz, like=axis)
             judged = judged if moves(judged) else None
-        seen[joint.name] = axis, judged, chosen(axis, loop=loop)
+        seen[joint.name] = axis, judged, chosen(axis, judged, loop=loop)
     kind = "unknown" if machine.supply is None else machine.supply.kind
-    pump = pump_limit_of([picked.fits[-1] for *_, picked in seen.values()], kind) if seen and loop else None
+    pump = pump_limits_of([picked.fits[-1] for *_, picked in seen.values()], kind) if seen and loop else ()
     for name, what in seen.items():
         axes[name], models[name] = _of_axis(machine, *what, pump)
     if not axes:
@@ -128,26 +127,22 @@ def identify_valves(
 
 
 def _of_axis(
-    machine: Machine, axis: Axis, judged: Axis | None, picked: Chosen, pump: PumpLimit | None
+    machine: Machine, axis: Axis, judged: Axis | None, picked: Chosen, pump: Sequence[PumpLimit]
 ) -> tuple[dict[str, Any], ValveModel]:
-    peers = peers_of(axis, judged or axis)
-    off = [_error(own, judged) for own in picked.fits]
-    kept = len(picked.found) if judged is None else held_elsewhere(off)
-    fit, handed, found = picked.fits[kept], "model" if kept == len(picked.found) else "before", picked.found[:kept]
+    peers, curve = peers_of(axis, judged or axis)
+    fit, found, handed = picked.fits[-1], picked.found, "before" if picked.refused else "model"
     errors: dict[str, Any] = {
         "role": "train" if judged is None else "validate",
         "unit": "of the speed's RMS",
-        "before": off[0],
-        "after": off[-1],
-        "linear": _finite(peers.linear),
-        "arx": _finite(peers.arx),
-        "static": _finite(peers.static),
+        "before": _error(picked.fits[0], judged),
+        "after": _error(fit, judged),
+        **peers,
         "speed_rms": float(np.sqrt(np.mean((judged or axis).speed[(judged or axis).keep] ** 2))),
     }
-    if judged is not None and _error(fit, judged) > peers.static:
-        fit, handed = peers.curve, "static"
+    if judged is not None and _error(fit, judged) > errors["static"]:
+        fit, handed = curve, "static"
     errors["handed_out"] = _error(fit, judged)
-    limits = {} if pump is None else {pump.unit: _barred(pump.value, (pump.std, SIGMAS * pump.std), pump.unit)}
+    limits = {own.unit: _barred(own.value, (own.std, SIGMAS * own.std), own.unit) for own in pump}
     limit = limits.get("m^3/s")
     model = model_of(
         fit,
@@ -168,8 +163,9 @@ def _of_axis(
         "pump_power": limits.get("W"),
         "errors": errors,
         "laws": picked.laws,
-        "effects": [_effect(own, alike, fit) for own, alike in zip(found, picked.sets[:kept], strict=True)],
-        "verdict": ("ambiguous" if any(picked.sets[:kept]) else "effect_added") if found else "nothing_missing",
+        "effects": [_effect(own, alike, fit) for own, alike in zip(found, picked.sets, strict=False)],
+        "unexplained": [] if picked.unknown is None else [_effect(picked.unknown, picked.sets[-1], fit)],
+        "verdict": _verdict(picked),
         "candidates": [[_candidate(c) for c in step] for step in picked.steps],
         "checks": axis_checks(machine, axis, picked.fits[-1]),
         "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
@@ -179,17 +175,14 @@ def _of_axis(
     return content, model
 
 
-def held_elsewhere(errors: Sequence[float]) -> int:
-    """How many of what was found one after the other took the error on another motion down, or left it, each."""
-    return sum(1 for _ in takewhile(lambda pair: pair[1] <= pair[0], pairwise(errors)))
+def _verdict(picked: Chosen) -> str:
+    if picked.unknown is not None:
+        return "unexplained"
+    return ("ambiguous" if any(picked.sets) else "effect_added") if picked.found else "nothing_missing"
 
 
 def _error(fit: Fit, judged: Axis | None) -> float:
     return fit.misfit if judged is None else relative(judged, judged.speed - predicted(judged, fit))
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _value(fit: Fit, name: str, unit: str) -> dict[str, Any]:
@@ -271,7 +264,6 @@ def _stiffness(fit: Fit) -> dict[str, Any] | None:
 
 
 def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any]:
-    effect = EFFECTS.get(found.id)
     own: dict[str, Any] = {
         "id": found.id,
         "title": found.title,
@@ -282,8 +274,9 @@ def _effect(found: Candidate, alike: tuple[str, ...], fit: Fit) -> dict[str, Any
         "indistinguishable_from": list(alike),
         "parameters": {},
     }
-    if effect is None:
-        return own
+    if found.law is not None:
+        return own | found.law.to_json()
+    effect = EFFECTS[found.id]
     leaks = {name: "m^3/s/Pa" for name in fit.gains if name.partition(".")[0] == found.id}
     for name, unit in {**{name: effect.units.get(name, "1") for name in effect.shape}, **leaks}.items():
         if name in fit.shape or name in fit.gains:
@@ -299,7 +292,8 @@ def _candidate(own: Candidate) -> dict[str, Any]:
         "log_odds": own.odds,
         "error_before": own.before,
         "error_after": own.error,
-        "holds_elsewhere": own.confirmed,
+        "holds_elsewhere": not own.reason,
+        "reason": own.reason,
     }
 
 

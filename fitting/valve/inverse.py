@@ -22,16 +22,20 @@ from typing import Any
 import numpy as np
 
 from daq.errors import InputError
+from fitting.model.export.tracing.graph import Curve, Graph, Node
+from fitting.signals.splines import free_curve
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit
 from fitting.valve.laws import LAWS
-from fitting.valve.model import WAYS, free_curve
+from fitting.valve.model import WAYS
 
 CLIPPED, NO_NUMBER, NO_PRESSURE = 1, 2, 4
 #: Share of the speed at full command below which a standing axis stays at rest; three times that sets it moving.
 REST_SHARE = 0.005
 #: Of the reference drop: less is not believed.
 LEAST_SHARE = 0.02
+#: What is given, in this order: m/s, Pa (of whatever is not known any number, with ``known`` 0), 1 and 0.
+GIVEN = ("speed", "head", "rod", "supply", "tank", "known", "moving")
 #: Of a free curve's table.
 POINTS = 33
 
@@ -71,21 +75,12 @@ class Direction:
 
     def opening(self, speed: float) -> float:
         """What has to be beyond the edge for a speed at the reference drops, m/s; beyond a free curve its end."""
-        if self.openings:
-            return float(np.interp(speed, self.speeds, self.openings))
-        return float((speed / self.gain) ** (1.0 / self.power)) if self.gain > 0 else np.inf
+        return float(_opening(Graph(), self, speed)) if self.openings or self.gain > 0 else np.inf
 
     @property
     def fastest(self) -> float:
         """m/s at the largest recorded command and the reference drops."""
         return self.speed(self.largest - self.edge)
-
-    def factor(self, inlet: float, outlet: float) -> float:
-        """What pressure drops, Pa, make of the gain."""
-        law = LAWS[self.law]
-        drops = np.array([self.drop_in, self.drop_out])
-        pair = np.array([inlet / self.drop_in]), np.array([outlet / self.drop_out])
-        return float(law.factor(*pair, drops, self.law_shape)[0])
 
 
 @dataclass(frozen=True)
@@ -160,36 +155,11 @@ class ValveModel:
         """
         if not np.isfinite(speed):
             return Command(self.neutral, 0.0, NO_NUMBER)
-        way = 0 if speed > 0 else 1
-        own, sign = self.directions[way], (1.0 if speed > 0 else -1.0)
-        low = REST_SHARE * own.fastest
-        if abs(speed) < (low if moving else 3.0 * low) or own.fastest <= 0.0:
-            return Command(self.neutral, 0.0, 0)
-        factor, flags = self._factor(own, way, head, rod, supply, tank)
-        beyond = own.opening(abs(speed) / factor)
-        share = own.edge + beyond
-        if share > own.largest or abs(speed) / factor > own.fastest * (1.0 + 1e-9):
-            share, flags = own.largest, flags | CLIPPED
-        raw = self.neutral + self.extends * sign * share * self.full
-        command = min(max(raw, self.least), self.most)
-        return Command(command, sign * share, flags | (CLIPPED if command != raw else 0))
-
-    def _factor(
-        self, own: Direction, way: int, head: float, rod: float, supply: float, tank: float
-    ) -> tuple[float, int]:
-        needs = LAWS[own.law].needs
-        if needs == "nothing":
-            return 1.0, 0
-        given = {"head": head, "rod": rod, "supply": supply, "tank": tank}
-        if not all(np.isfinite(given[name]) for name in self.asks):
-            return 1.0, NO_PRESSURE
-        filled, emptied = (head, rod) if way == 0 else (rod, head)
-        drops = supply - filled, emptied - tank
-        asked = drops[0] if needs == "supply" else drops[1]
-        reference = own.drop_in if needs == "supply" else own.drop_out
-        if asked < LEAST_SHARE * reference:
-            return 1.0, NO_PRESSURE
-        return own.factor(drops[0] if needs == "supply" else 0.0, drops[1] if needs == "outlet" else 0.0), 0
+        pressures = {"head": head, "rod": rod, "supply": supply, "tank": tank}
+        known = all(np.isfinite(pressures[name]) for name in self.asks)
+        told = {name: value if known and name in self.asks else 0.0 for name, value in pressures.items()}
+        found = inverse_graph(self, {"speed": speed, "known": known, "moving": moving, **told})
+        return Command(float(found["command"]), float(found["share"]), int(float(found["flags"])))
 
     def scale(self, speeds: Mapping[str, float], models: Mapping[str, ValveModel]) -> float:
         """By what all wanted speeds are to be multiplied, so that the pump can give them: ``min(1, Q / sum A |v|)``."""
@@ -215,6 +185,75 @@ class ValveModel:
         )
         own["areas"], own["left_out"] = tuple(own["areas"]), tuple(own["left_out"])
         return cls(**own)
+
+
+def inverse_graph(model: ValveModel, numbers: Mapping[str, float] | None = None) -> dict[str, Node]:
+    """Nodes ``command`` (as it is sent), its ``share`` of full, ``flags`` and ``going`` (whether it moves).
+
+    They are of variables :data:`GIVEN`, or of ``numbers`` in their place, and numbers then.
+    """
+    graph = Graph()
+    given = {name: graph.variable(name) if numbers is None else graph.number(numbers[name]) for name in GIVEN}
+    speed, moving = given["speed"], given["moving"]
+    zero = graph.number(0.0)
+    share, flags, going = zero, zero, zero
+    for way, own in enumerate(model.directions):
+        if own.fastest <= 0.0:
+            continue
+        sign = 1.0 if way == 0 else -1.0
+        wanted = graph.binary("max", speed * sign, 0.0)
+        low = REST_SHARE * own.fastest
+        here = graph.binary("at_least", wanted, low * (3.0 - 2.0 * moving))
+        factor, missing = _factor(graph, own, way, given)
+        reduced = wanted / factor
+        asked = own.edge + _opening(graph, own, reduced)
+        beyond = graph.binary(
+            "max",
+            graph.binary("above", asked, own.largest),
+            graph.binary("above", reduced, own.fastest * (1.0 + 1e-9)),
+        )
+        clipped = beyond * own.largest + (1.0 - beyond) * graph.binary("min", asked, own.largest)
+        share = share + here * clipped * sign
+        flags = flags + here * (CLIPPED * beyond + NO_PRESSURE * missing)
+        going = going + here
+    raw = model.neutral + model.extends * model.full * share
+    command = graph.binary("min", graph.binary("max", raw, model.least), model.most)
+    outside = graph.binary("above", graph.unary("abs", raw - command), 0.0)
+    return {"command": command, "share": share, "flags": graph.binary("max", flags, CLIPPED * outside), "going": going}
+
+
+def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -> tuple[Node, Node]:
+    """What the pressures make of the gain, and 1 where the reference is taken for them."""
+    needs = LAWS[own.law].needs
+    if needs == "nothing":
+        return graph.number(1.0), graph.number(0.0)
+    filled, emptied = (given["head"], given["rod"]) if way == 0 else (given["rod"], given["head"])
+    drop = given["supply"] - filled if needs == "supply" else emptied - given["tank"]
+    reference = own.drop_in if needs == "supply" else own.drop_out
+    believed = graph.binary("at_least", drop, LEAST_SHARE * reference) * given["known"]
+    ratio = graph.binary("max", drop, LEAST_SHARE * reference) / reference
+    if own.law == "free_exponent":
+        factor = graph.binary("power", ratio, own.law_shape["exponent"])
+    elif own.law == "compensated":
+        order, whole = own.law_shape["order"], (reference / own.law_shape["margin"]) ** own.law_shape["order"]
+        share = graph.binary("power", ratio, order) * whole
+        factor = graph.binary("power", share / (1.0 + share) * ((1.0 + whole) / whole), 0.5 / order)
+    else:
+        factor = graph.unary("sqrt", ratio)
+    return believed * factor + (1.0 - believed), 1.0 - believed
+
+
+def _opening(graph: Graph, own: Direction, speed: Node | float) -> Node:
+    """What has to be beyond the edge for a speed at the reference drops."""
+    if not own.openings:
+        line = graph.of(speed) / own.gain
+        return line if own.power == 1.0 else graph.binary("power", graph.binary("max", line, 1e-12), 1.0 / own.power)
+    speeds, openings = np.array(own.speeds), np.array(own.openings)
+    rising = np.append(True, np.diff(speeds) > 0.0)  # a flat piece has no inverse; what is before it is enough
+    speeds, openings = speeds[rising], openings[rising]
+    slopes = np.diff(openings) / np.diff(speeds)
+    nothing = np.zeros_like(slopes)
+    return graph.curve(speed, Curve(speeds, np.column_stack([nothing, nothing, slopes, openings[:-1]])))
 
 
 #: Effects that are in the inverse, or that it needs not undo: a delay is for whoever looks ahead.

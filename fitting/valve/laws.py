@@ -79,10 +79,11 @@ LAWS: dict[str, Law] = {
 def laws_for(*, pressures: bool, supply: bool, compensated: bool | str) -> tuple[str, ...]:
     """Ids of the laws that what is measured and declared leaves open, the simplest first.
 
-    Of a valve that is declared compensated an orifice is no law but an effect: :mod:`fitting.valve.effects`.
+    Of a valve that is declared compensated an orifice is no law but an effect, as is an outlet that decides where the
+    supply is known: both edges say the same there, but where the load runs ahead (:mod:`fitting.valve.effects`).
     """
     known = {"nothing": True, "outlet": pressures, "supply": supply}
-    ids = [law.id for law in LAWS.values() if known[law.needs]]
+    ids = [law.id for law in LAWS.values() if known[law.needs] and not (supply and law.needs == "outlet")]
     if compensated is True:
         ids = [own for own in ids if own in ("none", "compensated")]
     elif compensated is False:

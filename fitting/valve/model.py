@@ -27,13 +27,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, special
+from scipy import optimize
 
 from fitting.arrays import FloatArray
-from fitting.signals.filters import recursive
+from fitting.signals.held import PARTS, delayed, followed
+from fitting.signals.splines import free_curve
 from fitting.valve.effects import EFFECTS, Drops, ValveEffect
 from fitting.valve.laws import LAWS, Bounds
-from fitting.valve.rows import Axis, Signals
+from fitting.valve.rows import Axis
 
 WAYS = ("extend", "retract")
 SIGNS = (1.0, -1.0)
@@ -45,13 +46,8 @@ LAG: Bounds = (0.04, 0.0, 0.2)
 DAMPING: Bounds = (1.0, 0.5, 1.2)
 EDGE: Bounds = (0.05, 0.0, 0.6)
 _POWER: Bounds = (1.0, 0.4, 3.0)
-#: Of a cycle, in each of which a spool stands at its mean: one that crosses an edge within a cycle is closed for a
-#: part of it, which its mean over the cycle does not know.
-PARTS = 4
 #: Of full stroke within a cycle, from which on a curve's mean is not the curve at the spool's mean.
 FAR = 0.01
-#: Degree of a free curve's slope.
-DEGREE = 3
 
 
 @dataclass(frozen=True)
@@ -106,11 +102,16 @@ def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Map
 
 def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
     """What one of each linear parameter adds to the speed (N,) before the filters, by its name."""
+    return openings(axis, structure, shape) | _undirected(axis, structure, shape["delay"])
+
+
+def openings(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
+    """What one of each gain adds to the speed (N,) before the filters: what the valve lets through."""
     result = dict[str, FloatArray]()
     for name, other in zip(WAYS, reversed(WAYS), strict=True):
         own = tuple((key, value) for key, value in shape.items() if not key.endswith(f".{other}"))
         result |= _directed(axis, structure, WAYS.index(name), own)
-    return result | _undirected(axis, structure, shape["delay"])
+    return result
 
 
 @lru_cache(maxsize=4)
@@ -119,21 +120,22 @@ def _directed(
 ) -> Mapping[str, FloatArray]:
     """Openings of one direction as speeds (N,): later, and by what pressures and effects make of them."""
     shape, signals = dict(numbers), axis.signals
-    late = shape["delay"] + sum(effect.delay(way, shape) for effect in structure.found)
-    lag, rate = min(shape["lag"], max(late, 0.0)), axis.bank.rate_hz
+    more, slower = np.sum([(0.0, 0.0), *(effect.delay(way, shape) for effect in structure.found)], axis=0).tolist()
+    late, rate = max(shape["delay"] + more, 0.0), axis.bank.rate_hz
+    lag = min(max(shape["lag"] + slower, 0.0), late)
     of_effects = tuple((name, shape[name]) for effect in structure.found for name in effect.shape if name in shape)
     spool = (structure.effects, of_effects, lag * rate, shape["damping"])
     power = shape.get(f"power.{WAYS[way]}", 1.0)
     opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
-    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), max(late - lag, 0.0) * rate
-    return {name: factor * delayed(signals, own, moved) for name, own in opened.items()}
+    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), (late - lag) * rate
+    return {name: factor * delayed(signals.parts, own, moved) for name, own in opened.items()}
 
 
 @lru_cache(maxsize=4)
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
     """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
     signals, result = axis.signals, dict[str, FloatArray]()
-    told = delayed(signals, signals.last_way, delay * axis.bank.rate_hz)
+    told = delayed(signals.parts, signals.last_way, delay * axis.bank.rate_hz)
     share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
     if structure.stiffness:
         head, rod = signals.rates
@@ -155,7 +157,7 @@ def _stroke(axis: Axis, spool: _Spool) -> tuple[FloatArray, FloatArray, FloatArr
     (effects, numbers, samples, damping), u = spool, axis.signals.u
     for effect in effects:
         u = EFFECTS[effect].command(u, dict(numbers))
-    fine = followed(axis.signals, u, samples, damping)
+    fine = followed(axis.signals.parts, u, samples, damping)
     return fine, fine.mean(axis=0), fine.min(axis=0), fine.max(axis=0)
 
 
@@ -183,44 +185,6 @@ def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: f
     return dict(zip(names, whole, strict=True))
 
 
-def followed(signals: Signals, u: FloatArray, samples: float, damping: float) -> FloatArray:
-    """What a spool makes of a command that is held between samples (N,): its means over parts of each cycle (PARTS, N).
-
-    A spring, a mass and a damper, ``samples`` late on the average; before a stretch it was at rest.
-    """
-    late = max(samples, 1e-3)
-    split = np.sqrt(complex(damping**2 - 1.0, 1e-9))  # two poles, nearly one where it is critically damped
-    one, other = (-2.0 * damping / late * (damping + own) for own in (split, -split))
-    time = np.arange(3 * PARTS + 1) / PARTS
-    gone = other / one * np.exp(one * time) - one / other * np.exp(other * time)
-    ramp = time - late + (gone / (one - other)).real
-    steps = PARTS * np.diff(ramp).reshape(3, PARTS)  # the answer to a step; it goes on with the two poles
-    poles = np.poly(np.exp([one, other])).real
-    zeros = np.array([np.convolve(taps, poles)[:3] for taps in np.diff(steps, axis=0, prepend=0.0).T])
-    out = np.empty((PARTS, len(u)))
-    for part in signals.parts:
-        first = u[part][0]
-        slow = np.append(np.zeros(2), recursive(np.eye(3)[0], poles, u[part] - first))
-        out[:, part] = first + zeros @ np.stack([slow[2:], slow[1:-1], slow[:-2]])
-    return out
-
-
-def delayed(signals: Signals, u: FloatArray, samples: float) -> FloatArray:
-    """What is held between samples (N,), ``samples`` later; each value is the mean of a cycle around it.
-
-    Before the first of a stretch it was the first.
-    """
-    whole = int(np.floor(samples + 0.5))
-    fraction = samples + 0.5 - whole
-    out = np.empty(len(u))
-    for part in signals.parts:
-        own, late = u[part], out[part]
-        known = max(len(own) - whole - 1, 0)
-        late[: len(own) - known] = own[0]
-        late[len(own) - known :] = (1.0 - fraction) * own[1 : known + 1] + fraction * own[:known]
-    return out
-
-
 def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
     """What pressures and effects make of an opening (N,), 1 at the reference."""
     law = structure.laws[way]
@@ -233,7 +197,7 @@ def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatAr
 @lru_cache(maxsize=4)
 def _drops(axis: Axis, way: int) -> Drops:
     signals = axis.signals
-    inlet, outlet = signals.supply - signals.inlet[way], signals.outlet[way] - signals.tank
+    inlet, outlet = signals.supply - signals.inlet[way], signals.inlet[1 - way] - signals.tank
     return inlet / axis.drops[way, 0], outlet / axis.drops[way, 1]
 
 
@@ -241,25 +205,6 @@ def _drops(axis: Axis, way: int) -> Drops:
 def _by_law(axis: Axis, law: str, way: int, numbers: tuple[float, ...]) -> FloatArray:
     shape = dict(zip(LAWS[law].shape, numbers, strict=True))
     return LAWS[law].factor(*_drops(axis, way), axis.drops[way], shape)
-
-
-def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArray]:
-    """The parts (N,) of a free curve: integrals over ``(o / reach)^power`` of Bernstein's polynomials.
-
-    Beyond the largest command that was fitted it goes on as it ends.
-    """
-    whole = np.power(opening / reach, power)
-    share = np.minimum(whole, 1.0)
-    rest, order = 1.0 - share, DEGREE + 1
-    rising, falling = [np.ones_like(share)], [np.ones_like(share)]
-    for _ in range(order):
-        rising.append(rising[-1] * share)
-        falling.append(falling[-1] * rest)
-    parts, tail = list[FloatArray](), np.zeros_like(share)
-    for i in range(order, 0, -1):
-        tail = tail + special.comb(order, i) * rising[i] * falling[order - i]
-        parts.insert(0, tail / order)
-    return [*parts[:-1], parts[-1] + whole - share]
 
 
 def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:

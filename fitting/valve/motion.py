@@ -22,9 +22,8 @@ from typing import Any, get_args
 import numpy as np
 
 from daq.errors import InputError
-from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
-from daq.machine.travel import travel_of
+from daq.machine.travel import RodTravel, travel_of
 from daq.valve_motions import Does, Step, ValveAxis, ValveMotion, write_valve_motion
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.arm.geometry import geometry_of
@@ -48,23 +47,17 @@ _POSES = (0.25, 0.75)  # of the travel: where other axes change the load on one
 
 
 @dataclass(frozen=True)
-class Expected:
+class Expected(RodTravel):
     """What is expected of an axis with a valve.
 
     Attributes
     ----------
-    joint : of the axis
-    range_q, range_x, lever : (N,) joint and piston positions from limit to limit, and the lever arm
     speeds : m/s of the rod at :attr:`grid`, one row for each of extend and retract
     edges, delay : share of full of extend and retract, s
     rungs : of the ladder, to either side of an edge
     told : whether a report says it
     """
 
-    joint: Joint
-    range_q: FloatArray
-    range_x: FloatArray
-    lever: FloatArray
     speeds: FloatArray
     edges: tuple[float, float]
     delay: float
@@ -73,11 +66,6 @@ class Expected:
 
     #: Shares of full command.
     grid = np.linspace(0.0, 1.0, 201)
-
-    @property
-    def sense(self) -> float:
-        """Sign of the joint's motion while the rod extends."""
-        return float(np.sign(self.lever.mean()))
 
     def moving(self, most: float) -> float:
         """m/s in the slower direction at the largest command of a move to a pose, ``most`` being that of all."""
@@ -88,21 +76,6 @@ class Expected:
         ways = zip(faster, self.speeds, strict=True)
         out, back = (factor * np.interp(np.abs(share), self.grid, row) for factor, row in ways)
         return np.asarray(np.where(np.asarray(share) > 0, out, -back))
-
-    def q(self, x: FloatArray | float) -> FloatArray:
-        """Joint positions of piston positions, in a straight line beyond the joint's limits."""
-        order = slice(None, None, int(self.sense))
-        inside = np.clip(x, self.range_x.min(), self.range_x.max())
-        return np.asarray(np.interp(inside, self.range_x[order], self.range_q[order]) + (x - inside) / self.lever[0])
-
-    def x(self, q: float) -> float:
-        """The inverse of :meth:`q`."""
-        return float(np.interp(q, self.range_q, self.range_x))
-
-    @property
-    def middle(self) -> float:
-        """The joint position at which the rod is in the middle of what the joint's range asks of it."""
-        return float(self.q(0.5 * (self.range_x.min() + self.range_x.max())))
 
     @property
     def room(self) -> float:

@@ -7,53 +7,41 @@ autoregression runs freely there, on nothing but commands.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import recursive
+from fitting.signals.held import delayed, lagged
 from fitting.valve.fit import DELAYS, Fit, fitted, predicted, relative
-from fitting.valve.model import Structure, delayed
-from fitting.valve.response import lagged
+from fitting.valve.model import Structure
 from fitting.valve.rows import Axis
 
 #: Rows at the start of a stretch in which an autoregression has not forgotten that it began from nothing.
 _SETTLING = 8
 
 
-@dataclass(frozen=True)
-class Peers:
-    """Errors of the peers on another motion, RMS over that of the speed.
+def peers_of(axis: Axis, judged: Axis) -> tuple[dict[str, float | None], Fit]:
+    """Errors of the peers fitted to an axis on another motion, RMS over that of the speed, and the static curve.
 
-    Attributes
-    ----------
-    linear : one gain and a delay
-    arx : two poles, two zeros and a delay, simulated
-    static : a curve of the command and a delay, no pressures
-    curve : the static curve as a model, which is handed out where nothing is better
+    ``linear``: one gain and a delay; ``arx``: two poles, two zeros and a delay, simulated, None where that has no end;
+    ``static``: a curve of the command and a delay, no pressures: what is handed out where nothing is better.
     """
-
-    linear: float
-    arx: float
-    static: float
-    curve: Fit
-
-
-def peers_of(axis: Axis, judged: Axis) -> Peers:
-    """The peers fitted to an axis, judged on another."""
     curve = fitted(axis, Structure(curve="monotone"))
-    return Peers(
-        linear=min(_linear(axis, judged, delay) for delay in DELAYS)[1],
-        arx=min(_arx(axis, judged, lag) for lag in range(round(DELAYS[-1] * axis.bank.reduced_rate_hz) + 1))[1],
-        static=relative(judged, judged.speed - predicted(judged, curve)),
-        curve=curve,
-    )
+    arx = min(_arx(axis, judged, lag) for lag in range(round(DELAYS[-1] * axis.bank.reduced_rate_hz) + 1))[1]
+    errors = {
+        "linear": min(_linear(axis, judged, delay) for delay in DELAYS)[1],
+        "arx": arx if np.isfinite(arx) else None,
+        "static": relative(judged, judged.speed - predicted(judged, curve)),
+    }
+    return errors, curve
 
 
 def _linear(axis: Axis, judged: Axis, delay: float) -> tuple[float, float]:
     """Errors on the fitted rows and on others."""
-    one, other = (own.reduced(delayed(own.signals, own.signals.u, delay * axis.bank.rate_hz)) for own in (axis, judged))
+    one, other = (
+        own.reduced(delayed(own.signals.parts, own.signals.u, delay * axis.bank.rate_hz)) for own in (axis, judged)
+    )
     gain = float(one[axis.keep] @ axis.speed[axis.keep]) / max(float(one[axis.keep] @ one[axis.keep]), 1e-30)
     return relative(axis, axis.speed - gain * one), relative(judged, judged.speed - gain * other)
 

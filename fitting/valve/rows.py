@@ -6,6 +6,7 @@ command first would move the edges of its dead band.
 
 Rows are left out where something else than the valve decides the speed: the rod within 2 % of its ends, less than 2 bar
 in the chamber that is filled (cavitation), less than 3 bar between supply and that chamber, a position that is stale.
+Behind a valve that is told to shut a chamber below the tank's pressure draws oil through its make-up valve: those, too.
 """
 
 from __future__ import annotations
@@ -23,15 +24,15 @@ from daq.machine.machine_file import Machine
 from daq.machine.valves import Valve
 from daq.recordings.recording import Recording
 from fitting.arrays import BoolArray, FloatArray, IntArray
-from fitting.signals.filters import FilterBank, filter_bank
-from fitting.signals.position_sensors import piston_weight
+from fitting.signals.filters import FilterBank, asked_filter_bank, filter_bank
+from fitting.signals.position_sensors import piston_of
 
 #: Share of the stroke at each end, pressures in Pa, and periods of the clock as in the module's text.
 END_SHARE, CAVITATION, LEAST_DROP, STALE_PERIODS = 0.02, 2e5, 3e5, 2.5
 #: Hz; the motion of cranes and excavators ends below it.
 BANDWIDTH_HZ = 3.0
-#: A filtered row of which this share of the filter's weight stands on rows to be left out is left out.
-_TAINTED = 0.1
+#: A filtered row is left out where this share of its filter's weight is: there a speed may be wrong by its whole size.
+_TAINTED = 0.03
 
 
 @dataclass(frozen=True)
@@ -45,11 +46,11 @@ class Signals:
     clock : (N,) s since the recording's first row
     u : (N,) command less neutral over the farthest command there is, positive extends
     x : (N,) piston position, m
-    inlet, outlet : (2, N) Pa at the side that is filled and emptied while extending, retracting; NaN if not measured
+    inlet : (2, N) Pa of head and rod, the sides that are filled while extending, retracting; NaN if not measured
     rates : (2, N) Pa/s of head and rod
     supply, tank : (N,) Pa; NaN where nobody knows
     temperature : (N,) K of the oil, NaN where it is not measured
-    usable : (N,) False where something else than the valve decides the speed
+    taken : (N,) m^3/s that all other cylinders take
     """
 
     recording: IntArray
@@ -58,20 +59,14 @@ class Signals:
     u: FloatArray
     x: FloatArray
     inlet: FloatArray
-    outlet: FloatArray
     rates: FloatArray
     supply: FloatArray
     tank: FloatArray
     temperature: FloatArray
-    usable: BoolArray
+    taken: FloatArray
 
     def __len__(self) -> int:
         return len(self.u)
-
-    @property
-    def pressures(self) -> tuple[FloatArray, FloatArray]:
-        """Pressures (N,) of head and rod."""
-        return self.inlet[0], self.inlet[1]
 
     @cached_property
     def parts(self) -> list[slice]:
@@ -82,8 +77,7 @@ class Signals:
     @cached_property
     def last_way(self) -> FloatArray:
         """Which way (N,) it was told to go last, 1 or -1; 0 before the first command of a stretch."""
-        place = np.where(self.u != 0.0, np.arange(len(self)), -1)
-        last = np.maximum.accumulate(place)
+        last = np.maximum.accumulate(np.where(self.u != 0.0, np.arange(len(self)), -1))
         return np.where(last >= self.first, np.sign(self.u[last]), 0.0)
 
     @cached_property
@@ -186,10 +180,10 @@ def axis_of(
     if machine.channel("command", joint.name) is None:
         raise InputError(f"joints.{joint.name}: no channel shows its valve's command; add one of quantity command")
     rate = machine.rate_hz
-    wanted = min(BANDWIDTH_HZ, rate / 5.0) if bandwidth_hz is None else bandwidth_hz
-    if not 0 < wanted <= rate / 5.0:
-        raise InputError(f"--bandwidth {wanted:g}: must be above 0 and at most a fifth of the rate, {rate / 5.0:g} Hz")
-    bank = filter_bank(rate, wanted)
+    if bandwidth_hz is None:
+        bank = filter_bank(rate, min(BANDWIDTH_HZ, rate / 5.0))
+    else:
+        bank = asked_filter_bank(rate, bandwidth_hz, max(recording.duration for recording in recordings))
     pieces: list[_Piece] = []
     for number, recording in enumerate(recordings):
         found = _stretches(machine, joint, recording, number, bank)
@@ -269,10 +263,6 @@ def _stretch(
     if tank is None:
         tank = np.full(count, 0.0 if machine.hydraulics is None else machine.hydraulics.tank_pressure)
     oil = values("oil_temperature", None)
-    usable = _usable(cylinder, u, x, inlet, supply) & ~_stale(machine, joint, recording)[part]
-    speed = bank.reduce(bank.smooth(x)[1])
-    weight = np.abs(np.convolve(bank.value, bank.identification))
-    tainted = replace(bank, identification=weight / weight.sum()).reduce((~usable).astype(float))
     signals = Signals(
         recording=np.full(count, number),
         first=np.zeros(count, dtype=np.int64),
@@ -280,41 +270,38 @@ def _stretch(
         u=u,
         x=x,
         inlet=inlet,
-        outlet=inlet[::-1],
         rates=np.stack([bank.rate(own) for own in inlet]),
         supply=supply,
         tank=tank,
         temperature=nothing if oil is None else oil,
-        usable=usable,
+        taken=_taken(machine, joint, recording, part, bank),
     )
-    return signals, speed, tainted <= _TAINTED
+    usable = _usable(cylinder, signals) & ~_stale(machine, joint, recording)[part]
+    weight = np.abs(np.convolve(bank.value, bank.identification))
+    tainted = replace(bank, identification=weight / weight.sum()).reduce((~usable).astype(float))
+    return signals, bank.reduce(bank.smooth(x)[1]), tainted <= _TAINTED
 
 
-def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArray:
-    """Piston position (N,) of a joint, m: of both sensors where there are two, each by its noise.
-
-    Where the joint's sensor puts the rod somewhere else by a constant, that changes no speed.
-    """
-    assert joint.cylinder is not None
-    angle, piston = (machine.channel(q, joint.name) for q in ("joint_position", "piston_position"))
-    found = []
-    if angle is not None:
-        found.append(joint.cylinder.linkage.piston_position(recording.values[angle.name]))
-    if piston is not None:
-        found.append(recording.values[piston.name])
-    if len(found) == 1:
-        return np.asarray(found[0], dtype=float)
-    weight = piston_weight(machine, joint, recording)
-    return np.asarray((1.0 - weight) * found[0] + weight * found[1])
+def _taken(machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank) -> FloatArray:
+    """m^3/s (N,) that the cylinders of other joints take, of those whose positions were recorded."""
+    taken = np.zeros(part.stop - part.start)
+    for other in machine.joints:
+        sensors = [machine.channel(f"{kind}_position", other.name) for kind in ("joint", "piston")]
+        known = all(channel is None or channel.name in recording.values for channel in sensors)
+        if known and other.name != joint.name and other.cylinder is not None:
+            v = bank.rate(piston_of(machine, other, recording)[part])
+            taken += np.where(v > 0.0, other.cylinder.head_area, -other.cylinder.rod_area) * v
+    return taken
 
 
-def _usable(cylinder: Cylinder, u: FloatArray, x: FloatArray, inlet: FloatArray, supply: FloatArray) -> BoolArray:
-    edge = END_SHARE * cylinder.stroke
+def _usable(cylinder: Cylinder, signals: Signals) -> BoolArray:
+    x, u, edge = signals.x, signals.u, END_SHARE * cylinder.stroke
     usable = (x > edge) & (x < cylinder.stroke - edge)
-    for own, told in zip(inlet, (u > 0, u < 0), strict=True):
-        with np.errstate(invalid="ignore"):
-            starved = (own < CAVITATION) | (supply - own < LEAST_DROP)  # False where nothing is known
-        usable &= ~(told & starved)
+    for own, sign in zip(signals.inlet, (1.0, -1.0), strict=True):
+        with np.errstate(invalid="ignore"):  # False where nothing is known
+            starved = (sign * u > 0.0) & ((own < CAVITATION) | (signals.supply - own < LEAST_DROP))
+            made_up = (u == 0.0) & (signals.last_way == sign) & (own < np.maximum(signals.tank, CAVITATION))
+        usable &= ~(starved | made_up)
     return np.asarray(usable)
 
 
@@ -333,7 +320,7 @@ def _drops(axis: Axis) -> FloatArray:
     drops, own = np.ones((2, 2)), axis.signals
     for way, sign in enumerate((1.0, -1.0)):
         told = sign * own.u > 0.1 * max(axis.largest[way], 1e-9)
-        for place, drop in enumerate((own.supply - own.inlet[way], own.outlet[way] - own.tank)):
+        for place, drop in enumerate((own.supply - own.inlet[way], own.inlet[1 - way] - own.tank)):
             values = drop[told & np.isfinite(drop)]
             if len(values):
                 drops[way, place] = max(float(np.median(values)), 1e5)

@@ -29,7 +29,7 @@ class ValveAxis(BaseModel):
     largest recorded command.
     """
 
-    verdict: Literal["nothing_missing", "effect_added", "ambiguous"]
+    verdict: Literal["nothing_missing", "effect_added", "ambiguous", "unexplained"]
     handed_out: Literal["model", "before", "static"]
     error: float
     judged_on: Literal["train", "validate"]

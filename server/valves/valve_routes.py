@@ -28,8 +28,6 @@ router = APIRouter(prefix="/valves", tags=["valves"], route_class=TypedRoute)
 InverseFormat = Literal["c", "csv", "python", "st"]
 #: Format of a file (:func:`fitting.valve.export.formats`) by its ending.
 ENDINGS: dict[str, InverseFormat] = {".c": "c", ".h": "c", ".csv": "csv", ".py": "python", ".st": "st"}
-#: Of what is in an archive: the same files make the same archive.
-_NO_TIME = (1980, 1, 1, 0, 0, 0)
 
 
 @router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
@@ -88,7 +86,7 @@ def inverse(
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in files:
-            archive.writestr(zipfile.ZipInfo(path.name, _NO_TIME), path.read_bytes())
+            archive.writestr(zipfile.ZipInfo(path.name), path.read_bytes())  # no time: the same files, the same archive
     name = f"{id}-inverse{'' if format is None else f'-{format}'}.zip"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return Response(held.getvalue(), media_type="application/zip", headers=headers)

@@ -13,7 +13,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
-from sim_backends.valve.truth import CylinderOil, Land, Spool, ValvePlantTruth, ValveTruth
+from sim_backends.valve.truth import Land, Spool, ValvePlantTruth, ValveTruth
 
 #: What a form does to a truth, at a joint, with a size.
 Change = Callable[[ValvePlantTruth, str, float], ValvePlantTruth]
@@ -77,13 +77,6 @@ def _valve(make: Callable[[ValveTruth, float], ValveTruth]) -> Change:
 
 def _lands(make: Callable[[str, Land, float], Land]) -> Change:
     return _valve(lambda v, size: replace(v, lands={name: make(name, land, size) for name, land in v.lands.items()}))
-
-
-def _cylinder(make: Callable[[CylinderOil, float], CylinderOil]) -> Change:
-    def change(truth: ValvePlantTruth, joint: str, size: float) -> ValvePlantTruth:
-        return replace(truth, cylinders={**truth.cylinders, joint: make(truth.cylinders[joint], size)})
-
-    return change
 
 
 def _with_valve(truth: ValvePlantTruth, joint: str, valve: ValveTruth) -> ValvePlantTruth:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from daq.machine.machine_file import Machine, load_machine, parse_machine
@@ -32,7 +31,6 @@ from sim_backends.valve.truth import (
     load_valve_truth,
 )
 
-FloatArray = npt.NDArray[np.float64]
 Kind = Literal["bench", "crane", "excavator"]
 
 HOSE = 3.0e8  # Pa: what a hose's wall adds, as a modulus of its own volume

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from daq.machine.machine_file import Machine, machine_to_yaml
-from daq.recordings.recording import write_recording
+from daq.machine.machine_file import Machine
+from sim_backends.plant.cases import write_tables
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality
 from sim_backends.valve.effects import ValveEffectSpec, with_effect
@@ -88,13 +88,13 @@ def guesses_of(machine: Machine, truth: ValvePlantTruth, rng: np.random.Generato
     return guesses
 
 
-def run_all(runs: Sequence[Run], dt: float = STEP) -> list[Course]:
+def run_all(runs: Sequence[Run]) -> list[Course]:
     """Run programmes side by side, each to its end (machines of one kind and one rate only)."""
     rate = runs[0].machine.rate_hz
-    per_cycle = round(1.0 / rate / dt)
+    per_cycle = round(1.0 / rate / STEP)
     plant = ValvePlant(
         [(run.machine, run.truth) for run in runs],
-        dt,
+        STEP,
         [run.power_on for run in runs],
         [np.random.default_rng(run.noise) for run in runs],
     )
@@ -234,11 +234,7 @@ def simulate_valve_cases(orders: Sequence[Order]) -> list[ValveCase]:
 def write_valve_case(folder: str | Path, case: ValveCase, **more: Any) -> None:
     """``machine.yaml``, one Parquet file per recording, and ``truth.yaml`` with the effects and ``more``."""
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
-    for stem, table in case.tables.items():
-        values = {name: column for name, column in table.items() if name != "time"}
-        write_recording(folder / f"{stem}.parquet", case.machine, stem.partition("-")[0], table["time"], values)
+    write_tables(folder, case.machine, case.tables)
     content = {"machine": case.machine.name, "effects": [asdict(e) for e in case.effects], **more}
     content |= case.truth.to_dict()
     (folder / "truth.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

@@ -121,7 +121,6 @@ def track(
     power_on: float = 0.0,
     pressure_std: float = 0.0,
     rng: np.random.Generator | None = None,
-    dt: float = STEP,
 ) -> list[Tracked]:
     """Follow one path by several ways of control, side by side on equal machines.
 
@@ -133,8 +132,8 @@ def track(
     pressure_std : Pa, noise of the pressures that inverses are given (needs ``rng``)
     """
     rate = machine.rate_hz
-    per_cycle = round(1.0 / rate / dt)
-    plant = ValvePlant([(machine, truth)] * len(controls), dt, power_on)
+    per_cycle = round(1.0 / rate / STEP)
+    plant = ValvePlant([(machine, truth)] * len(controls), STEP, power_on)
     plant.place(np.repeat(path[0][:, None], len(controls), axis=1))
     time = np.arange(len(path)) / rate
     speed = np.gradient(path, time, axis=0)

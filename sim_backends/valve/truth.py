@@ -14,13 +14,12 @@ from typing import Any, Literal
 
 import yaml
 
+from daq import safe_yaml
 from daq.errors import InputError
 from sim_backends.plant.truth import LinkTruth
 
 SupplyKind = Literal["constant_pressure", "load_sensing"]
 LANDS = ("head_in", "rod_in", "head_out", "rod_out")
-#: Sign of the spool's stroke that opens each of :data:`LANDS`.
-OPENED_BY = {"head_in": 1.0, "rod_in": -1.0, "head_out": -1.0, "rod_out": 1.0}
 
 
 @dataclass(frozen=True)
@@ -192,7 +191,7 @@ def load_valve_truth(path: str | Path) -> ValvePlantTruth:
     """
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = safe_yaml.read(path.read_text(encoding="utf-8"))[1]
         if not isinstance(content, dict):
             raise ValueError("no mapping")
         return ValvePlantTruth.from_dict(content)

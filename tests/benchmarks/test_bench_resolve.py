@@ -25,6 +25,7 @@ def line(result: str, surplus: int = 0, there: bool = True) -> dict[str, Any]:
         "result": result,
         "surplus": surplus,
         "true_in_set": there,
+        "anyway": None,
         "seconds": 12.3,
     }
 
@@ -39,10 +40,15 @@ def test_only_the_right_name_alone_counts() -> None:
 
 
 def test_sets_that_no_motion_closes_are_counted_apart() -> None:
-    lines = [line("right"), line("in set") | {"motions": []}]
+    no_motion = line("in set") | {"motions": []}
+    lines = [line("right"), no_motion | {"anyway": False}]
     shares = {check.name: check.measured for check in resolving.checks(lines, looked_at=2)}
     assert shares["said to be closable"] == 0.5
     assert shares["of those, end in the single right name"] == 1.0
+    assert shares["closable or not, as the best motion then showed"] == 1.0
+    lines.append(no_motion | {"anyway": True})
+    shares = {check.name: check.measured for check in resolving.checks(lines, looked_at=3)}
+    assert shares["closable or not, as the best motion then showed"] == pytest.approx(2 / 3)
 
 
 def test_a_case_is_printed_in_one_line() -> None:

@@ -190,6 +190,7 @@ def test_an_answer_is_read_from_what_identify_valve_gives(tmp_path: Path, monkey
         "directions": {"extend": {"moves": True, "edge_at_2_percent": bar(0.05)}, "retract": {"moves": False}},
         "largest_recorded": {"extend": 0.7, "retract": 0.0},
         "effects": [{"id": "piston_leak", "indistinguishable_from": ["port_leak"]}],
+        "unexplained": [{"variable": "piston_position"}],
     }  # fmt: skip
     model = SimpleNamespace(command=lambda speed, **_: SimpleNamespace(share=2 * speed))
     result = SimpleNamespace(
@@ -200,6 +201,7 @@ def test_an_answer_is_read_from_what_identify_valve_gives(tmp_path: Path, monkey
     assert (own.error, own.delay, own.flow_limit) == (0.02, (0.1, None), 3e-4)
     assert own.edges == {"extend": (0.05, (-0.95, 1.05))}
     assert own.effects == (("piston_leak", "port_leak"), ("pump_flow_limit",))
+    assert own.laws == ("piston_position",)
     assert own.command is not None
     assert own.command(0.1, 0.0, 0.0, 0.0, 0.0, True) == 0.2
 
