@@ -9,7 +9,7 @@ import contextlib
 import functools
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, Protocol, TypeVar
 
@@ -64,6 +64,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         try:
+            _refuse_output_onto_input(kwargs)
             return command(*args, **kwargs)
         except HilfitError as error:
             print(f"hilfit: {error}", file=sys.stderr)
@@ -75,6 +76,18 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             raise typer.Exit(1) from None
 
     return run
+
+
+def _refuse_output_onto_input(given: Mapping[str, Any]) -> None:
+    """An ``output`` must not replace a file that the command reads, unless ``force`` says so."""
+    output = given.get("output")
+    if not isinstance(output, Path) or given.get("force"):
+        return
+    for name, value in given.items():
+        for path in value if isinstance(value, list) else [value]:
+            same = name != "output" and isinstance(path, Path) and path.is_file() and output.is_file()
+            if same and path.samefile(output):
+                raise InputError(f"--output {output}: is read by this command; give another name")
 
 
 def print_json(value: Any) -> None:

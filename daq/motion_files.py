@@ -9,7 +9,7 @@ A motion file is a CSV table::
 
 ``rods=pinned``: joint positions in rad (m), columns named after the joints. ``rods=unpinned``: the rods are
 taken off the arm, and the columns are piston positions in m, named ``<joint>.piston``. Time starts at 0 and
-rises; a motion starts and ends at rest. Joints without a column hold still.
+rises, for an hour at most; a motion starts and ends at rest. Joints without a column hold still.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ FloatArray = npt.NDArray[np.float64]
 Rods = Literal["pinned", "unpinned"]
 
 SCHEMA = "hilfit/motion/1"
+#: s: the longest motion, and the least between two rows, whose sixth power a quintic spline divides by.
+LONGEST_S, LEAST_STEP_S = 3600.0, 1e-6
 _PISTON = ".piston"
 
 
@@ -112,7 +114,7 @@ def read_motion(path: str | Path, machine: Machine | None = None, *, slack: floa
     """
     path = Path(path)
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; 'hilfit excite' makes one") from None
     except UnicodeDecodeError:
@@ -166,8 +168,10 @@ def _numbers(path: Path, lines: list[str], header: list[str]) -> FloatArray:
     if not np.isfinite(table).all():
         bad = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
         raise InputError(f"{path}:{bad + 3}: holds a value that is not finite")
-    if table[0, 0] != 0.0 or np.any(np.diff(table[:, 0]) <= 0):
-        raise InputError(f"{path}: time must start at 0 and rise from row to row")
+    if table[0, 0] != 0.0 or np.any(np.diff(table[:, 0]) < LEAST_STEP_S) or table[-1, 0] > LONGEST_S:
+        raise InputError(
+            f"{path}: time must start at 0, rise by a microsecond or more from row to row, and end within an hour"
+        )
     return table
 
 

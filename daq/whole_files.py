@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -13,8 +14,16 @@ from pathlib import Path
 def replacing(path: Path) -> Iterator[Path]:
     """A temporary path beside ``path`` that takes its place, synced, when the block ends well; else it is removed.
 
-    It is hidden: who watches the folder takes it for no file.
+    It is hidden: who watches the folder takes it for no file. A device or a pipe is refused: its name would become a
+    file's.
+
+    Raises
+    ------
+    OSError
+        If the path names one, or cannot be written.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "Is a device or a pipe and no file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}.tmp")
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import signal
 import sys
 import tempfile
@@ -16,6 +15,7 @@ import typer
 from daq.console import print_json, reported
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
+from daq.whole_files import write_whole
 
 if TYPE_CHECKING:
     from sim_backends.faults.fault_file import FaultScript
@@ -95,9 +95,7 @@ def simulate(
         )
         with simulated:
             for path in motion or []:
-                part = simulated.inbox / f".{path.name}.part"
-                shutil.copyfile(path, part)
-                part.replace(simulated.inbox / path.name)
+                write_whole(simulated.inbox / path.name, path.read_bytes())
             _say_where(simulated, json)
             while not ended.wait(1.0):
                 simulated.check()

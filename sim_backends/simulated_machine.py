@@ -29,6 +29,7 @@ from typing import Any, Literal
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
+from daq.whole_files import write_whole
 from sim_backends import backplane
 from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
 from sim_backends.devices.wiring import wire
@@ -194,7 +195,6 @@ class SimulatedMachine:
         Machine seconds per second that acquisition is asked to run at (it leads with SYNC); up to 4.
     workdir : path
         Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
-    quality : SensorQuality, optional
     faults : FaultScript, optional
         Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` says when.
     said : callable
@@ -216,7 +216,6 @@ class SimulatedMachine:
         seed: int = 0,
         speed: float = 1.0,
         workdir: str | Path = ".",
-        quality: SensorQuality | None = None,
         faults: FaultScript | None = None,
         said: Callable[[str], None] = lambda line: None,
     ) -> None:
@@ -229,7 +228,6 @@ class SimulatedMachine:
         self._truth = truth if truth is not None else truth_of(machine)
         self._undeclared = undeclared if undeclared == "demo" else self._checked(undeclared)
         self._seed, self._speed = seed, speed
-        self._quality = quality or SensorQuality()
         self.workdir = Path(workdir).resolve()
         self.inbox = self.workdir / "inbox"
         self.machine_path = self.workdir / "machine.yaml"
@@ -276,7 +274,7 @@ class SimulatedMachine:
         wiring = self._wiring
         plant = {
             "machine": machine_to_yaml(self._machine), "truth": self._truth.to_dict(), "undeclared": self._undeclared,
-            "quality": asdict(self._quality), "seed": self._seed, "hub": plant_hub.fileno(),
+            "quality": asdict(SensorQuality()), "seed": self._seed, "hub": plant_hub.fileno(),
             "inbox": str(self.inbox), "status": str(self.status_path),
         }  # fmt: skip
         nodes = {
@@ -316,10 +314,7 @@ class SimulatedMachine:
         ports: dict[str, Any] = ready["modbus"]["ports"]
         self.modbus_ports: dict[str, int] = {bus: port for bus, port in ports.items() if isinstance(port, int)}
         self.serial_ports: dict[str, str] = {bus: port for bus, port in ports.items() if isinstance(port, str)}
-        text = machine_to_yaml(self._addressed())
-        temporary = self.machine_path.with_name(".machine.yaml.part")
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(self.machine_path)
+        write_whole(self.machine_path, machine_to_yaml(self._addressed()).encode())
 
     def _ready(self) -> dict[str, Any]:
         """What each process says once it is ready, in the order in which they say it."""
@@ -392,7 +387,7 @@ class SimulatedMachine:
         return {name: process.popen.pid for name, process in self._processes.items()}
 
     def order(self, process: str, order: str, **details: Any) -> Any:
-        """Give an order to one of the processes and wait for its answer (see :mod:`sim_backends.faults.faults`)."""
+        """Give an order to one of the processes and wait for its answer (:mod:`sim_backends.faults.fault_runner`)."""
         with self._ordering:
             return self._processes[process].order({"order": order, **details})
 

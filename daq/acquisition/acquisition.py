@@ -104,19 +104,19 @@ class AcquisitionProcess:
         with contextlib.suppress(OSError):  # it died at once: wait_running says so
             self._control.send((self.machine, self.ring_name, self._required, self._data_directory, self._trace))
 
-    def wait_running(self, timeout: float = START_TIMEOUT_S) -> None:
+    def wait_running(self) -> None:
         """Wait until cycles are running.
 
         Raises
         ------
         AcquisitionError
-            If it failed to start, in one line; or did not within ``timeout`` s.
+            If it failed to start, in one line; or did not within :data:`START_TIMEOUT_S`.
         """
         if self._control is None:
             raise AcquisitionError("acquisition was not started; call start()")
-        if not self._running and not self._control.poll(timeout):
+        if not self._running and not self._control.poll(START_TIMEOUT_S):
             raise AcquisitionError(
-                f"acquisition of '{self.machine.name}' is not running after {timeout:g} s; check its buses"
+                f"acquisition of '{self.machine.name}' is not running after {START_TIMEOUT_S:g} s; check its buses"
             )
         self._hear()
         self.check()

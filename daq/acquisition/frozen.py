@@ -35,7 +35,6 @@ PLAY = 0.03  # of the range; play of that size is no longer an arm
 POSITIONS = ("joint_position", "motor_position")
 
 FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class FrozenDetector:

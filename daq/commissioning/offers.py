@@ -12,7 +12,7 @@ from daq.drivers.canopen.eds import Pdo, Place, pdo_places, read_eds, value_of, 
 from daq.drivers.canopen.profiles import ASKED, Measured, measured, profile_of
 from daq.machine.buses import CanSignalsBus, object_of
 from daq.machine.can_database import read_database
-from daq.units import conversion
+from daq.units import AS_SENT, conversion
 
 #: Unit that tells the kind of a value.
 _KINDS = {"rad": "angle", "m": "length", "Pa": "pressure", "K": "temperature", "N": "force", "N m": "torque"}
@@ -33,7 +33,8 @@ class Offer:
     ----------
     device : bus and device, for people
     what : what it is, for people
-    kind : ``angle``, ``length``, ``pressure``, ``temperature``, ``tilt``, ``force``, ``torque`` or ``value``
+    kind : ``angle``, ``length``, ``pressure``, ``temperature``, ``tilt``, ``force``, ``torque``, ``sent`` (in a unit of
+        amplifiers) or ``value``
     unit : of the channel, "" where nobody knows it
     source : the source's keys
     """
@@ -85,7 +86,7 @@ def of_eds(bus: str, node: int, path: str, listen_only: bool) -> list[Offer]:
 
 
 def of_dbc(bus: str, path: str) -> list[Offer]:
-    """Signals of a DBC file that measure an angle, a length, a pressure, a temperature, a force or a torque.
+    """Signals of a DBC file in a unit of an angle, a length, a pressure, a temperature, a force, a torque or a command.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def kind_of(unit: str) -> str:
         except ValueError:
             continue
         return kind
-    return "value"
+    return "sent" if unit in AS_SENT else "value"
 
 
 def signals_bus(name: str, interface: str, channel: str, paths: Iterable[str]) -> dict[str, Any]:

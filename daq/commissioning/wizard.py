@@ -7,19 +7,20 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import typer
 import yaml
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from daq import safe_yaml
 from daq.commissioning import SCAN_SCHEMA
 from daq.commissioning.offers import Offer, of_dbc, of_eds, of_nodes, signals_bus
 from daq.errors import InputError
+from daq.machine.buses import Bus
 from daq.machine.machine_check import check_machine
 from daq.machine.machine_file import Channel, read_machine_text
-from daq.machine.quantities import JOINT_QUANTITIES
+from daq.machine.quantities import JOINT_QUANTITIES, Quantity
 from daq.validation_words import in_words
 
 _DEFAULT_JOINTS = 6
@@ -93,8 +94,7 @@ def _gathered(origins: Origins, folder: Path) -> tuple[list[dict[str, Any]], lis
     buses: list[dict[str, Any]] = []
     offers: list[Offer] = []
     for path in origins.scan:
-        for scanned in _scan(path):
-            bus = bus_of(scanned)
+        for scanned, bus in _scan(path):
             buses.append(bus)
             if bus["type"] != "canopen":
                 continue
@@ -140,16 +140,19 @@ def _node_file(text: str) -> tuple[int, Path]:
     return int(number), Path(path)
 
 
-def _scan(path: Path) -> list[dict[str, Any]]:
+def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """What a scan found on each bus, and the entry of ``buses:`` for it."""
     try:
         content = json_text.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCAN_SCHEMA:
             raise ValueError
-        found: list[dict[str, Any]] = content["buses"]
+        found = [(scanned, bus_of(scanned)) for scanned in content["buses"]]
+        for _, bus in found:
+            TypeAdapter(Bus).validate_python(bus)
         return found
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; 'hilfit bus scan -o {path}' writes it") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{path}: is no scan; 'hilfit bus scan -o FILE.json' writes one") from None
 
 
@@ -158,7 +161,7 @@ def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
     default = SKIP
     if proposed.quantity is not None:
         default = proposed.quantity if proposed.joint is None else f"{proposed.joint} {proposed.quantity}"
-    allowed = QUANTITIES[offer.kind] or tuple(sorted({q for own in QUANTITIES.values() for q in own}))
+    allowed = (*QUANTITIES[offer.kind], *OF_VALVES.get(offer.kind, ())) or get_args(Quantity)
     unit = f" in {offer.unit}" if offer.unit else ""
     while True:
         said = str(typer.prompt(f"{offer.device} {offer.what}, {offer.kind}{unit}: JOINT QUANTITY, or skip", default))
@@ -193,7 +196,13 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = {
     "tilt": ("base_pitch", "base_roll"),
     "force": ("cylinder_force", "external_force"),
     "torque": ("joint_effort", "motor_effort"),
+    "sent": (),
     "value": (),
+}
+#: What they may be besides, where a person says so: not every joint has a valve.
+OF_VALVES: Mapping[str, tuple[str, ...]] = {
+    "pressure": ("head_port_pressure", "rod_port_pressure"),
+    "sent": ("command", "spool_position"),
 }
 SKIP = "skip"
 _NAMES = {"joint_position": "angle"}

@@ -60,6 +60,42 @@ class Travel:
         return words
 
 
+@dataclass(frozen=True)
+class RodTravel:
+    """A joint's motion by its cylinder.
+
+    Attributes
+    ----------
+    joint : the joint
+    range_q, range_x, lever : (N,) joint and piston positions from limit to limit, and the lever arm
+    """
+
+    joint: Joint
+    range_q: FloatArray
+    range_x: FloatArray
+    lever: FloatArray
+
+    @property
+    def sense(self) -> float:
+        """Sign of the joint's motion while the rod extends."""
+        return float(np.sign(self.lever.mean()))
+
+    def q(self, x: FloatArray | float) -> FloatArray:
+        """Joint positions of piston positions, in a straight line beyond the joint's limits."""
+        order = slice(None, None, int(self.sense))
+        inside = np.clip(x, self.range_x.min(), self.range_x.max())
+        return np.asarray(np.interp(inside, self.range_x[order], self.range_q[order]) + (x - inside) / self.lever[0])
+
+    def x(self, q: float) -> float:
+        """The inverse of :meth:`q`."""
+        return float(np.interp(q, self.range_q, self.range_x))
+
+    @property
+    def middle(self) -> float:
+        """The joint position at which the rod is in the middle of what the joint's range asks of it."""
+        return float(self.q(0.5 * (self.range_x.min() + self.range_x.max())))
+
+
 def travel_of(joint: Joint) -> Travel:
     """A joint's motion from limit to limit."""
     q = np.linspace(*joint.limits.position, _POINTS)

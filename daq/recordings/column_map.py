@@ -25,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from daq import safe_yaml
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Channel, Machine
+from daq.machine.machine_file_errors import short
 from daq.recordings.recording_files import UNITS, Table
 from daq.recordings.time_columns import seconds
 from daq.units import conversion
@@ -254,7 +255,7 @@ def _mapped_column(
         return bare[0], _split(bare[0])[1]
     shown = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
     raise RecordingError(
-        f"{path}: has no column '{source.column}', which {map_name} gives for {channel}; its columns are {shown}"
+        f"{path}: has no column '{short(source.column)}', which {map_name} gives for {channel}; its columns are {shown}"
     )
 
 

@@ -31,13 +31,13 @@ def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[F
     if channel.quantity not in ("joint_position", "motor_position") or machine.si_unit(channel) != "rad":
         return values, nothing
     known = np.flatnonzero(np.isfinite(values))
-    steps = np.diff(values[known])
-    turns = np.rint(steps / TURN)
-    places = np.flatnonzero(turns)
-    ordinary = float(np.percentile(np.abs(steps - TURN * turns), 99)) if len(steps) else 0.0
-    if not len(places) or ordinary > _ORDINARY * TURN:
-        return values, nothing
-    if np.any(np.abs(steps - TURN * turns)[places] > _NEAR * TURN):
+    with np.errstate(over="ignore", invalid="ignore"):  # what no encoder can show has no rest of a turn
+        steps = np.diff(values[known])
+        turns = np.rint(steps / TURN)
+        rest = np.abs(steps - TURN * turns)
+        places = np.flatnonzero(turns)
+        ordinary = float(np.percentile(rest, 99)) if len(steps) else 0.0
+    if not len(places) or not ordinary <= _ORDINARY * TURN or not np.all(rest[places] <= _NEAR * TURN):
         return values, nothing
     out = values.copy()
     out[known[1:]] -= TURN * np.cumsum(turns)

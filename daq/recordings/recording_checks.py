@@ -305,13 +305,14 @@ def piled_up(values: FloatArray, extreme: float) -> int:
     """How many of finite ``values`` are exactly ``extreme``, their largest or smallest; 0 if values near are as many.
 
     Clipping piles up there what would have gone beyond. A coarse signal that dwells near its end has as many values on
-    the levels beside it, to within chance: ten times their mean within a twentieth of the range is no chance.
+    the levels beside it, to within chance: ten times their mean within a twentieth of the range is no chance, unless
+    one of them has more still (what rests there, and its noise is a step or two).
     """
     span = float(np.subtract(*np.percentile(values, [99, 1]))) or float(np.ptp(values))
     near = values[(np.abs(values - extreme) < PILE_RANGE * span) & (values != extreme)]
     count = int(np.count_nonzero(values == extreme))
-    beside = len(near) / len(np.unique(near)) if len(near) else 1.0
-    return count if count > PILE * beside else 0
+    counts = np.unique(near, return_counts=True)[1] if len(near) else np.ones(1)
+    return count if count > max(PILE * float(counts.mean()), float(counts.max())) else 0
 
 
 def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: str) -> str:

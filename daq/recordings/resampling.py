@@ -20,7 +20,6 @@ import numpy.typing as npt
 from daq.recordings.recording_checks import runs, same_rate
 
 FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 #: Ripple and leakage of the low pass: 3e-4 of an amplitude, a third of what 1e-3 allows.
 ATTENUATION_DB = 70.0

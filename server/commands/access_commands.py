@@ -34,16 +34,16 @@ def pair(
     from server.platform.authorization.principals import ROLES, Principal
     from server.platform.database.engine import Database, utc_now
     from server.platform.errors import StartError
-    from server.platform.files import DataDirectory
+    from server.platform.files import DATABASE_FILE, DataDirectory
     from server.platform.tls import certificate
 
     found = next((known for known in ROLES if known == role), None)
     if found is None:
         raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
     settings = settings_of(config, data_dir=data_dir, database_url=database_url)
-    files = DataDirectory(settings.data_dir)
-    if settings.database_url is None and not files.database.is_file():
+    if settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file():  # before one is made
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
+    files = DataDirectory(settings.data_dir)
     database = Database(
         settings.full_database_url or files.database,
         TABLES,

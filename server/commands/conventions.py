@@ -69,7 +69,7 @@ METAVARS_OF_COMMANDS = {
 #: By kind, for all others. A directory is what takes no file, or is called one.
 METAVARS_OF_KINDS: Mapping[type, str] = {Path: "FILE", int: "N", float: "NUMBER", str: "NAME"}
 _DIRECTORIES = frozenset({"directory", "data_dir", "workdir", "cache", "data", "samples"})
-_DIRECTORY_OUTPUTS = frozenset({"demo", "identify", "backup"})
+_DIRECTORY_OUTPUTS = frozenset({"demo", "identify", "valve", "valve-motion", "backup"})
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import typer
 
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
+from daq.motion_files import LONGEST_S
 from fitting.commands.identify_command import Spoken
 
 if TYPE_CHECKING:
@@ -86,9 +87,11 @@ def demo(
         list[str] | None,
         typer.Option(help="EFFECT:JOINT:SIZE that the plant has and the model lacks; 'none' for a perfect plant."),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Length of each recording in machine time.", min=20.0)] = 40.0,
+    seconds: Annotated[
+        float, typer.Option(help="Length of each recording in machine time.", min=20.0, max=LONGEST_S)
+    ] = 40.0,
     speed: Annotated[float, typer.Option(help="Machine seconds per second, at most 4.", min=0.1)] = 4.0,
-    seed: Annotated[int, typer.Option(help="Of the plant's noise and of the designed motions.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the plant's noise and of the designed motions.", min=0)] = 1,
     faults: Annotated[Path | None, typer.Option(help="Fault file (YAML): what breaks when, and for how long.")] = None,
     resolve: Annotated[
         bool,
@@ -102,34 +105,42 @@ def demo(
 ) -> None:
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
     started = time.monotonic()
-    if valve:
-        from server.commands.valve_demo import show_valve_demo
-
-        if faults is not None or resolve or language != "en":
-            raise InputError("--valve: its demo has no --faults, --resolve and --language; leave them out")
-        show_valve_demo(output, undeclared, seconds, speed, seed, json)
-        return
+    if valve and (faults is not None or resolve or language != "en"):
+        raise InputError("--valve: its demo has no --faults, --resolve and --language; leave them out")
+    tests: list[str] = []
     with progress_bar("demo", show=not json) as bar:
-        report, acquired = run_demo(
-            output,
-            undeclared,
-            seconds=seconds,
-            speed=speed,
-            seed=seed,
-            faults=faults,
-            resolve=resolve,
-            language=language,
-            progress=lambda share, text: bar(share, 1.0, text),
-        )
+
+        def progress(share: float, text: str) -> None:
+            bar(share, 1.0, text)
+
+        if valve:
+            from server.commands.valve_demo import run_valve_demo
+
+            report, acquired, tests = run_valve_demo(output, undeclared, seconds, speed, seed, progress)
+        else:
+            report, acquired = run_demo(
+                output, undeclared, seconds=seconds, speed=speed, seed=seed, faults=faults, resolve=resolve,
+                language=language, progress=progress,
+            )  # fmt: skip
     if json:
         print_json(report)
         return
+    print(acquired.text(started))
+    if valve:
+        _print_valves(report, tests, output)
+        return
     from fitting.pipeline.results.summary import print_summary
 
-    print(acquired.text(started))
     print_summary(report, output)
     if resolve:
         print(_asked_of_the_machine(report["loop"]))
+
+
+def _print_valves(report: Mapping[str, Any], tests: Sequence[str], output: Path) -> None:
+    from fitting.commands.valve_command import print_valves
+
+    print_valves(report)
+    print("\n".join([*tests, f"report: {output / 'valve.json'}"]))
 
 
 def _asked_of_the_machine(loop: Mapping[str, Any]) -> str:

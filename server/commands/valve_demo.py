@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from daq.console import print_json, progress_bar
+from daq.whole_files import write_whole
 from server.commands.demo_command import Acquired, Progress, alone_in, save_motion
 
 if TYPE_CHECKING:
@@ -24,25 +23,6 @@ if TYPE_CHECKING:
 
 #: Share of the progress bar that recording takes, after some planning.
 _RECORD = (0.03, 0.8)
-
-
-def show_valve_demo(
-    output: Path, undeclared: Sequence[str] | None, seconds: float, speed: float, seed: int, json: bool
-) -> None:
-    """Run it, and print what ``hilfit demo`` prints, of valves."""
-    started = time.monotonic()
-    with progress_bar("demo", show=not json) as bar:
-        report, acquired, tests = run_valve_demo(
-            output, undeclared, seconds, speed, seed, lambda share, text: bar(share, 1.0, text)
-        )
-    if json:
-        print_json(report)
-        return
-    from fitting.commands.valve_command import print_valves
-
-    print(acquired.text(started))
-    print_valves(report)
-    print("\n".join([*tests, f"report: {output / 'valve.json'}"]))
 
 
 def run_valve_demo(
@@ -121,9 +101,7 @@ def record_played(
     """Hand a file to the controller, and record from when it begins until it is over."""
     from daq.acquisition.recorder import Recorder
 
-    part = simulated.inbox / f".{motion.name}.part"
-    shutil.copyfile(motion, part)
-    part.replace(simulated.inbox / motion.name)
+    write_whole(simulated.inbox / motion.name, motion.read_bytes())
     simulated.wait_following(motion.stem)
     recorder = Recorder(acquisition.ring_name, acquisition.machine, role, path, overwrite=True)
     recorder.start(progress=lambda rows, _: shown(rows / acquisition.machine.rate_hz))

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import sqlalchemy as sa
-import structlog
 
 from server.platform.database.engine import Database
 from server.platform.database.schema import metadata
@@ -42,7 +41,6 @@ hosts = sa.Table(
     sa.Column("state", sa.String, nullable=False),  # what it does, or what it waits for
     sa.Column("heard", sa.String, nullable=False),
 )
-_log = structlog.stdlib.get_logger(__name__)
 
 
 class Silence:

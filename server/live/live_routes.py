@@ -33,7 +33,7 @@ _FRAMES = {"type": "object", "additionalProperties": {"type": "object", "additio
 @router.get(
     "",
     response_class=Response,
-    responses={200: {"content": {"application/json": {"schema": _FRAMES}}}, **problems(404, 422, 503)},
+    responses={200: {"content": {"application/json": {"schema": _FRAMES}}}, **problems(404, 409, 422, 503)},
     dependencies=[require("read")],
 )
 async def snapshot(service: ServiceDep, principal: PrincipalDep, machine: MachineQuery = None) -> Response:

@@ -56,7 +56,6 @@ class Monitors:
     ----------
     results : directory of the files that an identification left
     recalibrate : asked once when a drift begins, if given
-    clock : s, monotonic
     """
 
     def __init__(
@@ -71,7 +70,6 @@ class Monitors:
         *,
         recalibrate: Recalibrate | None = None,
         rules: Rules | None = None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.recalibrate = recalibrate
         self._calibrations = calibrations
@@ -83,7 +81,6 @@ class Monitors:
         self._alarms = alarms
         self._now = now
         self._rules = rules or Rules()
-        self._clock = clock
         self._lock = threading.Lock()
         self._watches: dict[str, _Watch] = {}
         # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
@@ -132,7 +129,7 @@ class Monitors:
         for machine, ((calibration, ring_name), model) in wanted.items():
             with self._lock:
                 current = self._watches.get(machine)
-                if current is not None and (current.ended is None or self._clock() - current.ended < PAUSE_S):
+                if current is not None and (current.ended is None or time.monotonic() - current.ended < PAUSE_S):
                     continue
                 watch = _Watch(calibration, ring_name, since=self._now())
                 self._watches[machine] = watch
@@ -176,7 +173,7 @@ class Monitors:
             _log.error("monitor_failed", machine=machine, exc_info=error)
             reason = "the monitor failed unexpectedly; the log of the service says why"
         with self._lock:
-            watch.reason, watch.ended = reason, self._clock()
+            watch.reason, watch.ended = reason, time.monotonic()
         if not watch.stop.is_set():
             self._alarms.report(machine, "overload", "", "info", False)  # nobody looks any more
             _log.warning("monitor_ended", machine=machine, reason=reason)

@@ -54,19 +54,14 @@ def json_lines() -> logging.Formatter:
     return formatter
 
 
-def configure(level: str = "INFO", stream: TextIO | None = None) -> None:
-    """Send every log record of this process to ``stream`` (standard error) as JSON lines.
-
-    Parameters
-    ----------
-    level : least severe level of our own events; libraries are asked for warnings only
-    """
+def configure(stream: TextIO | None = None) -> None:
+    """Send log records to ``stream`` (standard error) as JSON lines: our own from INFO on, warnings of libraries."""
     handler = _Lines(sys.stderr if stream is None else stream)
     handler.setFormatter(json_lines())
     root = logging.getLogger()
     root.handlers = [handler]
     root.setLevel(logging.WARNING)
-    logging.getLogger("server").setLevel(level)
+    logging.getLogger("server").setLevel(logging.INFO)
     logging.getLogger("uvicorn.error").setLevel(logging.WARNING)
     for name in ("uvicorn", "uvicorn.error", "uvicorn.access", "dbos"):
         library = logging.getLogger(name)

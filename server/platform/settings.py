@@ -16,7 +16,9 @@ import yaml
 from pydantic import AfterValidator, Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from daq import safe_yaml
 from daq.machine.bus_places import check_entry
+from daq.validation_words import in_words
 from server.platform.database.database_copies import postgresql_url
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
@@ -199,7 +201,7 @@ def load_settings(config: Path | None = None, **given: Any) -> Settings:
             how = "--" + name.replace("_", "-")
         else:
             how = f"{config}: {name}" if name in below else f"HILFIT_{name.upper()}"
-        raise StartError(f"{how}: {first['msg'].lower()} (found {first['input']!r})") from None
+        raise StartError(f"{how}: {in_words(first)} (found {first['input']!r})") from None
 
 
 def is_loopback(host: str) -> bool:
@@ -230,7 +232,7 @@ def refuse_open_host(settings: Settings) -> None:
 def _read_config(path: Path) -> Mapping[str, Any]:
     """The content of a configuration file; StartError, one line, if it is none."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = safe_yaml.read(path.read_text(encoding="utf-8"))[1]
     except OSError as error:
         raise StartError(f"{path}: cannot be read ({error.strerror})") from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:

@@ -17,7 +17,7 @@ from server.platform.disk import Free, require_room
 from server.platform.errors import (
     ConflictError,
     InvalidError,
-    ServiceError,
+    UnavailableError,
     UnsupportedFormatError,
 )
 from server.platform.files import DataDirectory
@@ -26,8 +26,8 @@ from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_store import RecordingRow, Recordings
 
-#: Seconds that looking at a recording may take.
-INSPECTION_S = 120.0
+#: Seconds that looking at a recording may take, beside whatever else the computer does.
+INSPECTION_S = 300.0
 #: Kinds of files that are taken; all but the first two are kept as Parquet.
 ENDINGS = (".csv", ".parquet", ".txt", ".tsv", ".mf4", ".mat", ".db3", ".mcap")
 
@@ -155,7 +155,7 @@ class RecordingUploads:
         raise refusal(
             replace(result, error=(result.error or "").replace(str(file), label)),
             InvalidError(f"{label}: cannot be read; export it again"),
-            ServiceError(f"{label}: looking at it failed; {result.error}"),
+            UnavailableError(f"{label}: looking at it failed; {result.error}"),
         )
 
 

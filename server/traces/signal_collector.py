@@ -6,7 +6,6 @@ import threading
 
 import numpy as np
 import numpy.typing as npt
-import structlog
 
 from daq import Machine
 from daq.acquisition.ring import RingReader
@@ -23,7 +22,6 @@ from server.traces.signal_memory import SignalMemory
 PERIOD_S = 0.5
 #: Held values of a device with a rate of its own are as it should be: only the others are marked.
 AS_IT_SHOULD = (*MEASURED, Quality.HELD)
-_log = structlog.stdlib.get_logger(__name__)
 
 
 class _Machine:

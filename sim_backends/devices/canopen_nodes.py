@@ -92,7 +92,7 @@ class Nodes:
     # Faults
 
     def fault(self, order: Order) -> Any:
-        """One of the faults of :mod:`sim_backends.faults.faults`, on one node."""
+        """One of the faults that :mod:`sim_backends.faults.fault_runner` and tests order, on one node."""
         now = self._wake()
         node = self.nodes[int(order["node"])]
         kind = order["kind"]

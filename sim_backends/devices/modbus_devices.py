@@ -120,7 +120,7 @@ class Unit:
         return bool(self.corrupt) and self._random.random() < self.corrupt
 
     def fault(self, order: Order) -> None:
-        """One of the faults of :mod:`sim_backends.faults.faults`."""
+        """One of the faults that :mod:`sim_backends.faults.fault_runner` and tests order."""
         kind = order["kind"]
         if kind == "silence":
             self.silent = bool(order["on"])

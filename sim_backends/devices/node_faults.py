@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 Emit = Callable[[int, bytes], None]  # COB-ID, data
 _TPDOS = (0x180, 0x280, 0x380, 0x480)
-KINDS = ("lag", "lose", "drop", "corrupt", "doubled", "garbled", "quiet")
+KINDS = ("lag", "lose", "drop", "corrupt", "doubled", "garbled")
 
 
 class FaultyLine:
@@ -27,7 +27,6 @@ class FaultyLine:
         an error frame instead of them
     doubled : a second device with the same node-ID: TPDOs and SDO answers come twice, with other values
     garbled : SDO answers are cut to two bytes
-    quiet : no heartbeat (boot-up messages come)
     """
 
     def __init__(self, node: int, emit: Emit, emit_error: Callable[[], None] = lambda: None) -> None:
@@ -39,7 +38,7 @@ class FaultyLine:
         self._delayed: deque[tuple[int, int, bytes]] = deque()
         self.lag = self.lose = 0
         self.drop = self.corrupt = 0.0
-        self.doubled = self.garbled = self.quiet = False
+        self.doubled = self.garbled = False
 
     def on_sync(self) -> None:
         """A SYNC: what was delayed until now goes out."""
@@ -51,8 +50,6 @@ class FaultyLine:
     def emit(self, cob_id: int, data: bytes) -> None:
         """A frame from the node."""
         function = cob_id - self._node
-        if function == 0x700 and self.quiet and data != b"\0":
-            return
         if function == 0x580:
             data = data[:2] if self.garbled else data
         elif function in _TPDOS and self._spoilt(cob_id, data):

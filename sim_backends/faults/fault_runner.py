@@ -8,12 +8,11 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from daq.errors import HilfitError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine, ModbusSource
 from sim_backends.devices.wiring import channel_signal
-from sim_backends.faults import faults
 from sim_backends.faults.fault_file import (
     BiasStep,
     BusOff,
@@ -32,9 +31,15 @@ from sim_backends.faults.fault_file import (
     SlowPeer,
     SyncJitter,
 )
-from sim_backends.faults.faults import Orderable
 
 LOOK_S = 0.05  # between two looks whether acquisition has begun
+
+
+class Orderable(Protocol):
+    """A machine that takes orders for its processes."""
+
+    def order(self, process: str, order: str, **details: Any) -> Any:
+        """Give one order and wait for its answer."""
 
 
 class FaultRunner:
@@ -119,22 +124,22 @@ def _apply(machine: Orderable, declared: Machine, fault: Fault, on: bool) -> Non
         case SignalFault():
             _signal(machine, declared, fault, on)
         case Death(node=None, unit=int(unit)):
-            faults.silence_unit(machine, fault.bus, unit, on)
+            _unit(machine, fault.bus, unit, "silence", on=on)
         case Death(node=int(node)):
-            (faults.kill_node if on else faults.revive_node)(machine, node)
+            _node(machine, node, "kill" if on else "revive")
         case Drop() | Corrupt():
             _share(machine, fault, fault.share if on else 0.0)
         case Delay(node=None, unit=int(unit)):
-            faults.delay_unit(machine, fault.bus, unit, (fault.seconds or 0.0) if on else 0.0)
+            _unit(machine, fault.bus, unit, "delay", seconds=(fault.seconds or 0.0) if on else 0.0)
         case Delay(node=int(node)):
-            faults.delay_tpdos(machine, node, (fault.syncs or 0) if on else 0)
+            _node(machine, node, "lag", value=(fault.syncs or 0) if on else 0)
         case DuplicateId():
-            faults.double_node(machine, fault.node, on)
+            _node(machine, fault.node, "doubled", value=on)
         case EmcyStorm():
             if on:
-                faults.emergency_storm(machine, fault.node, fault.count, fault.code)
+                _node(machine, fault.node, "storm", count=fault.count, code=fault.code)
             else:
-                faults.emergency(machine, fault.node, 0, 0)
+                _node(machine, fault.node, "emergency", code=0, register=0)
         case BusOff():
             machine.order("hub", "bus_off", on=on)
         case SyncJitter():
@@ -152,6 +157,14 @@ def _apply(machine: Orderable, declared: Machine, fault: Fault, on: bool) -> Non
             raise TypeError(f"no fault of a simulated machine: {type(fault).__name__}")
 
 
+def _node(machine: Orderable, node: int, kind: str, **details: Any) -> None:
+    machine.order("nodes", "fault", node=node, kind=kind, **details)
+
+
+def _unit(machine: Orderable, bus: str, unit: int | None, kind: str, **details: Any) -> None:
+    machine.order("modbus", "fault", bus=bus, unit=unit, kind=kind, **details)
+
+
 def _bus(declared: Machine, name: str) -> tuple[str, dict[str, str]]:
     can = any(bus.name == name and isinstance(bus, CanopenBus) for bus in declared.buses)
     return ("hub", {}) if can else ("modbus", {"bus": name})
@@ -159,9 +172,9 @@ def _bus(declared: Machine, name: str) -> tuple[str, dict[str, str]]:
 
 def _share(machine: Orderable, fault: Drop | Corrupt, share: float) -> None:
     if fault.node is not None:
-        machine.order("nodes", "fault", node=fault.node, kind=fault.fault, value=share)
+        _node(machine, fault.node, fault.fault, value=share)
     else:
-        machine.order("modbus", "fault", bus=fault.bus, unit=fault.unit, kind=fault.fault, value=share)
+        _unit(machine, fault.bus, fault.unit, fault.fault, value=share)
 
 
 def _signal(machine: Orderable, declared: Machine, fault: SignalFault, on: bool) -> None:
@@ -174,8 +187,8 @@ def _signal(machine: Orderable, declared: Machine, fault: SignalFault, on: bool)
         assert channel.range is not None
         size = signal.factor * float(unit.to_si(max(channel.range))) + signal.offset
     what: Any = fault.model_dump()["fault"]
-    details = {"kind": "signal", "channel": fault.channel, "what": what, "size": size, "on": on}
+    details = {"channel": fault.channel, "what": what, "size": size, "on": on}
     if isinstance(channel.source, CanSource):
-        machine.order("nodes", "fault", node=channel.source.node, **details)
+        _node(machine, channel.source.node, "signal", **details)
     elif isinstance(channel.source, ModbusSource):
-        machine.order("modbus", "fault", bus=channel.source.bus, unit=channel.source.unit, **details)
+        _unit(machine, channel.source.bus, channel.source.unit, "signal", **details)

@@ -91,6 +91,25 @@ def simulate_case(
     return Case(plan.machine, plan.truth, specs, plan.motions, recordings)
 
 
+def write_table(file: Path, machine: Machine, role: str, table: Mapping[str, FloatArray]) -> Path:
+    """A table of the machine's channels and their time as a recording."""
+    values = {name: column for name, column in table.items() if name != "time"}
+    return write_recording(file, machine, role, table["time"], values)
+
+
+def write_tables(
+    folder: Path, machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]], suffix: str = ".parquet"
+) -> list[tuple[str, Path]]:
+    """``machine.yaml`` and a recording for each table, by the stem of its file; roles and files of the recordings."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "machine.yaml").write_text(machine_to_yaml(machine), encoding="utf-8")
+    roles = {stem: stem.partition("-")[0] for stem in tables}
+    return [
+        (roles[stem], write_table(folder / f"{stem}{suffix}", machine, roles[stem], table))
+        for stem, table in tables.items()
+    ]
+
+
 def make_case(
     folder: str | Path,
     arm: ArmKind | tuple[Machine, Truth] = "folding",
@@ -102,12 +121,7 @@ def make_case(
     """As :func:`simulate_case`, written to ``folder``: ``machine.yaml``, one Parquet file each, ``truth.yaml``."""
     case = simulate_case(arm, seed, undeclared, quality, seconds)
     folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
-    for stem, table in case.recordings.items():
-        values = {name: column for name, column in table.items() if name != "time"}
-        role = stem.partition("-")[0]
-        write_recording(folder / f"{stem}.parquet", case.machine, role, table["time"], values)
+    write_tables(folder, case.machine, case.recordings)
     effects = [{"name": s.id, "joint": s.joint, "size": s.size} for s in case.undeclared]
     content = {"arm": case.machine.name, "seed": seed, "effects": effects} | case.truth.to_dict()
     (folder / "truth.yaml").write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")

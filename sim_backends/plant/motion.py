@@ -78,24 +78,24 @@ class SplinePath:
         return position, speed, acceleration
 
 
+#: Of random motions: share of the tightest limit, sines of each axis, the slowest of them, and the rate of the motion.
+_USE, _HARMONICS, _SLOWEST_HZ, _RATE_HZ = 0.92, 5, 0.05, 50.0
+
+
 def random_motion(
     machine: Machine,
     rng: np.random.Generator,
     seconds: float,
     *,
     rods: Rods = "pinned",
-    use: float = 0.92,
-    harmonics: int = 5,
-    slowest: float = 0.05,
-    rate: float = 50.0,
 ) -> Motion:
     """A smooth multi-sine for all joints (or all pistons), inside position, speed and acceleration limits.
 
-    Each axis is a sum of ``harmonics`` sines at random frequencies from ``slowest`` (Hz) up, scaled until ``use`` of
-    the tightest limit is reached, faded in and out over 2 s. Pistons stay where the joint's limits would keep them.
+    Each axis is a sum of five sines at random frequencies from some 0.05 Hz up, scaled until 92 % of the tightest limit
+    is reached, faded in and out over 2 s. Pistons stay where the joint's limits would keep them.
     """
     names, columns = [], []
-    time = np.arange(round(seconds * rate) + 1) / rate
+    time = np.arange(round(seconds * _RATE_HZ) + 1) / _RATE_HZ
     ramp = min(2.0, seconds / 4)
     s = np.clip(np.minimum(time, time[-1] - time) / ramp, 0.0, 1.0)
     fade = s**3 * (10 - 15 * s + 6 * s**2)
@@ -110,14 +110,14 @@ def random_motion(
             lever = float(np.abs(np.gradient(x, q)).max())
             low, high = max(float(x.min()), 0.0), min(float(x.max()), joint.cylinder.stroke)
             speed, acceleration = speed * lever, acceleration * lever
-        frequency = slowest * (1 + np.arange(harmonics)) * rng.uniform(0.85, 1.15, harmonics)
-        weight = rng.uniform(0.3, 1.0, harmonics) / (1 + np.arange(harmonics)) ** rng.uniform(0.4, 1.2)
-        phase = rng.uniform(0, 2 * np.pi, harmonics)
+        frequency = _SLOWEST_HZ * (1 + np.arange(_HARMONICS)) * rng.uniform(0.85, 1.15, _HARMONICS)
+        weight = rng.uniform(0.3, 1.0, _HARMONICS) / (1 + np.arange(_HARMONICS)) ** rng.uniform(0.4, 1.2)
+        phase = rng.uniform(0, 2 * np.pi, _HARMONICS)
         wave = (weight * np.sin(2 * np.pi * frequency * time[:, None] + phase)).sum(axis=1)
         centre = 0.5 * (wave.max() + wave.min())
         wave = (wave - centre) * fade
         rates = np.abs(np.gradient(wave, time)).max(), np.abs(np.gradient(np.gradient(wave, time), time)).max()
-        scale = use * min(0.5 * (high - low) / np.abs(wave).max(), speed / rates[0], acceleration / rates[1])
+        scale = _USE * min(0.5 * (high - low) / np.abs(wave).max(), speed / rates[0], acceleration / rates[1])
         names.append(joint.name)
         columns.append(0.5 * (low + high) + scale * wave)
     return Motion(machine.name, rods, tuple(names), time, np.stack(columns, axis=1))

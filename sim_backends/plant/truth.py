@@ -13,6 +13,7 @@ from typing import Any
 
 import yaml
 
+from daq import safe_yaml
 from daq.errors import InputError
 
 
@@ -115,7 +116,7 @@ def load_truth(path: str | Path) -> Truth:
     """
     path = Path(path)
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = safe_yaml.read(path.read_text(encoding="utf-8"))[1]
         if not isinstance(content, dict) or "links" not in content:
             raise ValueError("no 'links'")
         return Truth.from_dict(content)

@@ -19,7 +19,7 @@ from server.machines.machine_resource import LAUNCH
 sys.path.insert(0, str(Path(__file__).parents[1] / "server"))
 
 import numpy as np
-from service_fakes import ANY_PLACE, FakeFeed, Fakes
+from service_fakes import ANY_PLACE, FakeFeed, Fakes, children_as_important_as_tests
 
 from daq import Machine
 from daq.acquisition.ring import RingWriter, ring_buffer
@@ -84,7 +84,8 @@ def serve_lever(data_dir: Path, port: int) -> None:
     def ready(url: str) -> None:
         print(json.dumps({"url": url}), flush=True)
 
-    serve(Settings(data_dir=data_dir, port=port, bus_places=ANY_PLACE), ready, Fakes().parts | {LAUNCH: launch})
+    with children_as_important_as_tests():
+        serve(Settings(data_dir=data_dir, port=port, bus_places=ANY_PLACE), ready, Fakes().parts | {LAUNCH: launch})
 
 
 if __name__ == "__main__":

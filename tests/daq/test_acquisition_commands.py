@@ -11,10 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import typer
 from bench_machines import modbus, plain
 from modbus_test_server import FakeModbus, float_registers
+from sound_recordings import motion
 from typer.testing import CliRunner
 
 from daq import parse_machine, write_recording
@@ -174,11 +177,12 @@ def test_record_begins_with_what_is_there(bench: tuple[Path, FakeModbus], tmp_pa
         assert code == 0, err
         table = read_table(output)
         assert np.isfinite(table.columns["j1.head"]).any() and np.isnan(table.columns["j1.rod"]).all()
-        ledger = json.loads(table.metadata["hilfit.ledger"])
-        assert ledger == json.loads(out)["recording"]["ledger"]
-        for channel in ledger.values():
-            assert channel["produced"] == channel["stored"] + sum(channel["dropped"].values()) == 20
-        assert ledger["j1.rod"] == {"produced": 20, "stored": 0, "dropped": {"bus: nothing came": 20}}
+        ledger, summary = json.loads(table.metadata["hilfit.ledger"]), json.loads(out)["recording"]
+        assert ledger == summary["ledger"]
+        cycles = 20 - summary["missed_cycles"]  # a busy computer may skip one
+        for channel in ledger.values():  # nor does a unit that answers late produce one in each
+            assert channel["produced"] == channel["stored"] + sum(channel["dropped"].values()) <= cycles
+        assert ledger["j1.rod"] == {"produced": cycles, "stored": 0, "dropped": {"bus: nothing came": cycles}}
         (event,) = json.loads(table.metadata["hilfit.events"])
         assert (event["device"], event["what"], event["seconds"]) == ("mb/unit 2", "silent", None)
 
@@ -240,9 +244,16 @@ def test_a_pipe_gets_no_bar_and_no_control_characters(capsys: pytest.CaptureFixt
 
 
 @pytest.mark.slow
-def test_reading_files_loads_no_bus_library() -> None:
+def test_reading_files_loads_no_library_of_buses_and_none_that_units_and_tables_do_without(
+    machine_file: Path, tmp_path: Path
+) -> None:
+    recording = tmp_path / "sound.parquet"
+    pq.write_table(pa.table(motion()), recording)
     program = (
-        "import sys, daq, daq.commands.cli; print(sorted({'can', 'canopen', 'pymodbus', 'serial'} & set(sys.modules)))"
+        "import sys; from daq import load_machine, read_recording; import daq.commands.cli; "
+        "read_recording(sys.argv[2], load_machine(sys.argv[1]), 'train'); "
+        "print(sorted({'can', 'canopen', 'pymodbus', 'serial', 'pint', 'pandas'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    command = [sys.executable, "-c", program, str(machine_file), str(recording)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout == "[]\n"

@@ -92,6 +92,7 @@ class Numbered:
         raise AssertionError(f"not in 120 s; {self.bench.driver.statistics()}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [1, 2])
 def test_tpdos_that_are_periods_late_are_late_and_of_their_own_cycle(bench: Bench, lag: int) -> None:
     numbered = Numbered(bench)
@@ -210,6 +211,7 @@ def twin(bench: Bench) -> FakeNode:
     return FakeNode(bench.channel, 6, values, boots_by_itself=False)
 
 
+@pytest.mark.slow
 def test_two_devices_with_one_node_id_are_refused_at_the_start(bench: Bench) -> None:
     other = twin(bench)
     try:
@@ -223,6 +225,7 @@ def test_two_devices_with_one_node_id_are_refused_at_the_start(bench: Bench) -> 
     bench.until(fresh)  # the other one was unplugged
 
 
+@pytest.mark.slow
 def test_a_second_device_that_joins_in_service_is_found(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
@@ -368,6 +371,7 @@ def test_made_up_codes_do_not_flood_the_statistics(bench: Bench) -> None:
     assert len(codes) == 16 and counts["emergency, other codes"] == 300 - 16
 
 
+@pytest.mark.slow
 def test_a_heartbeat_that_is_lost_while_tpdos_go_on_is_reported(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)
@@ -439,6 +443,7 @@ def test_error_frames_tell_the_state_of_the_controller(identifier: int, data: by
     assert health.state == "active" and not any(event["seconds"] is None for event in log.published())
 
 
+@pytest.mark.slow
 def test_bus_off_is_shown_and_the_bus_is_opened_again(bench: Bench) -> None:
     bench.driver.start()
     bench.until(fresh)

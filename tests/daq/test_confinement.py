@@ -70,6 +70,7 @@ def test_every_way_to_write(tmp_path: Path) -> None:
     assert (folders[1] / "store").read_text() == "precious"
 
 
+@pytest.mark.slow
 @needs_landlock
 def test_a_driver_cannot_write_to_the_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = tmp_path / "code" / "vandal-1.dist-info"

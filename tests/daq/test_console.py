@@ -1,17 +1,19 @@
-"""Tables on narrow terminals: every word of every cell is there, whole."""
+"""Tables on narrow terminals: every word of every cell is there, whole. What a command reads is not written over."""
 
 from __future__ import annotations
 
 import io
 import re
+from pathlib import Path
 
 import pytest
+import typer
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 from rich.table import Table
 
-from daq.console import show_table
+from daq.console import reported, show_table
 
 HEADER = ("joint", "unit", "RMS before", "after", "mean before", "after", "relative before", "after")
 ROWS = [("joint1", "N m", "1.19", "1.18", "0.0599", "-0.0681", "0.0355 %", "0.0354 %"), ("joint2", *7 * ("12345.678",))]
@@ -47,3 +49,21 @@ def test_a_table_that_fits_is_one() -> None:
 def test_every_cell_is_there_at_any_width(width: int, rows: list[tuple[str, ...]]) -> None:
     words = re.findall(r"\d+", shown(width, ("joint", "before", "after", "change"), rows))
     assert sorted(words) == sorted(cell for row in rows for cell in row)
+
+
+def test_an_output_does_not_replace_what_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def copy(sources: list[Path], output: Path, force: bool = False) -> None:
+        output.write_text("other")
+
+    source, link = tmp_path / "source", tmp_path / "link"
+    source.write_text("measured")
+    link.symlink_to(source)
+    for same in (source, link, tmp_path / "." / "source"):
+        with pytest.raises(typer.Exit) as ended:
+            reported(copy)(sources=[source], output=same)
+        assert ended.value.exit_code == 2
+        assert capsys.readouterr().err == f"hilfit: --output {same}: is read by this command; give another name\n"
+        assert source.read_text() == "measured"
+    reported(copy)(sources=[source], output=tmp_path / "new")
+    reported(copy)(sources=[source], output=source, force=True)
+    assert (tmp_path / "new").read_text() == source.read_text() == "other"

@@ -49,6 +49,8 @@ def test_what_is_no_wrap_of_an_angle_stays() -> None:
     fast = np.mod(1.3 * np.arange(400.0), TURN)
     assert unwrapped(MACHINE, ANGLE, fast)[0] is fast  # a fifth of a turn in every row: nobody knows
     assert len(unwrapped(MACHINE, ANGLE, np.full(10, np.nan))[1]) == 0
+    beyond = np.resize([1e308, -1e308], 400)
+    assert unwrapped(MACHINE, ANGLE, beyond)[0] is beyond  # a step between them is no number
 
 
 def test_a_recording_says_its_channel_row_and_time(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from test_machine_files import plain
 
 from daq import MachineFileError, parse_machine, safe_yaml
-from daq.units import NAMES, conversion, is_known
+from daq.units import NAMES, USUAL, conversion, is_known
 
 
 def laughs(line: str) -> str:
@@ -132,6 +132,15 @@ def test_every_name_of_the_closed_list_is_a_unit_of_pint() -> None:
     registry = pint.UnitRegistry()
     for name in NAMES:
         assert name in registry, name
+
+
+def test_what_needs_no_pint_is_as_pint_has_it() -> None:
+    registry = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    for (unit, si), (factor, offset) in USUAL.items():
+        assert is_known(unit)
+        for value in (0.0, 1.0, -40.0):
+            there = registry.Quantity(value, unit).to(si).magnitude
+            assert factor * value + offset == pytest.approx(there, rel=1e-15, abs=1e-12)
 
 
 @pytest.mark.parametrize(

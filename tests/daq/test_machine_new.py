@@ -149,6 +149,21 @@ def test_dbc_files_tell_signals_by_their_units(tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_a_valves_command_is_what_a_person_says_and_never_proposed(tmp_path: Path) -> None:
+    signals = ' SG_ BoomValve : 0|16@1- (0.1,0) [-100|100] "%" X\n SG_ PortA : 16|16@1+ (0.1,0) [0|250] "bar" X\n'
+    (tmp_path / "valve.dbc").write_text('VERSION ""\nBU_: X\nBO_ 600 Valve: 8 X\n' + signals)
+    output = tmp_path / "part.yaml"
+    code, said, _ = run("--dbc", tmp_path / "valve.dbc", "--yes", "-o", output)
+    assert code == 0 and "1 channel" in said and "# left out: can Valve BoomValve (sent)" in output.read_text()
+    typed = "joint1 head_pressure\njoint1 command\njoint1 rod_port_pressure\n"
+    code, said, _ = run("--dbc", tmp_path / "valve.dbc", "-o", output, "--force", typed=typed)
+    assert code == 0 and "there is no 'head_pressure' for this; one of command, spool_position" in said
+    channels = yaml.safe_load(output.read_text())["channels"]
+    assert [(c["name"], c["quantity"], c["unit"]) for c in channels] == [
+        ("joint1.command", "command", "%"), ("joint1.rod_port_pressure", "rod_port_pressure", "bar"),
+    ]  # fmt: skip
+
+
 def test_an_inclinometer_and_a_linear_transducer() -> None:
     tilt = measured(0x0003_019A, {(0x6000, 0): 100})
     assert [(own.index, own.data_type, own.unit, own.scale) for own in tilt] == [
@@ -171,6 +186,15 @@ def test_bad_usage_is_one_line_and_writes_nothing(arguments: tuple[str, ...], li
     output = tmp_path / "machine.yaml"
     code, _, said = run(*arguments, "-o", output)
     assert code == 2 and line in said and said.count("\n") == 1
+    assert not output.exists()
+
+
+@pytest.mark.parametrize("bus", [{}, {"bus": {}}, {"bus": {"name": "can", "type": "canopen"}}, {"bus": 3}, None])
+def test_a_scan_without_its_buses_is_none(bus: object, tmp_path: Path) -> None:
+    scan, output = tmp_path / "scan.json", tmp_path / "machine.yaml"
+    scan.write_text(json.dumps({"schema": "hilfit/scan/1", "buses": [bus]}))
+    code, _, said = run("--scan", scan, "--yes", "-o", output)
+    assert code == 2 and "scan.json: is no scan" in said and said.count("\n") == 1
     assert not output.exists()
 
 

@@ -411,6 +411,7 @@ def test_a_start_does_not_wait_for_the_dead(server: FakeModbus) -> None:
         driver.stop()
 
 
+@pytest.mark.slow
 def test_a_device_keeps_its_last_cause_when_it_is_back(server: FakeModbus) -> None:
     driver = driver_of(parse_machine(modbus(server.port, timeout_s=1.0)))
     try:

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 from sound_recordings import RATE, ROWS, Columns, motion
 
 from daq import Machine, Quality, RecordingError, load_machine, parse_machine, read_recording, write_recording
+from daq.recordings.recording_checks import not_saturated
+from daq.recordings.recording_files import read_table
 
 MACHINE = parse_machine(plain())
 NAMES = [channel.name for channel in MACHINE.channels]
@@ -43,6 +45,31 @@ def refuse(path: Path, *words: str, role: str = "train", machine: Machine = MACH
         assert word in text, text
     assert any(sign in text for sign in (";", "use ", "needed")), f"says what to do: {text}"
     return text
+
+
+@given(
+    kind=st.sampled_from(["int8", "int64", "uint64", "float16", "float32", "float64", "null"]),
+    nulls=st.booleans(),
+    rows=st.lists(st.integers(0, 20), max_size=3),
+)
+@settings(max_examples=60)
+def test_numbers_of_every_kind_are_read_as_arrow_has_them(
+    tmp_path_factory: pytest.TempPathFactory, kind: str, nulls: bool, rows: list[int]
+) -> None:
+    """With gaps or without, in any number of groups of rows."""
+    of_kind, path = (
+        pa.null() if kind == "null" else pa.type_for_alias(kind),
+        tmp_path_factory.mktemp("kinds") / "a.parquet",
+    )
+    groups = [[None if kind == "null" or (nulls and row % 3 == 1) else row for row in range(n)] for n in rows]
+    with pq.ParquetWriter(path, pa.schema([("a", of_kind)])) as writer:
+        for group in groups:
+            writer.write_table(pa.table({"a": pa.array(group, type=of_kind)}))
+    values = [value for group in groups for value in group]
+    found = read_table(path).columns["a"]
+    assert found.flags.writeable and len(found) == len(values)
+    assert found.dtype == (np.int64 if "int" in kind and None not in values else np.float64)
+    np.testing.assert_array_equal(found, np.array([np.nan if value is None else value for value in values]))
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -358,6 +385,20 @@ def test_a_sensor_is_not_saturated_where_it_repeats_the_values_beside_its_extrem
     assert len(read_recording(save(tmp_path / "r.parquet", columns), MACHINE, "operation")) == ROWS
     columns["j1.rod"] = np.maximum(columns["j1.rod"], np.quantile(columns["j1.rod"], 0.1))
     refuse(save(tmp_path / "r.parquet", columns), "j1.rod", "saturated", role="operation")
+
+
+def test_a_pump_at_rest_on_two_levels_of_its_transducer_is_not_saturated() -> None:
+    """A load-sensing pump stands by at its lowest pressure for most of the time; a step or two is all of its noise."""
+    rng, step, row = np.random.default_rng(8), 0.002, np.arange(3000)
+    pressures = [own for own in MACHINE.channels if own.quantity == "head_pressure"]
+    channel = pressures[0].model_copy(update={"range": None})
+    pressure = np.where(row % 600 < 400, 25.0, 25.0 + 60.0 * np.sin(row / 40.0) ** 4)
+    shown = step * np.round((pressure + rng.normal(0.0, 0.4 * step, len(row))) / step)
+    shown = np.maximum(shown, 25.0 - step)
+    assert np.count_nonzero(shown == shown.min()) > 100
+    not_saturated(Path("r.parquet"), channel, MACHINE, shown, row / RATE)
+    with pytest.raises(RecordingError, match="saturated"):  # the same, of a transducer that shows nothing below
+        not_saturated(Path("r.parquet"), channel, MACHINE, np.maximum(shown, 25.0), row / RATE)
 
 
 def test_roles_and_kinds_of_file_are_checked(tmp_path: Path) -> None:

@@ -10,15 +10,23 @@ from pathlib import Path
 
 import pytest
 
-# Arms and valves with known parameters are those of the tests of the identification.
+# Arms and valves with known parameters are those of the tests of the identification, devices those of acquisition.
 sys.path.insert(0, str(Path(__file__).parents[1] / "fitting"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "daq"))
 
 from postgresql_server import postgresql
-from service_fakes import Fakes, Running, recording_bytes, running_service
+from service_fakes import Fakes, Running, children_as_important_as_tests, recording_bytes, running_service
 
 from server.platform import logs
 
 __all__ = ["postgresql"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def important_children() -> Iterator[None]:
+    """No child that a test starts waits for all other tests; where its rank is tested, that is set anew."""
+    with children_as_important_as_tests():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
+import machine_faults as faults
 import numpy as np
 import pytest
 
@@ -21,7 +22,6 @@ from daq.machine.machine_file import CanSource
 from daq.quality import Quality
 from daq.recordings.recording_files import read_table
 from sim_backends import Plant, SimulatedMachine, default_machine
-from sim_backends.faults import faults
 from sim_backends.plant.plant_process import AHEAD
 
 pytestmark = pytest.mark.slow

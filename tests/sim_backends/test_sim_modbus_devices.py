@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
+import machine_faults as faults
 import numpy as np
 import pytest
 from pymodbus.client import ModbusTcpClient
@@ -18,7 +19,6 @@ from sim_backends import default_machine
 from sim_backends.devices.device_plans import RegisterSignal, Signal, units_from_dict, units_to_dict
 from sim_backends.devices.modbus_devices import _words
 from sim_backends.devices.wiring import wire
-from sim_backends.faults import faults
 
 UNITS = (4, 5, 6, 10)
 MACHINE, _ = default_machine()

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import can
+import machine_faults as faults
 import numpy as np
 import pytest
 from sim_bus_client import SYNC, connect, receive
@@ -36,7 +37,6 @@ from sim_backends import (
     simulated_machine,
     write_motion,
 )
-from sim_backends.faults import faults
 
 pytestmark = pytest.mark.slow
 

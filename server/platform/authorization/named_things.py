@@ -34,7 +34,6 @@ MachineName = Annotated[str, Field(max_length=80), Names("machines")]
 IdentificationId = Annotated[str, Field(max_length=80), Names("identifications")]
 RecordingId = Annotated[str, Field(max_length=80), Names("recordings")]
 ExcitationId = Annotated[str, Field(max_length=40), Names("excitations")]
-CalibrationId = Annotated[str, Field(max_length=80), Names("calibrations")]
 
 
 def things_of_path(path: str, parameters: Mapping[str, Any], collections: Collection[str]) -> set[Thing]:

@@ -77,7 +77,7 @@ def problem(
         type=f"urn:hilfit:problem:{slug}",
         title=phrase,
         status=status,
-        detail=detail,
+        detail=" ".join(detail.split()),  # one line, whatever the request named
         instance=below(request.scope, request.url.path),
         code=code or slug.replace("-", "_"),
         values=values or {},

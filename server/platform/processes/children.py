@@ -57,7 +57,7 @@ class ChildResult:
     """How a child ended; ``error`` is one line unless the outcome is ``done`` or ``stopped``.
 
     ``killed``: somebody else ended it by SIGKILL, a person or the kernel that ran out of memory. ``exceeded``: it was
-    ended for what it took, by a signal (``killed`` or not), or because its time was over.
+    ended by a signal (``killed`` or not), for what it took; not because its time was over, which tells of the computer.
     """
 
     outcome: Outcome
@@ -77,13 +77,19 @@ class Child:
     clock : monotonic seconds
     threads : most of a numerical library in the child
     room : where it may write, in the place of :func:`room_of` its log
+    awaited : whether a person waits for it: it is then as nice as its session, where no session has a rank as well
     """
 
     def __init__(
-        self, clock: Callable[[], float] = time.monotonic, threads: str = THREADS, room: Path | None = None
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        threads: str = THREADS,
+        room: Path | None = None,
+        awaited: bool = False,
     ) -> None:
         self._clock = clock
         self._threads = threads
+        self._awaited = awaited
         self._room = room
         self._staying: tuple[tuple[object, ...], subprocess.Popen[bytes]] | None = None
 
@@ -125,7 +131,9 @@ class Child:
         known = (room, *program)  # another room is another process: this one cannot leave the one that it was given
         process = self._told(known, arguments, log)
         told = process is not None
-        process = process or _started([*program, *arguments], log, self._threads, room)
+        own = os.getpriority(os.PRIO_PROCESS, 0)  # which only the few may go below
+        niceness = max(own, SESSION_NICENESS) if self._awaited else NICENESS
+        process = process or _started([*program, *arguments], log, self._threads, room, niceness)
         assert process.stdout is not None
         last: dict[str, Any] = {}
         try:
@@ -149,7 +157,7 @@ class Child:
                     return ChildResult("stopped")
                 if now > deadline:
                     error = f"took longer than {timeout_s:g} s and was ended"
-                    return ChildResult("failed", error=error, exceeded=True)
+                    return ChildResult("failed", error=error)
             process.wait()
         finally:
             if self._staying is None:
@@ -188,14 +196,14 @@ def run_child(
         return child.run(command, log=log, timeout_s=timeout_s, progress=progress, should_stop=should_stop)
 
 
-def _started(command: Sequence[str], log: Path, threads: str, room: Path) -> subprocess.Popen[bytes]:
+def _started(command: Sequence[str], log: Path, threads: str, room: Path, niceness: int) -> subprocess.Popen[bytes]:
     """A new process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
     scratch = tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=room, ignore_cleanup_errors=True)
     writable = os.pathsep.join((str(room), "/dev"))
     with log.open("ab") as errors:
         process = subprocess.Popen(
-            [*guard, str(os.getpid()), f"{NICENESS} {SESSION_NICENESS}", confinement.__file__, writable, *command],
+            [*guard, str(os.getpid()), f"{niceness} {SESSION_NICENESS}", confinement.__file__, writable, *command],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,

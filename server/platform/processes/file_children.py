@@ -20,7 +20,7 @@ class _Lane:
 
     def __init__(self, room: Path | None) -> None:
         # One thread of a numerical library: what forks should have no others.
-        self.child = Child(threads="1", room=room)
+        self.child = Child(threads="1", room=room, awaited=True)
         self.thread = ThreadPoolExecutor(1, "file-child")
 
 
@@ -78,8 +78,8 @@ def refusal(result: ChildResult, too_much: ServiceError, failed: ServiceError) -
     Parameters
     ----------
     result : what is wrong with the file is in it where it ended as ``input``
-    too_much : if the file took more time or memory than any honest one does
-    failed : if anything else is wrong
+    too_much : if the file took more processor time or memory than any honest one does
+    failed : if anything else is wrong, or the computer had no time for it
     """
     if result.outcome == "input":
         return InvalidError(result.error or "")

@@ -183,7 +183,7 @@ def test_a_child_with_limits_reads_it(service: Running) -> None:
     ("result", "status"),
     [
         (ChildResult("failed", error="was ended by SIGXCPU; is the memory too small?", exceeded=True), 422),
-        (ChildResult("failed", error="took longer than 180 s and was ended", exceeded=True), 422),
+        (ChildResult("failed", error="took longer than 180 s and was ended"), 503),
         (ChildResult("failed", error="exit code 1"), 503),
     ],
 )

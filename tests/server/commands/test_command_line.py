@@ -114,6 +114,7 @@ def test_a_file_s_host_counts_where_none_is_given(run: Run, tmp_path: Path) -> N
 def test_pairing_at_the_computer_of_the_service(run: Run, tmp_path: Path) -> None:
     code, _, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path / "none"))
     assert code == 2 and "holds no store" in err
+    assert not (tmp_path / "none").exists()
     Database(DataDirectory(tmp_path).database, TABLES, changed=lambda: None).close()
     code, out, err = run("access", "pair", "--role", "admin", "--data-dir", str(tmp_path), "--json")
     assert (code, err) == (0, "")

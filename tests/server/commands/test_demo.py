@@ -1,7 +1,8 @@
 """``hilfit demo`` as people use it: interrupted, killed, started twice, and with the result that README.md prints.
 
 Recordings of demos that are not let to their end are half as long as the demo's own. Those of the one that is are
-identified through REST as well: a service says of them what the command line says.
+identified through REST as well: a service says of them what the command line says, and acquires another machine
+meanwhile.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ import re
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from service_fakes import API, Fakes, running_service
+from bench_machines import modbus
+from modbus_test_server import FakeModbus, float_registers
+from service_fakes import API, Fakes, Running, running_service, wait_for_change
 
 from benchmarks.demonstration import APART
 from benchmarks.readme import numbers, printed_result, said_by_the_demo
 from server.commands.demo_command import PLAN
 from server.identifications.identification_resource import STAGE_PROGRAM
+from server.machines.machine_resource import LAUNCH
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -60,11 +65,37 @@ def left(folder: Path) -> set[str]:
     return {path.name for pattern in ("*.json", "*.html", "recordings/*") for path in made.glob(pattern)}
 
 
+@contextmanager
+def acquired(site: Running) -> Iterator[None]:
+    """A machine with two Modbus units is acquired all the while: cycles come, none is skipped, nearly all is fresh."""
+
+    def counts() -> Any:
+        while True:
+            number = site.service.changes.number
+            found = site.client.get(f"{API}/status").json()["acquisition"]["bench"].get("counts")
+            if found is not None and found["cycles"] > 0:
+                return found
+            wait_for_change(site.service, number, 1.0)
+
+    with closing(FakeModbus({1: float_registers({2: 50.0, 4: 0.0, 6: 0.3}), 2: {4: 215}})) as devices:
+        # A busy computer delays a cycle then, and skips none.
+        machine = modbus(devices.port, timeout_s=1.0) + "simulation: {lockstep: true}\n"
+        assert site.client.post(f"{API}/machines", content=machine).status_code == 201
+        enabled = site.client.put(f"{API}/machines/bench/acquisition", json={"enabled": True})
+        assert enabled.status_code == 200, enabled.text
+        before = counts()
+        yield
+        after = counts()
+    assert after["cycles"] > before["cycles"] and after["skipped"] == 0
+    for channel, of_channel in after["quality"].items():
+        assert of_channel["fresh"] > 0.99 * sum(of_channel.values()), (channel, of_channel)
+
+
 def identified_over_rest(place: Path, machine: Path, recordings: Mapping[Path, str]) -> tuple[dict[str, Any], str]:
     """The report of recordings, files with their roles, by a service with the stages that a site has; and its page."""
     fakes = Fakes()
-    del fakes.parts[STAGE_PROGRAM]
-    with running_service(place, fakes) as site:
+    del fakes.parts[STAGE_PROGRAM], fakes.parts[LAUNCH]
+    with running_service(place, fakes) as site, acquired(site):
         name = site.client.post(f"{API}/machines", content=machine.read_bytes()).json()["name"]
         chosen = []
         for path, role in recordings.items():

@@ -44,6 +44,9 @@ def test_an_empty_file_changes_nothing(tmp_path: Path) -> None:
         ("port: many\n", "port: "),
         ("- access\n", "has to hold 'name: value' lines, found list"),
         ("access: [\n", "is not YAML"),
+        ("port: .nan\n", "port: must be a finite number (found nan)"),
+        ("public_hosts: 3\n", "public_hosts: must be a list (found 3)"),
+        ("bus_places: [ttyUSB0]\n", "bus_places: 'ttyUSB0' is no place; write can:socketcan:can0, serial:/dev/ttyUSB0"),
     ],
 )
 def test_a_wrong_file_is_one_line_with_file_and_key(tmp_path: Path, text: str, says: str) -> None:

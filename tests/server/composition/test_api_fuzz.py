@@ -54,6 +54,13 @@ def schema_of(guarded: Guarded) -> Any:
     return schemathesis.openapi.from_asgi(f"{API}/openapi.json", app, headers=HOST).exclude(path=list(ENDLESS))
 
 
+@pytest.fixture(scope="module")
+def operations(guarded: Guarded) -> list[tuple[Any, Any]]:
+    """Operations, and what makes their requests, good and bad ones: made once, since that takes longer than asking."""
+    found = [found.ok() for found in schema_of(guarded).get_all_operations()]
+    return [(own, own.as_strategy() | own.as_strategy(generation_mode=GenerationMode.NEGATIVE)) for own in found]
+
+
 def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
     """Of a principal of its own: one that ends its session must not end that of the next operation."""
     if who == "nobody":
@@ -65,21 +72,22 @@ def headers_of(guarded: Guarded, who: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("who", ["nobody", *ROLES, "engineer of lever"])
-def test_generated_requests_are_answered_as_described(guarded: Guarded, who: str) -> None:
-    operations = [found.ok() for found in schema_of(guarded).get_all_operations()]
+def test_generated_requests_are_answered_as_described(
+    guarded: Guarded, operations: list[tuple[Any, Any]], who: str
+) -> None:
     assert len(operations) > 60
-    found = [surprise(operation, headers_of(guarded, who)) for operation in operations]
+    found = [surprise(*operation, headers_of(guarded, who)) for operation in operations]
     assert not any(found), "\n\n".join(filter(None, found))
 
 
-def surprise(operation: Any, headers: dict[str, str]) -> str | None:
+def surprise(operation: Any, requests: Any, headers: dict[str, str]) -> str | None:
     """What was wrong with an answer to one operation."""
 
     @seed(1)
     @settings(
         max_examples=EXAMPLES, deadline=None, database=None, phases=PHASES, suppress_health_check=list(HealthCheck)
     )
-    @given(case=operation.as_strategy() | operation.as_strategy(generation_mode=GenerationMode.NEGATIVE))
+    @given(case=requests)
     def ask(case: Any) -> None:
         case.call_and_validate(checks=CHECKS, headers=headers, timeout=60)
 

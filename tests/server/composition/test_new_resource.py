@@ -209,6 +209,7 @@ def test_it_is_served_and_described(guarded: Guarded, toy: dict[str, str]) -> No
     assert "304" in paths[f"{API}/toys"]["get"]["responses"], "its list is kept"
 
 
+@pytest.mark.slow
 def test_it_is_in_the_access_matrix(guarded: Guarded, toy: dict[str, str]) -> None:
     assert guarded.client.get(f"{API}/toys").status_code == 401
     body = {"machine": "lever"}

@@ -127,6 +127,7 @@ def identified(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_a_stored_identification_gives_the_model_that_was_fitted(identified: Path, live: LiveModel) -> None:
     loaded = LiveModel.load(identified / "identifications" / "ident-1")
     t, values = signals(20, 21)

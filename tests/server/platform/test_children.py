@@ -15,7 +15,18 @@ import pytest
 
 from daq.confinement import landlock_version
 from server.platform.files import LOCK_FILE
+from server.platform.processes import children
 from server.platform.processes.children import Child, ChildResult, room_of, run_child
+
+#: What children have where nobody tests.
+RANKS = children.NICENESS, children.SESSION_NICENESS
+
+
+@pytest.fixture
+def ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Children have the rank that a service gives them."""
+    monkeypatch.setattr(children, "NICENESS", RANKS[0])
+    monkeypatch.setattr(children, "SESSION_NICENESS", RANKS[1])
 
 
 def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
@@ -23,7 +34,7 @@ def child(code: str, tmp_path: Path, **options: object) -> ChildResult:
     return run_child([sys.executable, "-c", code], log=tmp_path / "log", **settings)  # type: ignore[arg-type]
 
 
-def test_progress_and_summary(tmp_path: Path) -> None:
+def test_progress_and_summary(tmp_path: Path, ranked: None) -> None:
     seen: list[tuple[float, str]] = []
     code = """
 import os, sys
@@ -64,6 +75,16 @@ def test_a_child_that_takes_too_long_is_ended(tmp_path: Path) -> None:
     seconds = count()  # every look at the clock is a second later
     result = child("import time; time.sleep(60)", tmp_path, timeout_s=2.0, clock=lambda: float(next(seconds)))
     assert result.error == "took longer than 2 s and was ended"
+    assert not result.exceeded  # a computer that has much else to do says nothing of the file
+
+
+@pytest.mark.slow
+def test_a_child_that_a_person_waits_for_is_as_nice_as_its_session(tmp_path: Path, ranked: None) -> None:
+    # Where the kernel ranks no sessions, one at 19 has a hundredth of the processor beside one busy program.
+    code = 'import os; print(\'{"summary": {"nice": %d}}\' % os.nice(0))'
+    with Child(awaited=True) as waited_for:
+        result = waited_for.run([sys.executable, "-c", code], log=tmp_path / "log", timeout_s=30.0)
+    assert result.summary == {"nice": max(RANKS[1], os.getpriority(os.PRIO_PROCESS, 0))}
 
 
 @pytest.mark.slow
@@ -115,7 +136,7 @@ print(json.dumps({"summary": {"nice": os.nice(0), "session": int(group)}}))
 
 
 @pytest.mark.skipif(not Path("/proc/self/autogroup").is_file(), reason="the kernel knows no ranks of sessions")
-def test_a_childs_session_is_nice_as_well(tmp_path: Path) -> None:
+def test_a_childs_session_is_nice_as_well(tmp_path: Path, ranked: None) -> None:
     """Else it has as much of the processor as the whole session of the service (sched(7), autogroup)."""
     assert child(SAYS_RANK, tmp_path).summary == {"nice": 19, "session": 5}
 

@@ -79,6 +79,7 @@ def test_the_same_child_goes_on_however_a_piece_of_work_ended(child: Child, tmp_
     assert run(child, tmp_path, "last").summary["parent"] == parent
 
 
+@pytest.mark.slow
 def test_what_takes_too_long_or_loses_its_parent_ends(child: Child, tmp_path: Path) -> None:
     watched: list[int] = []
 

@@ -160,7 +160,8 @@ FINDING = (
 #: Fitting, as far as jobs and the live model come to it; the command line and exports speak to no page.
 FITTING = (
     *(f"fitting/{name}" for name in ("arm", "estimators", "excitation", "loop", "pipeline", "planning", "regression")),
-    *("fitting/report/html.py", "fitting/report/schema/definition.py", "fitting/signals/preparation.py"),
+    *("fitting/report/html.py", "fitting/report/schema/definition.py"),
+    *(f"fitting/signals/{name}.py" for name in ("filters", "preparation")),
     "daq/motion_files.py",
     *(f"fitting/model/{name}.py" for name in ("codec", "prediction", "tails")),
 )

@@ -50,6 +50,7 @@ def problem(response: Any, status: int) -> dict[str, Any]:
         ("GET", f"{API}/jobs/absent/events", 404),
         ("POST", f"{API}/jobs/absent/cancel", 404),
         ("GET", f"{API}/live?machine=absent", 404),
+        ("GET", f"{API}/live?machine=%0D%0A", 404),
         ("DELETE", f"{API}/machines", 405),
         ("PATCH", f"{API}/jobs", 405),
         ("GET", f"{API}/jobs?limit=0", 422),

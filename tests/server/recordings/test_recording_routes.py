@@ -10,6 +10,9 @@ import pytest
 from acquired_machines import acquire
 from service_fakes import API, MACHINE, Running, recording_bytes
 
+from server.platform.processes.children import ChildResult
+from server.platform.processes.file_children import FileChildren
+
 pytestmark = pytest.mark.slow
 
 RECORDINGS = f"{API}/recordings"
@@ -45,6 +48,22 @@ def test_upload_and_download(running: Running, tmp_path: Path, suffix: str) -> N
     data = running.client.get(f"{RECORDINGS}/{row['id']}/data")
     assert data.content == content
     assert f"lever-train-{row['id']}{suffix}" in data.headers["content-disposition"]
+    assert nothing_is_left(running)
+
+
+@pytest.mark.parametrize(
+    ("result", "status", "says"),
+    [
+        (ChildResult("failed", error="took longer than 300 s and was ended"), 503, "took longer than 300 s"),
+        (ChildResult("failed", error="was ended by SIGXCPU", exceeded=True), 422, "cannot be read; export it again"),
+    ],
+)
+def test_a_computer_that_has_no_time_says_nothing_of_the_file(
+    running: Running, csv: bytes, monkeypatch: pytest.MonkeyPatch, result: ChildResult, status: int, says: str
+) -> None:
+    monkeypatch.setattr(FileChildren, "run", lambda *arguments, **options: result)
+    answer = upload(running, csv)
+    assert answer.status_code == status and says in answer.json()["detail"]
     assert nothing_is_left(running)
 
 

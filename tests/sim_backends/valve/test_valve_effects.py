@@ -48,6 +48,7 @@ def test_a_solenoids_loop_is_narrower_for_small_swings() -> None:
     assert 0.0 < 0.5 * (small[7] - small[5]) < 0.5 * half.max()
 
 
+@pytest.mark.slow
 def test_a_spool_that_sticks_ignores_small_changes_and_then_goes_all_the_way() -> None:
     told = strokes(with_one("spool_stick", "dry", 0.03), [0.3, 0.32, 0.31, 0.335, 0.33])
     np.testing.assert_allclose(told, [0.3, 0.3, 0.3, 0.335, 0.335], atol=2e-3)

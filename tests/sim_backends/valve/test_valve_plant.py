@@ -141,6 +141,7 @@ def test_a_pump_that_gives_no_more_is_shared() -> None:
     assert plant.state.supply[0] * HEAD * plant.state.v.sum() == pytest.approx(power, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_load_sensing_pump_stands_its_margin_above_the_load() -> None:
     truth = with_cylinder(sled_truth(kind="load_sensing", margin=2e6), f_v=2000.0)
     plant = ValvePlant([(sled_machine(upright=True), truth)])

@@ -42,6 +42,7 @@ def test_a_valve_motion_is_played_in_the_rods_sense_and_other_axes_stay_closed()
     )
 
 
+@pytest.mark.slow
 def test_a_held_command_is_seen_as_it_is_sent_before_the_axis_moves() -> None:
     running = machine()
     running.controller.follow(ValveMotion("valve-crane", (BOOM,), (Step("hold", 1.0, (-50.0,)),)), "up")

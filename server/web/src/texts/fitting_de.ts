@@ -40,8 +40,8 @@ const VALIDATION: Record<string, string> = {
 const IDENTIFICATION: Record<string, string> = {
   "joints.{}: has no cylinder, so no piston; give it a cylinder or use its angle":
     "joints.$1: hat keinen Zylinder, also keinen Kolben; ihm einen Zylinder geben oder seinen Winkel nehmen",
-  "bandwidth {} Hz must be above 0 and at most {} Hz (a fifth of the rate)":
-    "Die Bandbreite $1 Hz muss über 0 und darf höchstens $2 Hz sein (ein Fünftel der Rate)",
+  "bandwidth {} Hz must be at least {} Hz (six periods in the longest recording) and at most {} Hz (a fifth of the rate)":
+    "Die Bandbreite $1 Hz muss mindestens $2 Hz (sechs Perioden in der längsten Aufzeichnung) und darf höchstens $3 Hz sein (ein Fünftel der Rate)",
   "no training recording; give at least one with --train (or --operation)":
     "Keine Aufzeichnung zum Lernen; mindestens eine in der Rolle train oder operation angeben",
   "{}: is the same recording as {} in role {}; validate on another motion":
@@ -120,7 +120,8 @@ const EXCITATION: Record<string, string> = {
   "{}: has {} rows; a motion needs six or more": "$1 hat $2 Zeilen; eine Bewegung braucht sechs oder mehr",
   "{}: is not a text file; give a motion file (CSV)": "$1 ist keine Textdatei; eine Bewegungsdatei (CSV) angeben",
   "{}: no such file; 'hilfit excite' makes one": "$1: diese Datei gibt es nicht; „hilfit excite“ macht eine",
-  "{}: time must start at 0 and rise from row to row": "$1: time muss bei 0 anfangen und von Zeile zu Zeile steigen",
+  "{}: time must start at 0, rise by a microsecond or more from row to row, and end within an hour":
+    "$1: time muss bei 0 anfangen, von Zeile zu Zeile um mindestens eine Mikrosekunde steigen und innerhalb einer Stunde enden",
   "{}: {} goes from {} to {} {}, beyond its {} to {} {}; make a smaller motion":
     "$1: $2 geht von $3 bis $4 $5, über seine Grenzen $6 bis $7 $8 hinaus; eine kleinere Bewegung machen",
   "{}:1: is a motion of machine '{}', not of '{}'": "$1:1: ist eine Bewegung der Maschine „$2“, nicht von „$3“",

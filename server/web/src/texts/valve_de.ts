@@ -41,6 +41,9 @@ export const VALVE: Record<string, string> = {
   "the spool, relief and anti-cavitation valves": "Schieber, Druckbegrenzungs- und Nachsaugventile",
   "rest with the valve closed at a loaded pose: both pressures fall, and the load sinks":
     "Ruhe mit geschlossenem Ventil in belasteter Stellung: Beide Drücke fallen, und die Last sinkt",
+  "a gain that follows {}": "eine Verstärkung, die von $1 abhängt",
+  "the same commands at different values of this variable, all else as it was":
+    "dieselben Stellwerte bei verschiedenen Werten dieser Größe, alles andere wie zuvor",
   "{} looks as if it had the wrong sign: turned round it leaves {} of the speed unexplained, not {}":
     "$1 sieht aus, als hätte es das falsche Vorzeichen: umgedreht lässt es $2 der Geschwindigkeit unerklärt, nicht $3",
   "write extends: {} in its valve, or look at swapped position and pressures":
@@ -68,8 +71,6 @@ export const VALVE: Record<string, string> = {
     "Der Versorgungsdruck ist nicht bekannt: Eine Blende, die den Zylinder speist, ist von einem Ventil mit Druckwaage nicht zu unterscheiden, und Geschwindigkeiten bei anderer Last werden schlechter vorhergesagt",
   "{}: does not move by its command in any recording; nothing is said of it":
     "$1: bewegt sich in keiner Aufzeichnung durch seinen Stellwert; darüber wird nichts gesagt",
-  "--bandwidth {}: must be above 0 and at most a fifth of the rate, {} Hz":
-    "--bandwidth $1: muss über 0 und darf höchstens ein Fünftel der Rate sein, $2 Hz",
   "joints.{}: has no valve; add cylinder.valve: and a channel of quantity command":
     "joints.$1: hat kein Ventil; cylinder.valve: und einen Kanal der Größe command ergänzen",
   "joints.{}: no channel shows its valve's command; add one of quantity command":

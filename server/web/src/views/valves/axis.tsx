@@ -46,7 +46,7 @@ export function AxisPanel({ joint, axis }: { joint: string; axis: Axis }) {
         </Notice>
       ))}
       <Curves joint={joint} axis={axis} judged={judged} />
-      <Effects joint={joint} effects={axis.effects} />
+      <Effects joint={joint} effects={[...axis.effects, ...(axis.unexplained ?? [])]} />
       <details>
         <summary>{t("valves.delayAndPeers")}</summary>
         <Plot

@@ -33,6 +33,8 @@ export interface Axis {
     role: "train" | "validate";
   };
   effects: Effect[];
+  /** Laws that no name says; missing in reports of earlier versions. */
+  unexplained?: Effect[];
   checks: { code: string; text: string; cure: string }[];
   figures: {
     curve: { command: number[]; speed: number[]; std?: number[] };

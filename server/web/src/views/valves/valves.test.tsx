@@ -53,6 +53,18 @@ describe("a report on valves", () => {
     expect(screen.getByText("stick: does not move")).toBeTruthy();
   });
 
+  it("shows a law that no name says among what the model lacked", async () => {
+    const [effect] = AXIS.effects;
+    const law = { ...effect, id: "piston_position", title: "a gain that follows piston_position", look_at: undefined };
+    const axis = { ...AXIS, effects: [], unexplained: [{ ...law, indistinguishable_from: [] }] };
+    const fake = service();
+    fake.resources["/valves/vlv-1/valve.json"] = { ...REPORT, axes: { boom: axis } };
+    fake.show(<ValvePage id="vlv-1" />);
+    const panel = await screen.findByRole("region", { name: "The valve of boom" });
+    const row = within(panel).getByRole("row", { name: /a gain that follows piston_position/ });
+    expect(row.textContent).toContain("97\u202f%");
+  });
+
   it("is taken to the controller in each format, where a valve moved its axis", async () => {
     service("viewer").show(<ValvePage id="vlv-1" />);
     const panel = await screen.findByRole("region", { name: "For your controller" });

@@ -1,19 +1,13 @@
-"""Faults of a running simulated machine, over the control channel of its processes.
+"""Faults of a running simulated machine, over the control channel of its processes; more kinds than fault files have.
 
-Every function returns when the process has done it. They are for tests and for showing what the service does when
-hardware fails; none of them reaches the plant.
+Every function returns when the process has done it; none of them reaches the plant.
 """
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
-
-class Orderable(Protocol):
-    """A machine that takes orders for its processes."""
-
-    def order(self, process: str, order: str, **details: Any) -> Any:
-        """Give one order and wait for its answer."""
+from sim_backends.faults.fault_runner import Orderable
 
 
 def kill_node(machine: Orderable, node: int) -> None:
@@ -56,11 +50,6 @@ def drop_can_clients(machine: Orderable) -> int:
     return int(machine.order("hub", "drop_clients"))
 
 
-def delay_tpdos(machine: Orderable, node: int, syncs: int) -> None:
-    """TPDOs come so many SYNCs after their own (0: in time again, and what is under way at once)."""
-    _node(machine, node, "lag", value=syncs)
-
-
 def lose_tpdos(machine: Orderable, node: int, count: int) -> None:
     """The next so many TPDOs of the node are lost."""
     _node(machine, node, "lose", value=count)
@@ -74,11 +63,6 @@ def double_node(machine: Orderable, node: int, on: bool = True) -> None:
 def garble_sdo(machine: Orderable, node: int, on: bool = True) -> None:
     """SDO answers are cut to two bytes."""
     _node(machine, node, "garbled", value=on)
-
-
-def stop_heartbeat(machine: Orderable, node: int, on: bool = True) -> None:
-    """No heartbeat; TPDOs and SDO go on."""
-    _node(machine, node, "quiet", value=on)
 
 
 def not_a_number(machine: Orderable, node: int, on: bool = True) -> None:
