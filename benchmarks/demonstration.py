@@ -35,7 +35,7 @@ APART = 0.15
 SMALL = 0.3
 
 
-def cycles_per_machine_second(output: Path, joint: str = "joint1") -> float:
+def cycles_per_machine_second(output: Path) -> float:
     """Rate of the validation recording by the controller's clock.
 
     The recorded angle is laid over the motion file's, ``q(t) = q_file(scale t + shift)``; the scale times the stamped
@@ -44,10 +44,10 @@ def cycles_per_machine_second(output: Path, joint: str = "joint1") -> float:
     machine = load_machine(output / "machine" / "machine.yaml")
     recording = read_recording(output / "recordings" / "validate.parquet", machine, "validate")
     motion = read_motion(output / "motions" / "validate.csv", machine)
-    angle, stamps = recording.values[f"{joint}.angle"], recording.time - recording.time[0]
+    angle, stamps = recording.values["joint1.angle"], recording.time - recording.time[0]
 
     def apart(x: FloatArray) -> FloatArray:
-        return np.asarray(angle - np.interp(x[0] * stamps + x[1], motion.time, motion.columns[joint]))
+        return np.asarray(angle - np.interp(x[0] * stamps + x[1], motion.time, motion.columns["joint1"]))
 
     scale = least_squares(apart, [1.0, 0.0], x_scale=[1e-3, 0.02]).x[0]
     return float((len(stamps) - 1) / (scale * stamps[-1]))

@@ -9,93 +9,58 @@ that are three times as long.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.targets import Check, figure
+from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, figure, silent
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
 from fitting.excitation.limits import chamber_pressure, supply_flow
-from sim_backends.machines import folding_arm, slewing_arm
+from sim_backends.machines import ARMS as MACHINES
 from sim_backends.plant.truth import Truth
-
-Arm = Literal["folding", "slewing"]
 
 SECONDS, RATIO = 20.0, 1.10
 _BACK_PRESSURE = 7.0e5  # Pa: what the simulated valves keep in a chamber that empties
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One arm.
-
-    Attributes
-    ----------
-    arm, seed : which one
-    seconds : processor time of the default search
-    condition_number : what it reached
-    best_of_long : the best of the long runs
-    kept : largest share of any limit that its motion uses; it may use ``use``
-    """
-
-    arm: str
-    seed: int
-    seconds: float
-    condition_number: float
-    best_of_long: float
-    kept: float
-
-    @property
-    def ratio(self) -> float:
-        """Condition number over the yardstick's."""
-        return self.condition_number / self.best_of_long
-
-
-def run(
-    arms: tuple[Arm, ...] = ("folding", "slewing"),
-    seeds: tuple[int, ...] = (0,),
-    long_runs: int = 20,
-    show: Callable[[str], None] = lambda line: None,
-) -> list[Check]:
-    """Run the benchmark.
+def run(arms: tuple[Arm, ...] = ARMS, seed: int = 0, long_runs: int = 20, show: Show = silent) -> Outcome:
+    """Design a motion for one arm of each kind, and its yardstick.
 
     Parameters
     ----------
-    arms, seeds : machines that are drawn
+    seed : of the arms and of the search
     long_runs : how many long runs make the yardstick
     show : gets a line per arm as it is done
     """
-    outcomes = []
+    found = []
     for arm in arms:
-        for seed in seeds:
-            outcomes.append(measure(arm, seed, long_runs))
-            o = outcomes[-1]
-            show(
-                f"{o.arm} arm, seed {o.seed}: {o.seconds:.1f} s, cond(W) {o.condition_number:.2f}, best of {long_runs} "
-                f"long runs {o.best_of_long:.2f} (ratio {o.ratio:.3f}), at most {100 * o.kept:.1f} % of any limit"
-            )
-    return checks(outcomes)
+        seconds, condition, best, kept = measure(arm, seed, long_runs)
+        found.append((seconds, condition / best, kept))
+        show(
+            f"{arm} arm, seed {seed}: {seconds:.1f} s, cond(W) {condition:.2f}, best of {long_runs} long runs "
+            f"{best:.2f} (ratio {condition / best:.3f}), at most {100 * kept:.1f} % of any limit"
+        )
+    slowest, farthest, most = (max(own) for own in zip(*found, strict=True))
+    use = ExcitationOptions().use
+    return Outcome(
+        (
+            figure("time of the default search, one core", slowest, "{:.1f} s", most=SECONDS),
+            figure("cond(W) over the best of the long runs", farthest, "{:.3f}", most=RATIO),
+            Check(
+                "share of a limit that is used", most, f"{100 * most:.2f} %", "at most", use + 1e-6, f"{100 * use:g} %"
+            ),
+        )
+    )
 
 
-def checks(outcomes: list[Outcome]) -> list[Check]:
-    """Targets beside the worst of what was measured."""
-    slowest, farthest = max(o.seconds for o in outcomes), max(o.ratio for o in outcomes)
-    most, use = max(o.kept for o in outcomes), ExcitationOptions().use
-    took = "time of the default search, one core"
-    return [
-        figure(took, slowest, "{:.1f} s", most=SECONDS),
-        Check("cond(W) over the best of the long runs", farthest, f"{farthest:.3f}", "at most", RATIO),
-        Check("share of a limit that is used", most, f"{100 * most:.2f} %", "at most", use + 1e-6, f"{100 * use:g} %"),
-    ]
+def measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, float]:
+    """Processor s of the default search, its condition number, the best of the long runs, and the largest share.
 
-
-def measure(arm: Arm, seed: int, long_runs: int) -> Outcome:
-    """The default search on one arm, and its yardstick."""
-    machine, truth = (folding_arm if arm == "folding" else slewing_arm)(seed)
+    The latter is of any limit that the motion uses; it may use ``use`` of each.
+    """
+    machine, truth = MACHINES[arm](seed)
     base = reduce_parameters(machine)
     limits = binding_limits(machine, truth)
     started = time.process_time()
@@ -107,7 +72,7 @@ def measure(arm: Arm, seed: int, long_runs: int) -> Outcome:
         for k in range(long_runs)
     )
     kept = max(use.used for use in found.limits if use.quantity != "stroke")
-    return Outcome(arm, seed, seconds, found.condition_number, best, kept)
+    return seconds, found.condition_number, best, kept
 
 
 def binding_limits(machine: Machine, truth: Truth) -> HydraulicLimits:

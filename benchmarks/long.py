@@ -17,18 +17,17 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.speed import identified, linear, memory
-from benchmarks.targets import Check, Outcome, figure
-from daq.machine.machine_file import machine_to_yaml
-from daq.recordings.recording import write_recording
+from benchmarks.samples import named
+from benchmarks.speed import FloatTable, identified, joined, linear, memory
+from benchmarks.targets import Check, Outcome, Show, figure, silent
 from fitting.arrays import FloatArray
-from sim_backends.plant.cases import CasePlan, plan_case
+from sim_backends.plant.cases import CasePlan, plan_case, write_tables
 from sim_backends.plant.motion import random_motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
@@ -47,7 +46,7 @@ def long(
     effect_minutes: float = 120.0,
     *,
     seed: int = 3,
-    show: Callable[[str], None] = lambda line: None,
+    show: Show = silent,
 ) -> Outcome:
     """Identify long recordings with the loop.
 
@@ -62,8 +61,6 @@ def long(
     with tempfile.TemporaryDirectory(prefix="hilfit-long-") as name:
         folder = Path(name)
         plan = plan_case("slewing", seed)
-        machine = folder / "machine.yaml"
-        machine.write_text(machine_to_yaml(plan.machine), encoding="utf-8")
 
         def one(what: str, train: FloatTable, also: Sequence[EffectSpec]) -> tuple[dict[str, float], dict[str, Any]]:
             tables = {
@@ -71,11 +68,8 @@ def long(
                 "train": train,
                 "validate": joined([record(plan, _STRETCH, also, 2000 + k) for k in range(round(_VALIDATE / 10))]),
             }
-            files = [(role, folder / f"{role}.parquet") for role in tables]
-            for role, file in files:
-                values = {channel: column for channel, column in tables[role].items() if channel != "time"}
-                write_recording(file, plan.machine, role, tables[role]["time"], values)
-            took = identified(machine, files, folder / "out", loop=True, warm=False)
+            files = write_tables(folder, plan.machine, tables)
+            took = identified(folder / "machine.yaml", files, folder / "out", loop=True, warm=False)
             report = json.loads((folder / "out" / "timed" / "report.json").read_text(encoding="utf-8"))
             show(f"{what}: {took['cpu']:.0f} s of CPU, {took['megabytes']:.0f} MB; {_found(report)}")
             checks.append(memory(what, took["megabytes"]))
@@ -94,9 +88,6 @@ def long(
             checks += _named(report, f"{effect_minutes:g} minutes", PAYLOAD)
             checks.append(_moment(report, 60.0 * effect_minutes * _PICKED_UP))
     return Outcome(tuple(checks))
-
-
-FloatTable = Mapping[str, FloatArray]
 
 
 def record(
@@ -131,14 +122,6 @@ def picked_up(plan: CasePlan, minutes: float) -> FloatTable:
     return joined([before, record(plan, 60.0 * minutes * (1 - _PICKED_UP), [PAYLOAD], 500)])
 
 
-def joined(tables: Sequence[FloatTable]) -> dict[str, FloatArray]:
-    """Recordings laid end to end, on one clock."""
-    names = [name for name in tables[0] if name != "time"]
-    whole = {name: np.concatenate([table[name] for table in tables]) for name in names}
-    step = float(tables[0]["time"][1] - tables[0]["time"][0])
-    return {"time": np.arange(len(whole[names[0]])) * step, **whole}
-
-
 def _found(report: Mapping[str, Any]) -> str:
     overall, loop = report["overall"], report["loop"]
     names = [f"{e['id']} ({e['joint'] or 'machine'})" for e in loop["effects"]]
@@ -152,8 +135,7 @@ def _found(report: Mapping[str, Any]) -> str:
 def _named(report: Mapping[str, Any], what: str, effect: EffectSpec) -> list[Check]:
     """Whether the effect was named, or is in the set, and nothing beside it; and what it did on `validate`."""
     found = report["loop"]["effects"]
-    sets = [{(e["id"], e["joint"])} | {(r["id"], r["joint"]) for r in e["indistinguishable_from"]} for e in found]
-    right = any((effect.id, effect.joint) in own for own in sets)
+    right = any((effect.id, effect.joint) in own for own in named(report))
     surplus = len(found) + len(report["loop"]["unexplained"]) - int(right)
     change = report["overall"]["change_percent"]
     return [

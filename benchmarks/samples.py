@@ -18,17 +18,17 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure, silent
+from sim_backends.plant.cases import STEMS
 
 SAMPLES = Path(__file__).resolve().parents[1].parent / "shared" / "samples"
-ROLES = {"unloaded": "unloaded", "train-1": "train", "train-2": "train", "repeat": "repeat", "validate": "validate"}
 CASES = (
     "nothing-missing",
     "position-friction-joint2",
@@ -44,9 +44,7 @@ MACHINE_WIDE = ("base_tilt", "payload")
 Report = dict[str, Any]
 
 
-def samples(
-    directory: Path = SAMPLES, only: str | None = None, show: Callable[[str], None] = lambda line: None
-) -> Outcome:
+def samples(directory: Path = SAMPLES, only: str | None = None, show: Show = silent) -> Outcome:
     """Identify every case of a directory; nothing to check where there is none."""
     found: list[Check] = []
     for case in [only] if only else CASES:
@@ -63,12 +61,20 @@ def samples(
     return Outcome(tuple(found))
 
 
+def files_of(directory: Path) -> dict[str, list[Path]]:
+    """Recordings of a case by their roles."""
+    files: dict[str, list[Path]] = {}
+    for stem in STEMS:
+        files.setdefault(stem.partition("-")[0], []).append(directory / f"{stem}.parquet")
+    return files
+
+
 def identify_case(directory: Path) -> Report:
     """The report of one case."""
     from fitting.loop.session import Request
     from fitting.pipeline.stages import identify
 
-    files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
+    files = tuple((role, file) for role, own in files_of(directory).items() for file in own)
     with tempfile.TemporaryDirectory(prefix="hilfit-samples-") as output:
         return identify(Request(directory / "machine.yaml", files, Path(output)))
 
@@ -79,13 +85,17 @@ def over_floor(report: Report, when: str, joint: str | None = None) -> float:
     return float(np.sqrt(np.mean([(e[when]["validate"] / e["noise_floor"]) ** 2 for e in chosen])))
 
 
+def named(report: Mapping[str, Any]) -> list[list[tuple[str, str | None]]]:
+    """What the loop names: of each effect its id and joint, and those of what it cannot be told from."""
+    effects = report["loop"]["effects"]
+    return [[(own["id"], own["joint"]) for own in (effect, *effect["indistinguishable_from"])] for effect in effects]
+
+
 def said(report: Report) -> str:
     """Verdict, effects with their sets, and laws."""
     loop = report["loop"]
     parts = [loop["verdict"]]
-    for effect in loop["effects"]:
-        rivals = "".join(f" | {r['id']}@{r['joint'] or 'machine'}" for r in effect["indistinguishable_from"])
-        parts.append(f"{effect['id']}@{effect['joint'] or 'machine'}{rivals}")
+    parts += [" | ".join(f"{id}@{joint or 'machine'}" for id, joint in own) for own in named(report)]
     parts += [f"law of {law['variable']}@{law['joint']}" for law in loop["unexplained"]]
     return "; ".join(parts)
 
@@ -97,12 +107,9 @@ def true_effects(truth: dict[str, Any]) -> list[tuple[str | None, str | None]]:
 
 def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     """What has to be so of one case."""
-    loop, true = report["loop"], true_effects(truth)
+    loop, true, sets = report["loop"], true_effects(truth), named(report)
     before, after = (over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
-    sets = [
-        {(e["id"], e["joint"]), *((r["id"], r["joint"]) for r in e["indistinguishable_from"])} for e in loop["effects"]
-    ]
     if not true:
         yield fact(f"{case}: verdict nothing_missing", loop["verdict"] == "nothing_missing", loop["verdict"])
         yield figure(f"{case}: error over noise floor", after, "{:.3f}", most=1.15)

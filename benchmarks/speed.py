@@ -17,20 +17,19 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.targets import Check, Outcome, figure
-from daq.machine.machine_file import Machine, machine_to_yaml
-from daq.recordings.recording import write_recording
+from benchmarks.targets import Check, Outcome, Show, figure, silent
 from fitting.arrays import FloatArray
-from sim_backends.plant.cases import Case, simulate_case
+from sim_backends.plant.cases import Case, simulate_case, write_table, write_tables
 
 SHORT = (("unloaded", "unloaded"), ("train", "train-1"), ("repeat", "repeat"), ("validate", "validate"))
 MEMORY = 500.0  # MB
 MINUTES = (10.0, 30.0, 60.0)
+FloatTable = Mapping[str, FloatArray]
 
 # What a child process runs: the request is done once to load everything, and timed the second time.
 _CHILD = """
@@ -61,9 +60,7 @@ print(json.dumps({"wall": wall, "cpu": cpu, "megabytes": float(status["VmHWM"].s
 """
 
 
-def speed(
-    minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Callable[[str], None] = lambda line: None
-) -> Outcome:
+def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show = silent) -> Outcome:
     """Time short recordings with and without the loop, and long ones without it.
 
     Parameters
@@ -77,10 +74,7 @@ def speed(
         folder = Path(name)
         case = simulate_case("slewing", 1)
         machine = folder / "machine.yaml"
-        machine.write_text(machine_to_yaml(case.machine), encoding="utf-8")
-        files = {stem: folder / f"{stem}.parquet" for stem in case.recordings}
-        for stem, file in files.items():
-            _write(file, case.machine, stem.partition("-")[0], case.recordings[stem])
+        files = {file.stem: file for _, file in write_tables(folder, case.machine, case.recordings)}
         four = [(role, files[stem]) for role, stem in SHORT]
 
         def one(what: str, recordings: list[tuple[str, Path]], with_loop: bool, warm: bool) -> dict[str, float]:
@@ -99,7 +93,7 @@ def speed(
         times = []
         for length in minutes:
             file = folder / "long.parquet"
-            _write(file, case.machine, "train", _long(case, length))
+            write_table(file, case.machine, "train", _long(case, length))
             recordings = [("unloaded", files["unloaded"]), ("train", file), ("validate", files["validate"])]
             took = one(f"training recording of {length:g} minutes, both stages", recordings, False, False)
             times.append(took["cpu"])
@@ -164,14 +158,12 @@ def _long(case: Case, minutes: float) -> dict[str, FloatArray]:
     """Recordings laid end to end until they last ``minutes``."""
     stems = ("train-1", "train-2", "validate", "repeat")
     pieces = max(1, round(minutes * 60 / float(case.recordings["train-1"]["time"][-1])))
-    names = [name for name in case.recordings["train-1"] if name != "time"]
-    table = {
-        name: np.concatenate([case.recordings[stems[k % len(stems)]][name] for k in range(pieces)]) for name in names
-    }
-    rows = len(next(iter(table.values())))
-    return {"time": np.arange(rows) / case.machine.rate_hz, **table}
+    return joined([case.recordings[stems[k % len(stems)]] for k in range(pieces)])
 
 
-def _write(file: Path, machine: Machine, role: str, table: Mapping[str, FloatArray]) -> None:
-    values = {name: column for name, column in table.items() if name != "time"}
-    write_recording(file, machine, role, table["time"], values)
+def joined(tables: Sequence[FloatTable]) -> dict[str, FloatArray]:
+    """Recordings laid end to end, on one clock."""
+    names = [name for name in tables[0] if name != "time"]
+    whole = {name: np.concatenate([table[name] for table in tables]) for name in names}
+    step = float(tables[0]["time"][1] - tables[0]["time"][0])
+    return {"time": np.arange(len(whole[names[0]])) * step, **whole}

@@ -12,28 +12,31 @@ Arms of both kinds without any undeclared effect. Truth is read here, after the 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.targets import Check, Outcome, fact, rate
+from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, rate, silent
 from fitting.arrays import FloatArray
-from fitting.loop.session import Session
-from fitting.pipeline.comparison import cylinder_conditions, stage_condition
-from fitting.pipeline.cylinder_stage import identify_cylinders
-from fitting.pipeline.rigid_body_stage import identify_one_shot, identify_rigid_body
-from fitting.regression.design import Design, effort_errors
-from fitting.regression.noise import effort_floor
+from fitting.loop.session import Options, Session
+from fitting.pipeline.results.stage_results import Residual, RigidBody, StageResults
+from fitting.pipeline.stage_names import quiet
+from fitting.pipeline.stage_two import comparison
+from fitting.pipeline.stages import STEPS
+from fitting.regression.design import Design
 from sim_backends.plant.cases import Case, simulate_case
 from sim_backends.plant.truth import SensorQuality
 
-Arm = Literal["folding", "slewing"]
-
-ARMS: tuple[Arm, ...] = ("folding", "slewing")
-WAYS = ("two stages", "one-shot", "one-shot, unloaded too", "joint refit")
+#: What is compared, and what the comparison of a report calls it.
+WAYS = {
+    "two stages": "hierarchical",
+    "one-shot": "one_shot",
+    "one-shot, unloaded too": "one_shot_with_unloaded",
+    "joint refit": "joint_refit",
+}
 KINDS = ("m", "K", "f_c", "f_v", "f_s", "base")
 
 
@@ -42,7 +45,7 @@ def stages(
     seed: int = 0,
     arms: tuple[Arm, ...] = ARMS,
     encoder_std: float | None = None,
-    show: Callable[[str], None] = lambda line: None,
+    show: Show = silent,
 ) -> Outcome:
     """Run ``count`` arms of each kind.
 
@@ -63,21 +66,18 @@ def stages(
     for arm in arms:
         for number in range(seed, seed + count):
             case = simulate_case(arm, number, (), quality)
-            session = Session(case.machine, recordings_of(case.machine, case.recordings))
+            session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
             design, fit = session.plain.design, session.base_model.fit
             truth = truth_vector(case, design)
-            ways = _ways(session)
-            conditions["joint refit"].append(fit.condition_number)
-            for way, (condition, _) in ways.items():
-                conditions[way].append(condition)
-            ways["joint refit"] = (fit.condition_number, fit.theta)
-            floor = effort_floor(design, fit.theta, session.plain.pairs)
-            for way, (_, theta) in ways.items():
-                left = effort_errors(design, theta, design.indices("validate"))
-                held_out[way].append(
-                    float(np.sqrt(np.mean([(np.std(e) / f) ** 2 for e, f in zip(left, floor, strict=True)])))
-                )
-                for name, error in zip(design.parameters.names, theta - truth, strict=True):
+            compared, results = compare_ways(session)
+            rigid = results[RigidBody]
+            for way, estimate in zip(
+                WAYS, (rigid.two_stage, rigid.one_shot, rigid.one_shot_with_unloaded, fit), strict=True
+            ):
+                assert estimate is not None
+                conditions[way].append(compared["contenders"][WAYS[way]]["condition_number"])
+                held_out[way].append(compared["contenders"][WAYS[way]]["overall"])
+                for name, error in zip(design.parameters.names, estimate.theta - truth, strict=True):
                     errors[way, arm, name].append(float(error))
             inside = np.abs(fit.theta - truth) < 1.96 * fit.std
             for name, hit in zip(design.parameters.names, inside, strict=True):
@@ -108,18 +108,12 @@ def kind_of(name: str) -> str:
     return kind if joint and kind in KINDS else "base"
 
 
-def _ways(session: Session) -> dict[str, tuple[float, FloatArray]]:
-    """Condition number and parameters of each way but the joint refit."""
-    prepared = session.plain
-    design = prepared.design
-    two = identify_rigid_body(design, identify_cylinders(design, prepared.noise, session.prior))
-    worst = stage_condition(cylinder_conditions(design), two.condition_number)
-    one, more = identify_one_shot(design), identify_one_shot(design, unloaded=True)
-    return {
-        "two stages": (two.condition_number if worst is None else worst, two.theta),
-        "one-shot": (one.condition_number, one.theta),
-        "one-shot, unloaded too": (more.condition_number, more.theta),
-    }
+def compare_ways(session: Session) -> tuple[dict[str, Any], StageResults]:
+    """Two stages against one on a session's recordings, with 95 % intervals; and the stages' results."""
+    results = StageResults()
+    for stage in ("check", "cylinder_stage", "rigid_body_stage", "residual"):
+        results = results.having(STEPS[stage](session, results, quiet))
+    return comparison(session, results[RigidBody], np.asarray(results[Residual].noise_floor)), results
 
 
 def parameter_errors(errors: Mapping[tuple[str, str, str], list[float]]) -> dict[tuple[str, str], float]:

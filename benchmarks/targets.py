@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 Bound = Literal["at least", "at most"]
+#: What gets a line of progress, and one that nobody reads.
+Show = Callable[[str], None]
+#: Kinds of arms that the benchmarks of the two stages and of motions have.
+Arm = Literal["folding", "slewing"]
+ARMS: tuple[Arm, ...] = ("folding", "slewing")
 _HOLDS = "holds"
 #: Of confidence intervals.
 LEVEL = 0.95
+
+
+def silent(line: str) -> None:
+    """Show nothing."""
 
 
 def clopper_pearson(count: int, of: int) -> tuple[float, float]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from benchmarks.acquisition import masters, restarts, traces
 from benchmarks.acquisition.masters import Row, Seen
-from benchmarks.targets import Outcome, fact, figure
+from benchmarks.targets import Outcome, Show, fact, figure
 
 RECOVERY_S = 2.0
 AT_ONCE = 3  # times of a row beside each other: most of each is waiting
@@ -23,7 +23,7 @@ def names() -> tuple[str, ...]:
     return tuple(name for _, rows in ROWS for name in rows)
 
 
-def run_rows(times: int, seed: int, only: str | None, say: Callable[[str], None]) -> Outcome:
+def run_rows(times: int, seed: int, only: str | None, say: Show) -> Outcome:
     """Every row so many times at random moments."""
     notes = [f"{'row':48s} ours  wrong  marked (excused)  heard, worst  recovery, worst    took"]
     seen: list[Seen] = []

@@ -11,14 +11,14 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.targets import Outcome, figure
+from benchmarks.targets import Outcome, Show, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.ring import RingReader
 from daq.machine.machine_file import Machine, parse_machine
@@ -96,7 +96,7 @@ def busy_s(pid: int) -> float:
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
 
 
-def run(machines: Sequence[int], seconds: float, say: Callable[[str], None]) -> Outcome:
+def run(machines: Sequence[int], seconds: float, say: Show) -> Outcome:
     """Acquire so many machines at once, and measure.
 
     Parameters

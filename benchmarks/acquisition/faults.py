@@ -14,7 +14,7 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from benchmarks.targets import Outcome, fact, figure
+from benchmarks.targets import Outcome, Show, fact, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.recorder import Recorder, RecordingSummary
 from daq.acquisition.ring import RingReader
@@ -190,7 +190,7 @@ class Bench:
         return None
 
 
-def run(times: int, seed: int, only: str | None, real_time: bool, say: Callable[[str], None]) -> Outcome:
+def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> Outcome:
     """Every fault so many times; what it cost.
 
     Parameters

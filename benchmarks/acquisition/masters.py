@@ -261,17 +261,17 @@ class Run:
         for _ in range(count):
             self.cycles.once(self)  # type: ignore[arg-type]
 
-    def until_fresh(self, run: int = 5) -> float:
-        """Seconds until the first of so many cycles that were fresh on all channels, none between but by lateness."""
+    def until_fresh(self) -> float:
+        """Seconds until the first of five cycles that were fresh on all channels, none between but by lateness."""
         began, first, good = time.monotonic(), 0.0, 0
-        while good < run and time.monotonic() - began < PATIENCE_S:
+        while good < 5 and time.monotonic() - began < PATIENCE_S:
             self.once()
             if bool(np.all(self.frames[-1].quality == Quality.FRESH)):
                 good += 1
                 first = time.monotonic() if good == 1 else first
             elif not self._late:
                 good = 0
-        return (first if good == run else time.monotonic()) - began
+        return (first if good == 5 else time.monotonic()) - began
 
     def ended(self, seen: Seen) -> Seen:
         """What was seen, with what every run is looked at for; everything ends."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.acquisition.faults import LASTS_S, PATIENCE_S, WARM_UP_S, Bench, faults_of
-from benchmarks.targets import Outcome, fact, figure
+from benchmarks.targets import Outcome, Show, fact, figure
 from daq.acquisition.ring import RingReader
 from sim_backends.faults.fault_runner import begin, end
 
@@ -31,7 +30,7 @@ def resident(pid: int) -> float:
     return (int(whole) - int(shared)) * os.sysconf("SC_PAGE_SIZE")
 
 
-def run(minutes: float, seed: int, say: Callable[[str], None]) -> Outcome:
+def run(minutes: float, seed: int, say: Show) -> Outcome:
     """Faults at random for so long.
 
     Parameters

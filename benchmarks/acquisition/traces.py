@@ -41,11 +41,11 @@ def listening(machine: Machine, sync: str = "own") -> Machine:
     return machine.model_copy(update={"channels": tuple(channels), "buses": (led,)})
 
 
-def pdos(moments: NDArray[np.float64], number: int = 0) -> Iterator[Entry]:
+def pdos(moments: NDArray[np.float64]) -> Iterator[Entry]:
     """The PDOs of each node, whose values are the number of the moment, and a half."""
     for node in range(1, NODES + 1):
         for k, at in enumerate(moments.tolist()):
-            yield at, 0x180 + node, struct.pack("<ff", number + k, number + k + 0.5)
+            yield at, 0x180 + node, struct.pack("<ff", k, k + 0.5)
 
 
 def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
@@ -78,9 +78,9 @@ def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) ->
     return wrong
 
 
-def not_fresh(frames: list[Frame], since_s: float = 1.0) -> list[Frame]:
-    """Those of which a value is not, but for the beginning."""
-    return [f for f in frames if f.monotonic_ns / 1e9 - BEGIN_S > since_s and np.any(f.quality != Quality.FRESH)]
+def not_fresh(frames: list[Frame]) -> list[Frame]:
+    """Those of which a value is not, but for the first second."""
+    return [f for f in frames if f.monotonic_ns / 1e9 - BEGIN_S > 1.0 and np.any(f.quality != Quality.FRESH)]
 
 
 def _grid(random: np.random.Generator) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.targets import Check, rate
 from daq.recordings.recording import Recording
-from fitting.loop.closing import Asked, Examined, close, settled
+from fitting.loop.closing import Asked, Examined, close, next_experiment, settled
 from fitting.loop.session import Options, Session
 from sim_backends.plant.cases import STEMS
 from sim_backends.plant.motion import Motion
@@ -43,7 +43,7 @@ ALIKE = (
 )
 #: Sizes that leave doubts: of these classes in turn.
 CLASSES = ("medium", "large")
-TARGET = 0.85
+TARGET, FORETOLD = 0.85, 0.95
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,8 @@ def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
         return None
     before = said_of(first)
     line |= {"truth": [asdict(e) for e in case.effects], "before": _stated(first), "sets": before.sets}
-    last, steps = close(first, PlantRecorder(case, selection))
+    recorder = PlantRecorder(case, selection)
+    last, steps = close(first, recorder)
     after = said_of(last)
     outcome = verdict(key.kind, case.effects, after)
     line |= {
@@ -108,9 +109,21 @@ def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
         "result": outcome.result,
         "surplus": outcome.surplus,
         "settled": settled(last.hypotheses),
+        "anyway": None if steps else _closed_anyway(first, recorder, case),
         "seconds": time.process_time() - started,
     }
     return dict(json.loads(json.dumps(line)))
+
+
+def _closed_anyway(first: Examined, recorder: PlantRecorder, case: BenchCase) -> bool | None:
+    """Whether the best motion closes a set that no motion was said to; None where nothing was designed."""
+    designed = next_experiment(first.session, first.attribution)
+    best = None if designed is None else designed.options[0].motion
+    if best is None:
+        return None
+    after = first.with_recording(recorder(Asked(best, "", (), 0.0), 1))
+    outcome = verdict(case.key.kind, case.effects, said_of(after))
+    return settled(after.hypotheses) and outcome.result == "right" and not outcome.surplus
 
 
 def _stated(found: Examined) -> list[Line]:
@@ -129,6 +142,8 @@ def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
     right = [line for line in lines if line["result"] == "right" and not line["surplus"]]
     there = [line for line in lines if line["true_in_set"]]
     closable = [line for line in lines if line["motions"]]
+    left = [line for line in lines if line["anyway"] is not None]
+    foretold = [line for line in closable if line in right] + [line for line in left if not line["anyway"]]
     return [
         rate("ambiguous, of the cases looked at", len(lines), looked_at),
         rate("end in the single right name", len(right), len(lines)),
@@ -139,6 +154,13 @@ def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
             len(closable),
             "at least",
             TARGET,
+        ),
+        rate(
+            "closable or not, as the best motion then showed",
+            len(foretold),
+            len(closable) + len(left),
+            "at least",
+            FORETOLD,
         ),
         rate("the same, where the first set holds it", sum(line in right for line in there), len(there)),
         rate("end in a wrong name alone", sum(line["result"] == "wrong" for line in lines), len(lines)),

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark, known, rising
-from benchmarks.targets import Outcome
+from benchmarks.commands.saying import benchmark, known, rising
+from benchmarks.targets import Outcome, Show
 
 
 @benchmark

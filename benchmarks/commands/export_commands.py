@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark
-from benchmarks.targets import Outcome
+from benchmarks.commands.saying import benchmark
+from benchmarks.targets import Outcome, Show
 
 
 @benchmark

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark, chosen, known, rising
+from benchmarks.commands.saying import benchmark, chosen, known, rising
 from benchmarks.commands.saying import directory as existing
 from benchmarks.one_thread import one_blas_thread
-from benchmarks.targets import Outcome
+from benchmarks.targets import ARMS, Arm, Outcome, Show
 
-ARMS: tuple[Literal["folding", "slewing"], ...] = ("folding", "slewing")
 _DATA = "the one with the measured data to --data"
-Arm = Annotated[str | None, typer.Option(help="Only this arm: folding or slewing.")]
+OneArm = Annotated[str | None, typer.Option(help="Only this arm: folding or slewing.")]
 Data = Annotated[
     Path | None, typer.Option(help="Directory of the measured data; ../shared/data beside the repository if absent.")
 ]
@@ -52,7 +51,7 @@ def stages(
     show: Show,
     count: Annotated[int, typer.Option(help="Arms of each kind.", min=2)] = 15,
     seed: Annotated[int, typer.Option(help="Of the first arm.")] = 100,
-    arm: Arm = None,
+    arm: OneArm = None,
     encoder_std: Annotated[
         float | None, typer.Option(help="Noise of both position sensors in rad and m instead of good ones'.", min=0.0)
     ] = None,
@@ -83,7 +82,7 @@ def speed(
     return run(rising("--minutes", minutes, "10,30,60"), loop=not no_loop, show=show)
 
 
-def _arms(arm: str | None) -> tuple[Literal["folding", "slewing"], ...]:
+def _arms(arm: str | None) -> tuple[Arm, ...]:
     chosen("--arm", arm, ARMS, "write one of")
     return tuple(kind for kind in ARMS if arm in (None, kind))
 
@@ -108,14 +107,14 @@ def long(
 @benchmark
 def excitation(
     show: Show,
-    arm: Arm = None,
+    arm: OneArm = None,
     seed: Annotated[int, typer.Option(help="Of the arm and of the search.")] = 0,
     long_runs: Annotated[int, typer.Option(help="Long searches that make the yardstick.", min=1)] = 20,
 ) -> Outcome:
     """Time of a motion design with every limit, and its condition number beside long searches."""
     from benchmarks.excitation import run
 
-    return Outcome(tuple(run(_arms(arm), (seed,), long_runs, show)))
+    return run(_arms(arm), seed, long_runs, show)
 
 
 @benchmark

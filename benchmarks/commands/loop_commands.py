@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark, chosen
+from benchmarks.commands.saying import benchmark, chosen
 from benchmarks.one_thread import one_blas_thread
-from benchmarks.targets import Outcome
+from benchmarks.targets import Outcome, Show
 from daq.errors import InputError
 
 if TYPE_CHECKING:

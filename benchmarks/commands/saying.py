@@ -10,12 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks.targets import Outcome, lines_of, missed
+from benchmarks.targets import Outcome, Show, lines_of, missed, silent
 from daq.console import print_json, reported
 from daq.errors import InputError
 
-#: What gets a line of progress.
-Show = Callable[[str], None]
 #: Commands by name, in the order of the list.
 BENCHMARKS: dict[str, Callable[..., None]] = {}
 
@@ -35,7 +33,7 @@ def benchmark(run: Callable[..., Outcome]) -> Callable[..., Outcome]:
 
     @functools.wraps(run)
     def command(json: bool = False, **given: Any) -> None:
-        show: Show = (lambda line: None) if json else (lambda line: print(line, flush=True))
+        show: Show = silent if json else (lambda line: print(line, flush=True))
         outcome = run(**given, **({"show": show} if "show" in signature.parameters else {}))
         if json:
             checks = [check.as_json() for check in outcome.checks]

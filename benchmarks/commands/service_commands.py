@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark, chosen
-from benchmarks.targets import Outcome
+from benchmarks.commands.saying import benchmark, chosen
+from benchmarks.targets import Outcome, Show
 from daq.errors import InputError
 
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")

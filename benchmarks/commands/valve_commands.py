@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from benchmarks.commands.saying import Show, benchmark
+from benchmarks.commands.saying import benchmark
 from benchmarks.one_thread import one_blas_thread
-from benchmarks.targets import Outcome, figure
+from benchmarks.targets import Outcome, Show, figure
 from daq.errors import InputError
 
 

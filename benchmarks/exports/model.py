@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import tempfile
 import timeit
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.util import find_spec
@@ -32,7 +32,7 @@ from benchmarks.exports.cortex import cortex
 from benchmarks.exports.model_formats import tables
 from benchmarks.measured import DATA, sets
 from benchmarks.samples import SAMPLES
-from benchmarks.targets import Check, Outcome, figure
+from benchmarks.targets import Check, Outcome, Show, figure, silent
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
@@ -40,7 +40,7 @@ from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Ranges
-from fitting.loop.residual_loop import final_model
+from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance
@@ -103,7 +103,7 @@ double many(const double *rows, int count, int times)
 """
 
 
-def run(samples: Path = SAMPLES, data: Path = DATA, show: Callable[[str], None] = lambda line: None) -> Outcome:
+def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outcome:
     """All checks.
 
     Parameters

@@ -29,13 +29,13 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 import sim_backends
-from benchmarks.targets import Check, Outcome, figure
+from benchmarks.targets import Check, Outcome, Show, figure, silent
 from daq.machine.machine_file import Machine, load_machine
 from daq.motion_files import Rods
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.effects import effect
-from fitting.loop.residual_loop import final_model
+from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
@@ -53,8 +53,6 @@ from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.plant.motion import Motion, random_motion, write_motion
 from sim_backends.plant.plant import record
 from sim_backends.plant.truth import SensorQuality, Truth, load_truth
-
-Show = Callable[[str], None]
 
 #: Forces on the tip, N, and how long each acts, s.
 HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
@@ -111,7 +109,7 @@ def _recorded(
     return Recording(machine.name, role, f"{role}-{seed[1]}", f"{seed}", machine.rate_hz, time, values)
 
 
-def run(seed: int = 1, hours: float = 24.0, show: Show = lambda line: None) -> Outcome:
+def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
     """All checks.
 
     Parameters

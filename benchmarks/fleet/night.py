@@ -30,12 +30,12 @@ import sqlalchemy as sa
 
 from benchmarks.fleet.namespaces import Host
 from benchmarks.fleet.night_host import NightOrder, made_file
-from benchmarks.fleet.site import START_S, Say, Site, kill_now_and_then, new_site
+from benchmarks.fleet.site import START_S, Site, kill_now_and_then, new_site
 from benchmarks.service.hosts import ONE_CORE
 from benchmarks.service.start import cpu_s
 from benchmarks.storm.checks import COUNTED, count_results
-from benchmarks.targets import Check, Outcome, fact, figure
-from daq import Machine, write_recording
+from benchmarks.targets import Check, Outcome, Show, fact, figure
+from daq import Machine
 from daq.machine.machine_file import machine_to_yaml
 from fitting.pipeline.stage_names import STAGES
 from server.composition.declarations import TABLES
@@ -47,7 +47,7 @@ from server.platform.files import DataDirectory
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_job import PROGRAM
 from sim_backends.machines import ARMS, default_machine
-from sim_backends.plant.cases import plan_case
+from sim_backends.plant.cases import plan_case, write_table
 
 #: Machine seconds per second, and of a recording in the night that is run; what they are at a site.
 SPEED, QUICK_S, SITE_S = 10.0, 30.0, 300.0
@@ -98,7 +98,7 @@ class Night:
     workers: float
 
 
-def run(machines: int, arms: int, every: float, say: Say) -> Outcome:
+def run(machines: int, arms: int, every: float, say: Show) -> Outcome:
     """Run a night and add it up; see the module.
 
     Parameters
@@ -140,8 +140,7 @@ def _arm(number: int, made: Path) -> Machine:
     for whole in (QUICK_S, SITE_S):
         for (role, share), stem in zip(SHARES.items(), ("train-1", "validate"), strict=True):
             table, _ = plan_case(kind, number, whole * share).record(stem)
-            values = {name: column for name, column in table.items() if name != "time"}
-            write_recording(made_file(made, machine.name, role, whole * share), machine, role, table["time"], values)
+            write_table(made_file(made, machine.name, role, whole * share), machine, role, table)
     return machine
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import httpx2
 
-from benchmarks.fleet.site import START_S, Say, Site, end, kill_now_and_then, new_site
+from benchmarks.fleet.site import START_S, Site, end, kill_now_and_then, new_site
 from benchmarks.service.hosts import COMMAND, order_of, ordered, wait_for_jobs, wait_until
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -35,7 +35,7 @@ BOTH = 1.6
 JOB_S = 1.2
 
 
-def run(jobs: int, cut: float, every: float, say: Say) -> Outcome:
+def run(jobs: int, cut: float, every: float, say: Show) -> Outcome:
     """Measure and try; see the module.
 
     Parameters

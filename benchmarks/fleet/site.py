@@ -26,11 +26,11 @@ from benchmarks.service.hosts import API, COMMAND, ONE_CORE, wait_until
 from benchmarks.service.postgresql import AbsentError, postgresql_server
 from benchmarks.service.start import cpu_with_children_s
 from benchmarks.storm.processes import descendants
+from benchmarks.targets import Show
 
 #: Seconds for something to come up.
 START_S = 90.0
 S3_PORT, BUCKET = 5077, "site"
-Say = Callable[[str], None]
 
 
 @dataclass
@@ -49,7 +49,7 @@ class Site:
     environment: Mapping[str, str]
     places: tuple[Host, ...]
     log: IO[str]
-    say: Say
+    say: Show
     workers: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
     server: subprocess.Popen[str] | None = None
     spent: float = 0.0
@@ -114,7 +114,7 @@ class Site:
 
 
 @contextmanager
-def new_site(count: int, say: Say) -> Iterator[Site]:
+def new_site(count: int, say: Show) -> Iterator[Site]:
     """A site with so many hosts for workers, of which nothing runs yet.
 
     Raises

@@ -12,10 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.attribution.recipe import draw_quality, largest
 from daq.machine.machine_file import Machine, machine_to_yaml
-from daq.recordings.recording import write_recording
 from fitting.arrays import FloatArray
 from sim_backends.machines import folding_arm, slewing_arm
-from sim_backends.plant.cases import CasePlan, plan_case
+from sim_backends.plant.cases import STEMS, CasePlan, plan_case, write_tables
 from sim_backends.plant.truth import Truth
 from sim_backends.undeclared import MISMATCH, OUTSIDE_MISMATCH, UNDECLARED, EffectSpec
 
@@ -25,7 +24,6 @@ Kind = Literal["both", "single", "one"]
 _LATER = {"neighbour_inertia", "dented_rod", "return_line", "hanging_hose", *MISMATCH, *OUTSIDE_MISMATCH}
 EFFECTS = sorted(set(UNDECLARED) - _LATER)
 KINDS: tuple[Kind, ...] = ("both", "single", "one")
-STEMS = ("unloaded", "train-1", "train-2", "repeat", "validate")
 _SECONDS = 40.0
 #: Share of the sound machines that have an effect of the catalogue in them.
 _WITH_EFFECT = 0.5
@@ -53,17 +51,11 @@ class Rig:
 
     def write(self, folder: Path, machine: Machine | None = None) -> tuple[Path, list[tuple[str, Path]]]:
         """Machine file and recordings on disk, with their roles."""
-        folder.mkdir(parents=True, exist_ok=True)
+        assert set(next(iter(self.tables.values()))) == {"time", *(channel.name for channel in self.machine.channels)}
+        files = write_tables(folder, self.machine, self.tables, ".csv")
         file = folder / "machine.yaml"
-        file.write_text(machine_to_yaml(machine or self.machine), encoding="utf-8")
-        plain = {name: column for name, column in next(iter(self.tables.values())).items() if name != "time"}
-        assert set(plain) == {channel.name for channel in self.machine.channels}
-        files = []
-        for stem, table in self.tables.items():
-            values = {name: column for name, column in table.items() if name != "time"}
-            role = stem.partition("-")[0]
-            path = write_recording(folder / f"{stem}.csv", self.machine, role, table["time"], values)
-            files.append((role, path))
+        if machine is not None:
+            file.write_text(machine_to_yaml(machine), encoding="utf-8")
         return file, files
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.measured import sets
 from benchmarks.mistakes.making import MISTAKES, Made
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig, with_lost_rows
-from benchmarks.targets import Check, Outcome, figure, rate
+from benchmarks.targets import Check, Outcome, Show, figure, rate, silent
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
@@ -123,7 +123,7 @@ def run(
     sound: int = 200,
     seed: int = 0,
     only: str | None = None,
-    show: Callable[[str], None] = lambda line: None,
+    show: Show = silent,
     data: Path | None = None,
 ) -> Outcome:
     """Make every mistake on every machine.
@@ -162,7 +162,7 @@ def run(
     return Outcome(checks_of(lines), content={"seed": seed, "cases": [asdict(line) for line in lines]})
 
 
-def _show(line: Line, show: Callable[[str], None]) -> None:
+def _show(line: Line, show: Show) -> None:
     if line.result not in ("right", "sound"):
         show(f"{line.result:8s} {line.rig:12s} {line.mistake or line.effect or '-'}: {line.said}")
 

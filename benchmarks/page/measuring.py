@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable
 from itertools import pairwise
 from statistics import median
 from typing import Any
 
 from benchmarks.page.browser import Tablet, chromium, tab
 from benchmarks.page.site import START_S, Site, simulated
-from benchmarks.targets import Check, Outcome, figure
+from benchmarks.targets import Check, Outcome, Show, figure
 from daq.errors import InputError
 
 #: Seconds that a first view may take, and share of frames that may be dropped.
@@ -54,7 +53,7 @@ _WATCH = """
 """
 
 
-def run(tablet: Tablet, times: int, seconds: float, say: Callable[[str], None]) -> Outcome:
+def run(tablet: Tablet, times: int, seconds: float, say: Show) -> Outcome:
     """Measure both.
 
     Parameters

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from benchmarks.page.browser import chromium
 from benchmarks.page.site import furnish, simulated
-from benchmarks.targets import Check, Outcome, fact
+from benchmarks.targets import Check, Outcome, Show, fact
 
 SIZES = ((800, 1280), (1280, 800), (1440, 900))
 SCHEMES = ("light", "dark")
@@ -44,7 +43,7 @@ PRESSED = {
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
-def run(target: Path, only: str | None, say: Callable[[str], None], language: str = "en") -> Outcome:
+def run(target: Path, only: str | None, say: Show, language: str = "en") -> Outcome:
     """Make them in a directory, in a language of the page; each check says that a view fits its screen."""
     pressed = PRESSED[language]
     suffix = "" if language == "en" else f"-{language}"

@@ -16,6 +16,7 @@ from typing import Any
 
 from benchmarks.service.hosts import API, running
 from daq.errors import InputError
+from fitting.pipeline.stage_names import STAGES
 from server.alarms.alarm_desk import Alarms
 from server.audit.audit_log import Audit
 from server.calibrations.calibration_content import content_of
@@ -165,12 +166,11 @@ def _new(database: Database, machine: str, id: str, job: str, label: str) -> Ide
 
 def _under_way(database: Database, machine: str) -> None:
     """A job that looks as one half-way does; nobody works on it, so that pictures take no processor time."""
-    stages = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report")
     jobs = Jobs(database)
     new = _new(database, machine, "idn-under-way", UNDER_WAY, "After the seals")
-    jobs.order(Identifications(database), new, "identification", stages)
-    jobs.progress(UNDER_WAY, stages[0], 0.0, "Reads the recordings")
-    jobs.progress(UNDER_WAY, stages[2], 0.3, "Fits masses and inertias")
+    jobs.order(Identifications(database), new, "identification", STAGES)
+    jobs.progress(UNDER_WAY, STAGES[0], 0.0, "Reads the recordings")
+    jobs.progress(UNDER_WAY, STAGES[2], 0.3, "Fits masses and inertias")
 
 
 _WRONG: tuple[tuple[float, float, str, str, Any], ...] = (
@@ -187,12 +187,9 @@ def _quiet() -> None:
 
 def _identification(site: Site, database: Database, machine: str, id: str, report: dict[str, Any]) -> Identification:
     """One that is done."""
-    jobs, stages = (
-        Jobs(database),
-        ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution", "refit", "report"),
-    )
+    jobs = Jobs(database)
     new = _new(database, machine, id, f"job-{id}", f"Identification {id[-1]}")
-    jobs.order(Identifications(database), new, "identification", stages)
+    jobs.order(Identifications(database), new, "identification", STAGES)
     place = site.data_dir / "identifications" / id
     place.mkdir(parents=True, exist_ok=True)
     (place / "report.json").write_text(json.dumps(report), encoding="utf-8")

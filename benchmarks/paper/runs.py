@@ -5,7 +5,7 @@ Truth is read here after the fits, and never by them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,18 +16,14 @@ import numpy as np
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.measured import sets
 from benchmarks.paper.stribeck import StribeckRun, stribeck_run
-from benchmarks.stages import ARMS, Arm, truth_vector
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.stages import compare_ways, truth_vector
+from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, figure, silent
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Cylinders, Residual, RigidBody, StageResults
-from fitting.pipeline.stage_two import comparison
-from fitting.pipeline.stages import STEPS
 from sim_backends.plant.cases import Case, simulate_case
-
-Show = Callable[[str], None]
 
 #: Standard deviation of measured minus computed joint torque in N m, on the motion that was fitted, as published.
 PUBLISHED_STD = (0.226, 0.289, 0.378, 0.193, 0.179, 0.336)
@@ -109,7 +105,7 @@ class Claims:
     skipped: tuple[str, ...]
 
 
-def run(count: int, seed: int, data: Path, page: Path | None, show: Show = lambda line: None) -> Outcome:
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
     """Make the runs, and the page where one is wanted.
 
     Parameters
@@ -173,14 +169,6 @@ def rank(machine: Machine, seed: int) -> int:
     W = rigid_body_regressor(machine, q, qd, qdd)
     values = np.linalg.svd(W.reshape(-1, W.shape[-1]), compute_uv=False)
     return int(np.count_nonzero(values > _RANK_TOLERANCE * values[0]))
-
-
-def compare_ways(session: Session) -> tuple[dict[str, Any], StageResults]:
-    """Two stages against one on a session's recordings, with 95 % intervals; and the stages' results."""
-    results = StageResults()
-    for stage in ("check", "cylinder_stage", "rigid_body_stage", "residual"):
-        results = results.having(STEPS[stage](session, results, lambda share, text: None))
-    return comparison(session, results[RigidBody], np.asarray(results[Residual].noise_floor)), results
 
 
 def _cylinders(case: Case, session: Session, results: StageResults) -> tuple[CylinderRun, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 import hilfit
+from benchmarks.samples import files_of, named
 from fitting.arm.linkage import lever_arm
 from fitting.arrays import FloatArray
 from sim_backends.plant.cases import Case, make_case
@@ -54,12 +55,7 @@ def stribeck_run(seed: int) -> StribeckRun:
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
         folder = Path(scratch)
         case = _case(folder, seed)
-        files: dict[str, Any] = {
-            "unloaded": [folder / "unloaded.parquet"],
-            "train": [folder / "train-1.parquet", folder / "train-2.parquet"],
-            "repeat": [folder / "repeat.parquet"],
-            "validate": [folder / "validate.parquet"],
-        }
+        files: dict[str, Any] = files_of(folder)
         found = hilfit.identify(folder / "machine.yaml", **files)
         base = hilfit.identify(folder / "machine.yaml", **files, loop=False)
     speed = _speeds(case)
@@ -67,10 +63,8 @@ def stribeck_run(seed: int) -> StribeckRun:
     curves = [_friction(result.model, case, speed) for result in (base, found)]
     before, after = (float(np.sqrt(np.mean((curve - truth) ** 2))) for curve in curves)
     errors = found.report["errors"][JOINT]
-    names = [
-        (effect["id"], effect["joint"], effect["indistinguishable_from"]) for effect in found.report["loop"]["effects"]
-    ]
-    said = ", ".join(f"{' or '.join([name, *others])} at {joint}" for name, joint, others in names) or "nothing"
+    sets = named(found.report)
+    said = ", ".join(" or ".join(f"{name} at {joint}" for name, joint in own) for own in sets) or "nothing"
     return StribeckRun(
         case.undeclared[0].size,
         speed,
@@ -79,7 +73,7 @@ def stribeck_run(seed: int) -> StribeckRun:
         curves[1],
         before,
         after,
-        any(joint == JOINT and "stribeck" in (name, *others) for name, joint, others in names),
+        any(("stribeck", JOINT) in own for own in sets),
         said,
         (errors["noise_floor"], errors["before"]["validate"], errors["after"]["validate"]),
     )

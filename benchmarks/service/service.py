@@ -12,7 +12,6 @@ import os
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -25,7 +24,7 @@ from websockets.exceptions import WebSocketException
 from benchmarks.service.hosts import API, ordered, running, uploaded, wait_until
 from benchmarks.service.start import before_the_first_frame, cpu_s
 from benchmarks.service.strangers import strangers
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.platform.processes.precedence import take_precedence
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
@@ -134,7 +133,7 @@ async def _run(
     rate: float,
     uploads: int,
     seconds: float,
-    say: Callable[[str], None],
+    say: Show,
 ) -> Outcome:
     machine = client.get("/machines").json()["items"][0]["name"]
     for _ in range(int(START_S)):
@@ -188,7 +187,7 @@ async def _run(
     )  # fmt: skip
 
 
-def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Callable[[str], None]) -> Outcome:
+def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Show) -> Outcome:
     """Start a server, load it, and say what was seen.
 
     Parameters

@@ -14,7 +14,7 @@ import os
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
@@ -26,7 +26,7 @@ import httpx2
 from benchmarks.service.hosts import API, COMMAND, ONE_CORE, order_of, ordered, running, wait_for_jobs
 from benchmarks.service.postgresql import postgresql_server
 from benchmarks.service.start import cpu_s
-from benchmarks.targets import Check, Outcome, figure
+from benchmarks.targets import Check, Outcome, Show, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
 
@@ -36,10 +36,9 @@ CASE_S = 60.0
 ONE_S = 180.0
 #: Share of what one worker does, times the workers, that is asked while there is a core for each.
 EFFICIENT = 0.9
-Say = Callable[[str], None]
 
 
-def run(workers: Sequence[int], jobs: int, say: Say) -> Outcome:
+def run(workers: Sequence[int], jobs: int, say: Show) -> Outcome:
     """Measure each number of workers in turn, each with a database of its own.
 
     Parameters

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from benchmarks.storm.faults import Weather
 from benchmarks.storm.processes import Herd, Host, real_identification
+from benchmarks.targets import Show
 
 #: Least seconds between two kills.
 BREATH_S = 0.15
@@ -24,7 +25,6 @@ SPARED = 0.4
 REAL_KILLS = 2
 #: Share of starts that are killed within so many seconds, up or not.
 DOOMED, DOOM_S = 0.4, 4.0
-Say = Callable[[str], None]
 
 
 class Killing:
@@ -36,7 +36,7 @@ class Killing:
     weather : what else happens meanwhile
     """
 
-    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Say, weather: Weather | None) -> None:
+    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Show, weather: Weather | None) -> None:
         self.weather = weather
         self._herd, self._chance, self._rate, self._say = herd, chance, rate, say
         self._began = self._due = self._told = time.monotonic()

@@ -197,9 +197,9 @@ class Herd:
         self.killed[host.name] += 1
         return True
 
-    def wait_up(self, seconds: float = START_S) -> bool:
+    def wait_up(self) -> bool:
         """Start what is missing until every host works."""
-        deadline = time.monotonic() + seconds
+        deadline = time.monotonic() + START_S
         while time.monotonic() < deadline:
             self.revive()
             if all(host.up.wait(0.2) for host in self.hosts):

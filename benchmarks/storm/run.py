@@ -38,11 +38,11 @@ from benchmarks.storm.faults import (
     small_disk,
 )
 from benchmarks.storm.host import HostOrder, worker_directory
-from benchmarks.storm.killing import REAL_KILLS, Killing, Say
+from benchmarks.storm.killing import REAL_KILLS, Killing
 from benchmarks.storm.processes import Herd, OnHost
 from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import Client, Told, Traffic
-from benchmarks.targets import Check, Outcome, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
@@ -69,7 +69,7 @@ def run(
     seconds: float,
     kind: Literal["sqlite", "postgresql"],
     seed: int,
-    say: Say,
+    say: Show,
     *,
     kills: int,
     longest: float,
@@ -112,8 +112,11 @@ def run(
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
             chance = random.Random(seed)
             weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed), pace)
-            storm = _Storm(directory, simulated.machine_path, server, files, weather, chance, say, elsewhere)
-            return storm.run(_Asked(seconds, longest, kills, real, everywhere))
+            storm = _Storm(
+                directory, simulated.machine_path, server, files, weather, chance, say, elsewhere,
+                seconds, longest, kills, real, everywhere,
+            )  # fmt: skip
+            return storm.run()
 
 
 def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
@@ -151,7 +154,7 @@ def _elsewhere(directory: Path, data: Path) -> Iterator[Elsewhere]:
 
 @dataclass(frozen=True)
 class _Storm:
-    """One storm."""
+    """One storm; the last five fields are parameters of :func:`run`."""
 
     directory: Path
     machine: Path
@@ -159,10 +162,15 @@ class _Storm:
     files: DataDirectory
     weather: Weather
     chance: random.Random
-    say: Say
+    say: Show
     elsewhere: Elsewhere
+    seconds: float
+    longest: float
+    kills: int
+    real: int
+    everywhere: bool
 
-    def run(self, asked: _Asked) -> Outcome:
+    def run(self) -> Outcome:
         """As :func:`run`."""
         files, postgresql = self.files, self.postgresql
         url = None if postgresql is None else postgresql.new_database()
@@ -179,12 +187,12 @@ class _Storm:
             with _database(files, url, herd) as database:
                 name, recording = prepare(client, self.machine)
                 count_results(database)
-                first = self._first_real(client, told, name) if asked.real else _Undisturbed({}, 0.0)
+                first = self._first_real(client, told, name) if self.real else _Undisturbed({}, 0.0)
             traffic = Traffic(client, told, name, recording)
             traffic.start()
-            course = self._killed(herd, told, traffic, asked, first)
+            course = self._killed(herd, told, traffic, first)
             traffic.stop()
-            end = self._ended(herd, client, QUIET_S + 2 * asked.real * first.seconds)
+            end = self._ended(herd, client, QUIET_S + 2 * self.real * first.seconds)
             seen = DataDirectory(files.root, storage)
             with _database(seen, url) as database:
                 checks = list(all_checks(database, seen, told, own))
@@ -197,8 +205,8 @@ class _Storm:
                     host.process.kill()
                     host.process.wait()
         found = (
-            course.check(asked.kills),
-            *_killed_real(herd, asked.real, course.after, course.after_s),
+            course.check(self.kills),
+            *_killed_real(herd, self.real, course.after, course.after_s),
             *_weather(self.weather, herd, told, course.revived),
         )
         return Outcome((*found, *end, *checks, *_said(herd, told)))
@@ -213,18 +221,18 @@ class _Storm:
         self.say(f"it took {took:.1f} s")
         return _Undisturbed(order, took)
 
-    def _killed(self, herd: Herd, told: Told, traffic: Traffic, asked: _Asked, first: _Undisturbed) -> _Course:
+    def _killed(self, herd: Herd, told: Told, traffic: Traffic, first: _Undisturbed) -> _Course:
         """Kill, with weather, until all that is asked for was seen; then while real identifications run."""
-        say, real = self.say, asked.real
-        say(f"{asked.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
-        killing = Killing(herd, self.chance, AIM * asked.kills / asked.seconds, say, self.weather)
+        say, real = self.say, self.real
+        say(f"{self.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
+        killing = Killing(herd, self.chance, AIM * self.kills / self.seconds, say, self.weather)
 
         def wanted(past: float) -> bool:
             places = {cancel.where for cancel in told.cancels.values()}
-            weather = not self.weather.all_seen or (asked.everywhere and not places.issuperset(STAGES))
-            return past < asked.seconds or herd.total < asked.kills or (bool(self.weather.faults) and weather)
+            weather = not self.weather.all_seen or (self.everywhere and not places.issuperset(STAGES))
+            return past < self.seconds or herd.total < self.kills or (bool(self.weather.faults) and weather)
 
-        killing.go_on(wanted, asked.longest)
+        killing.go_on(wanted, self.longest)
         self.weather.clear()
         revived = self.postgresql is not None and self.postgresql.revive()
         total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
@@ -233,7 +241,7 @@ class _Storm:
             herd.wait_up()
             killing.weather = None
             traffic.order_real(real, first.order)
-            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, asked.longest)
+            killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, self.longest)
         return _Course(total, counts, starting, lasted, revived, herd.total - total, killing.past - lasted)
 
     def _ended(self, herd: Herd, client: Client, longest: float) -> tuple[Check, ...]:
@@ -252,17 +260,6 @@ class _Storm:
             fact("one acquisition, no stage afterwards", alone, str(left)),
             fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
         )
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """As the parameters of :func:`run`."""
-
-    seconds: float
-    longest: float
-    kills: int
-    real: int
-    everywhere: bool
 
 
 @dataclass(frozen=True)

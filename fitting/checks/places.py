@@ -8,11 +8,9 @@ from pathlib import Path
 
 import yaml
 
+from daq import safe_yaml
 from daq.machine.machine_file import Machine
 from daq.machine.machine_file_errors import line_of
-
-#: libyaml's, in a tenth of the time, where PyYAML was built with it.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -28,7 +26,7 @@ class Places:
         if path is None:
             return cls()
         try:
-            return cls(path.name, yaml.compose(path.read_text(encoding="utf-8"), Loader=_LOADER))
+            return cls(path.name, safe_yaml.read(path.read_text(encoding="utf-8"))[0])
         except (OSError, UnicodeDecodeError, yaml.YAMLError):
             return cls()
 

@@ -20,7 +20,6 @@ from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
 
 POSITIONS = ("joint_position", "piston_position", "motor_position")
-PRESSURES = ("head_pressure", "rod_pressure")
 #: s that a value has to stay the same at least, and chance of such a run that is too small.
 _FROZEN_S, _CHANCE = 0.3, 1e-9
 #: A signal of fewer levels is coarse, but for the effort of a joint that stands for more than this share of the time.

@@ -14,7 +14,7 @@ import typer
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
-from daq.motion_files import SCHEMA, Motion, read_motion, write_motion
+from daq.motion_files import LONGEST_S, SCHEMA, Motion, read_motion, write_motion
 from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_files import read_table
 from fitting.arm.base_parameters import BaseParameters, reduce_parameters
@@ -59,6 +59,7 @@ MostPressure = Annotated[
     float | None,
     typer.Option(help="Chamber pressure in bar; hydraulics.supply_pressure of the machine file.", min=1e-6),
 ]
+MostFrequency = Annotated[float | None, typer.Option(help="Highest frequency in Hz; 0.6.", min=1e-3, max=10.0)]
 Parameters = Annotated[
     Path | None,
     typer.Option(help="report.json of an earlier identification, or a drawing, for pressures; guessed without."),
@@ -95,13 +96,15 @@ def excite(
     ],
     joint: Annotated[list[str] | None, typer.Option(help="Move only this joint; may be given again.")] = None,
     seconds: Annotated[
-        float | None, typer.Option(help="Length; 30 pinned, 60 unpinned or an experiment.", min=1.0)
+        float | None, typer.Option(help="Length; 30 pinned, 60 unpinned or an experiment.", min=1.0, max=LONGEST_S)
     ] = None,
     unpinned: Annotated[bool, typer.Option("--unpinned", help="Free cylinders, for stage 1.")] = False,
     kind: Annotated[
         str | None, typer.Option("--experiment", help=f"Instead, an experiment of one --joint: {', '.join(KINDS)}.")
     ] = None,
-    count: Annotated[int, typer.Option(help="So many motions in sequence that complement each other.", min=1)] = 1,
+    count: Annotated[
+        int, typer.Option(help="So many motions in sequence that complement each other.", min=1, max=100)
+    ] = 1,
     after: Gathered = None,
     max_flow: MostFlow = None,
     max_pressure: MostPressure = None,
@@ -110,9 +113,9 @@ def excite(
     criterion: Annotated[
         str, typer.Option(help="condition (number of W) or determinant (D-optimality).")
     ] = "condition",
-    max_frequency: Annotated[float | None, typer.Option(help="Highest frequency in Hz; 0.6.", min=1e-3)] = None,
+    max_frequency: MostFrequency = None,
     starts: Annotated[int | None, typer.Option(help="Random starts; 6 pinned, 3 unpinned.", min=1, max=100)] = None,
-    seed: Annotated[int, typer.Option(help="Random seed of the starts.")] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed of the starts.", min=0)] = 0,
     effects: Forecast = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
@@ -224,7 +227,7 @@ def _read(path: Path, machine: Machine) -> Motion | Recording:
     """A motion file, or a recording in whatever role it was made; one that does not say may have parked joints."""
     try:
         with path.open("rb") as file:
-            is_motion = file.read(64).startswith(f"# {SCHEMA}".encode())
+            is_motion = file.read(64).decode("utf-8-sig", "replace").startswith(f"# {SCHEMA}")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file or a recording") from None
     if is_motion:

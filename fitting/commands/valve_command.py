@@ -42,10 +42,9 @@ def valve(
     from daq.errors import InputError
     from fitting.loop.session import Options, Request
     from fitting.pipeline.valve_stage import identified_and_written
-    from fitting.valve.export import formats
+    from fitting.valve.export import require_formats
 
-    for name in set(to or []) - set(formats()):
-        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+    require_formats(to or [])
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; give a folder with -o")
     options = Options(not no_loop, bandwidth, columns=None if columns is None else str(columns), resample=resample)
@@ -108,19 +107,22 @@ def _sentences(name: str, own: Mapping[str, Any]) -> list[str]:
     from fitting.report.text import number, share
 
     lines = [f"{name}: {check['text']}; {check['cure']}" for check in own["checks"]]
-    for found in own["effects"]:
+    for found in (*own["effects"], *own["unexplained"]):
         alike = found["indistinguishable_from"]
         lines.append(
             f"{name}: {found['title']} (probability {number(found['probability'], 2)}): on rows left out "
             f"{share(found['error_before'])} -> {share(found['error_after'])}"
-            + (f"; not to be told from {', '.join(alike)}: {found['experiment']}" if alike else "")
+            + (f"; not to be told from {', '.join(alike)}: {found.get('experiment', '')}" if alike else "")
         )
-    if not own["effects"]:
+    if own["verdict"] == "nothing_missing":
         lines.append(f"{name}: no effect stands out of what is left")
-    if own["pump_limit"] is not None:
-        lines.append(f"{name}: the pump gives at most {number(own['pump_limit']['value'] * 6e4)} l/min")
-    if own["pump_power"] is not None:
-        lines.append(f"{name}: the pump gives at most {number(own['pump_power']['value'] / 1e3)} kW")
+    most = [
+        f"{number(own[key]['value'] * per)} {unit}"
+        for key, per, unit in (("pump_limit", 6e4, "l/min"), ("pump_power", 1e-3, "kW"))
+        if own[key] is not None
+    ]
+    if most:
+        lines.append(f"{name}: the pump gives at most {' or '.join(most)}")
     reasons = {
         "before": "what was found does not hold on the other motion; the model without it is handed out",
         "static": "on the other motion nothing is better than a static curve, which is handed out",

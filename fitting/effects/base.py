@@ -31,7 +31,7 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from scipy import ndimage
+from scipy.special import ndtr
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
@@ -163,16 +163,9 @@ class DriveView:
     def bending_force(self, friction: bool) -> FloatArray:
         """What bends a structure or takes up a play between two position sensors, N at the piston.
 
-        With ``friction`` what the chambers give, as it is measured: its noise is none of the position sensors'. Else
-        what the arm asks of the piston, which only the model knows.
+        With ``friction`` what the chambers give, else what the arm asks of the piston.
         """
-        if not friction:
-            return self.load
-        key = f"bending{self.joint}"
-        if key not in self.cache:
-            effort = self.segment.effort[:, self.joint]
-            self.cache[key] = np.asarray(ndimage.convolve1d(effort, self.bank.value, mode="nearest"))
-        return self.cache[key]
+        return self.force if friction else self.load
 
     @property
     def quiet_torque(self) -> FloatArray:
@@ -393,6 +386,14 @@ class Effect(ABC):
         return all(
             p.low - 2 * s <= value <= p.high + 2 * s for p, value, s in zip(self.parameters, values, stds, strict=True)
         )
+
+    def possible(self, values: Sequence[float], stds: Sequence[float]) -> float:
+        """Share, 0 to 1, of normal values about these ones with these deviations that is physically possible."""
+        share = 1.0
+        for p, value, std in zip(self.parameters, values, stds, strict=True):
+            if std > 0:
+                share *= float(ndtr((p.high - value) / std) - ndtr((p.low - value) / std))
+        return share
 
 
 def has_both_positions(machine: Machine, joint: int) -> bool:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
-
-#: Standard deviations from which on a part counts as having a sign: a right line loses its name one time in a hundred.
-SURE = 2.5
 
 
 class CrossCylinderCoupling(Effect):
@@ -48,15 +46,10 @@ class CrossCylinderCoupling(Effect):
         speed = view.speed_of(int(shape["other"]))
         return np.column_stack([np.abs(speed), speed**2, speed, speed * np.abs(speed)])
 
-    def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
-        """A line's loss grows at least as fast as the flow: its linear and its quadratic part push the same way.
+    def possible(self, values: Sequence[float], stds: Sequence[float]) -> float:
+        """Share of values with which a line's loss grows at least as fast as the flow.
 
-        Asked of the even and the odd part each, where it is no bystander of the other.
+        Then the linear and the quadratic part push the same way, in the even and in the odd part each.
         """
-        sigmas = [abs(value) / max(std, 1e-300) for value, std in zip(values, stds, strict=True)]
-        return all(
-            values[linear] * values[square] >= 0.0
-            or min(sigmas[linear], sigmas[square]) < SURE
-            or max(sigmas[linear], sigmas[square]) < 0.5 * max(sigmas)
-            for linear, square in ((0, 1), (2, 3))
-        )
+        over, under = (ndtr(sign * np.asarray(values) / np.maximum(stds, 1e-300)) for sign in (1.0, -1.0))
+        return float(np.prod([over[n] * over[n + 1] + under[n] * under[n + 1] for n in (0, 2)]))

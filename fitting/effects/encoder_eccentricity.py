@@ -12,6 +12,9 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_both_positions, position_change
 from fitting.signals.corrections import Corrections
 
+#: Times that the angle is put into its own error; each leaves the share ``n e`` of what was left.
+_TURNS = 6
+
 
 class EncoderEccentricity(Effect):
     """A joint encoder whose disc is not centred."""
@@ -47,26 +50,32 @@ class EncoderEccentricity(Effect):
         """Columns (N, n, 3): all efforts of the links from this joint on."""
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 3))
-        waves = self._waves(view, shape)
+        waves = _waves(view.q, shape)
         return np.stack([view.body_change(-wave) for wave in waves.T], axis=2)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
         """``-r sin n q``, ``-r cos n q`` and ``-r``."""
-        return -view.r[:, None] * self._waves(view, shape)
+        return -view.r[:, None] * _waves(view.q, shape)
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """The encoder's error over its own reading."""
-        n = shape["n"]
-        return corrections.with_position_error(
-            joint, lambda q: values[0] * np.sin(n * q) + values[1] * np.cos(n * q) + values[2]
-        )
+        """The encoder's error, by its own reading."""
+        return corrections.with_position_error(joint, lambda q: _error(q, shape, values))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """The same for an error of any size."""
-        return position_change(view, self._waves(view, shape) @ np.asarray(values))
+        return position_change(view, _error(view.q, shape, values))
 
-    def _waves(self, view: DriveView, shape: Shape) -> FloatArray:
-        angle = shape["n"] * view.q
-        return np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
+
+def _waves(q: FloatArray, shape: Shape) -> FloatArray:
+    angle = shape["n"] * q
+    return np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
+
+
+def _error(reading: FloatArray, shape: Shape, values: Sequence[float]) -> FloatArray:
+    """Error (N,) of readings (N,), rad: it is a harmonic of the disc's angle, not of what is read."""
+    angle = reading
+    for _ in range(_TURNS):
+        angle = reading - _waves(angle, shape) @ np.asarray(values)
+    return reading - angle

@@ -14,8 +14,8 @@ from typing import Protocol, Self, TypeVar
 from daq.motion_files import Motion
 from daq.recordings.recording import Recording
 from fitting.effects.base import Effect
-from fitting.loop.attribution import attributed
 from fitting.loop.kinematic_check import Kinematics, kinematics
+from fitting.loop.residual_loop import attributed
 from fitting.loop.session import Session
 from fitting.planning.next_experiment import MOST_RECORDINGS, NextExperiment, design_next, term_label
 from fitting.residual.findings import Accepted, Attribution, Hypothesis

@@ -16,12 +16,12 @@ from dataclasses import replace
 import numpy as np
 
 from fitting.arrays import FloatArray
-from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import Weighed, weighed
 from fitting.regression.design import effort_errors
 from fitting.residual.confirmation.confirmation import MOST_WORSE, error_change
-from fitting.residual.findings import Accepted, Attribution, Candidate
+from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections
 
@@ -45,7 +45,7 @@ def confirmed_in_effort(session: Session, corrections: Corrections, found: Attri
     if weighed(signals.refit([item.score.term for item in found.accepted]), session.prior).weights == "whitened":
         return found
     kept: list[Accepted] = [item for item in found.accepted if item.score.term.confined]
-    table = list(found.candidates)
+    reasons = dict[Family, str]()
 
     def errors() -> Errors:
         return _errors(weighed(signals.refit([k.score.term for k in kept]), session.prior), validate)
@@ -58,19 +58,16 @@ def confirmed_in_effort(session: Session, corrections: Corrections, found: Attri
         if refused is None:
             before = after
             continue
-        kept.pop()
-        family = item.score.term.family
-        table = [replace(c, status="rejected", reason=refused) if (c.id, c.joint) == family else c for c in table]
-    if len(kept) == len(found.accepted):
+        reasons[kept.pop().score.term.family] = refused
+    if not reasons:
         return found
     model = signals.refit([item.score.term for item in kept])
     # What was said of joints whose findings are gone goes with them.
     places = {item.score.term.joint for item in kept}
     names = [session.machine.joints[joint].name for joint in places if joint is not None]
     warnings = tuple(w for w in found.warnings if w.partition(":")[0] in names)
-    table = _demoted(table, found, kept)
-    gone = {item.score.term.family for item in found.accepted} - {item.score.term.family for item in kept}
-    return replace(found.refusing(gone), accepted=tuple(kept), candidates=tuple(table), model=model, warnings=warnings)
+    left = replace(found.refusing(reasons), accepted=tuple(kept), model=model, warnings=warnings)
+    return left.with_status(_demoted(left, found))
 
 
 def _errors(final: Weighed, validate: Sequence[int]) -> Errors:
@@ -93,14 +90,13 @@ def _refused(session: Session, before: Errors, after: Errors) -> str | None:
     return None
 
 
-def _demoted(table: Sequence[Candidate], found: Attribution, kept: Sequence[Accepted]) -> list[Candidate]:
-    """The table with the rivals of refused findings no longer called indistinguishable from them."""
-    standing = {rival.term.family for item in kept for rival in item.rivals}
-    fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - standing
+def _demoted(left: Attribution, found: Attribution) -> dict[Family, tuple[str, str]]:
+    """Status and reason of rivals of refused findings: they are no longer indistinguishable from them."""
+    there = {rival.term.family for item in left.accepted for rival in item.rivals}
+    fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - there
     reason = "what it could not be told apart from is not confirmed by the efforts on the validation motion"
-    return [
-        replace(c, status="rejected", reason=reason)
+    return {
+        (c.id, c.joint): ("rejected", reason)
+        for c in left.candidates
         if (c.id, c.joint) in fallen and c.status == "indistinguishable"
-        else c
-        for c in table
-    ]
+    }

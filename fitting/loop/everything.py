@@ -1,7 +1,7 @@
 """What was found on pieces of long recordings, held against everything.
 
 The loop names effects on pieces (:attr:`fitting.loop.session.Session.search`). Here they are fitted jointly with the
-base on all samples, streamed, with their shapes searched there once more (:mod:`fitting.loop.sharper`). Each has to
+base on all samples, streamed, with their shapes searched there once more (:func:`with_best_shapes`). Each has to
 stand there too: it has to gain on all fitted rows what is said of so many parameters, and no joint may get worse on all
 of `validate`. What does not stand is dropped, one at a time, the weakest first. Sets become smaller: all samples may
 tell rivals apart that the pieces could not.
@@ -9,33 +9,40 @@ tell rivals apart that the pieces could not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Search, Session
-from fitting.loop.sharper import sharpened
+from fitting.regression.prior import Prior, with_prior
+from fitting.regression.streamed import folded
 from fitting.residual.confirmation.confirmation import validate_gain, worse_joint
-from fitting.residual.findings import Accepted, Attribution, Candidate, Family
+from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Score
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model, Term, extra_columns, late_terms
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
 from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
 
+#: Shapes that are moments, s: searched by steps, not by factors.
+_MOMENTS = frozenset({"t_0"})
+#: Where the search of a moment ends, s, and how many values are tried at once.
+_FINEST_MOMENT, _VALUES = 2.0, 17
+#: Half widths of the rounds in which other shapes are searched, relative: they were refined on the pieces.
+_SPANS = (0.08, 0.02)
 
-def on_the_whole(term: Term, search: Search) -> Term:
-    """A term of the search with recordings numbered as in the whole."""
+
+def renumbered(term: Term, numbers: Mapping[int, int]) -> Term:
+    """A term of the search with its recording numbered as in the whole, or the other way round."""
     recording = term.shape.get("recording", -1.0)
-    if recording < 0:
-        return term
-    return replace(term, shape={**term.shape, "recording": float(search.numbers[int(recording)])})
+    return term if recording < 0 else replace(term, shape={**term.shape, "recording": float(numbers[int(recording)])})
 
 
 def held_against_everything(
@@ -60,44 +67,37 @@ def held_against_everything(
         Accepted terms that stand on everything, with the gain on all of `validate`; candidates and changes with
         recordings numbered as in the whole.
     """
-    accepted = [
-        replace(item, score=replace(item.score, term=on_the_whole(item.score.term, search))) for item in found.accepted
-    ]
-    table = list(found.candidates)
+    whole = dict(enumerate(search.numbers))
+    accepted = [_of(item, renumbered(item.score.term, whole)) for item in found.accepted]
     signals = SessionSignals(session, corrections)
     validate = signals.prepared(()).validate
     base = signals.refit([])
     if accepted:
         progress(0.85, "searching shapes on all samples")
         first = signals.refit([item.score.term for item in accepted])
-        terms = sharpened(first, session.prior, search.gap)
-        accepted = [
-            replace(item, score=replace(item.score, term=term)) for item, term in zip(accepted, terms, strict=True)
-        ]
-    dropped = set[Family]()
+        terms = with_best_shapes(first, session.prior, search.gap)
+        accepted = [_of(item, term) for item, term in zip(accepted, terms, strict=True)]
+    reasons, apart = dict[Family, str](), dict[Family, tuple[str, str]]()
     while accepted:
         progress(0.86, "refitting what was found on all samples")
         model = signals.refit([item.score.term for item in accepted])
         refused = _refused(base, model, accepted, validate)
         if refused is None:
             accepted, apart = _with_rivals(signals, search, corrections, model, accepted)
-            for place, line in enumerate(table):
-                status, reason = apart.get((line.id, line.joint), (line.status, line.reason))
-                table[place] = replace(line, status=status, reason=reason)
             if tuple(item.score.term for item in accepted) != model.terms:
                 model = signals.refit([item.score.term for item in accepted])
             accepted = _with_gains(signals, model, accepted, validate)
             break
         number, reason = refused
-        family = accepted.pop(number).score.term.family
-        dropped.add(family)
-        table = [
-            Candidate(c.id, c.joint, c.score, "rejected", reason) if (c.id, c.joint) == family else c for c in table
-        ]
-    changes = tuple(
-        c if c.recording is None else replace(c, recording=search.numbers[c.recording]) for c in found.changes
-    )
-    return replace(found.refusing(dropped), accepted=tuple(accepted), candidates=tuple(table), changes=changes)
+        reasons[accepted.pop(number).score.term.family] = reason
+    changes = tuple(c if c.recording is None else replace(c, recording=whole[c.recording]) for c in found.changes)
+    found = found.refusing(reasons).with_status(apart)
+    return replace(found, accepted=tuple(accepted), changes=changes)
+
+
+def _of(item: Accepted, term: Term) -> Accepted:
+    """The same finding with another shape or number of its recording."""
+    return replace(item, score=replace(item.score, term=term))
 
 
 def _refused(
@@ -138,13 +138,13 @@ def _with_rivals(
     that of the search, with the doubt of a bias in proportion to the gain.
     """
     result, apart = list(accepted), dict[Family, tuple[str, str]]()
-    pieces = SessionSignals(search.session, corrections)
+    pieces, whole = SessionSignals(search.session, corrections), dict(enumerate(search.numbers))
     for number, item in enumerate(accepted):
         if not item.rivals or any(term.rebuilt for term in model.terms):
             continue
         others = [other.score.term for n, other in enumerate(result) if n != number]
         # The search's own numbers of recordings: shapes are refined there.
-        beside = pieces.refit([on_the_pieces(term, search) for term in others])
+        beside = pieces.refit([renumbered(term, {n: k for k, n in whole.items()}) for term in others])
         best, best_chi, best_item = item.score.term, _priced(model), item
         gain = model.wald(number)
         width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _doubt(item.score, gain)
@@ -152,7 +152,7 @@ def _with_rivals(
         terms = {item.score.term.family: item.score}
         for rival in item.rivals:
             score = refined(beside, rival) if isinstance(rival.term.content, Effect) else rival
-            score = replace(score, term=on_the_whole(score.term, search))
+            score = replace(score, term=renumbered(score.term, whole))
             trial = signals.refit([*others[:number], score.term, *others[number:]])
             values[score.term.family], terms[score.term.family] = _priced(trial), score
         family = min(values, key=lambda own: values[own])
@@ -167,14 +167,6 @@ def _with_rivals(
                 apart[own] = "rejected", reason
         result[number] = replace(best_item, rivals=tuple(terms[own] for own in near))
     return result, apart
-
-
-def on_the_pieces(term: Term, search: Search) -> Term:
-    """Inverse of :func:`on_the_whole`."""
-    recording = term.shape.get("recording", -1.0)
-    if recording < 0:
-        return term
-    return replace(term, shape={**term.shape, "recording": float(search.numbers.index(int(recording)))})
 
 
 def _priced(model: Model) -> float:
@@ -206,6 +198,67 @@ def _with_gains(
             gain = validate_gain(signals.refit(others), model, validate)
         result.append(replace(item, validate_gain=gain))
     return result
+
+
+def with_best_shapes(model: Model, prior: Prior, reach: float) -> tuple[Term, ...]:
+    """The model's terms with their shapes at the best value on all fitted rows near the present one.
+
+    A moment is known from pieces to the next piece only, and any shape better from hours than from minutes.
+
+    Parameters
+    ----------
+    model : fitted to a long design (:attr:`fitting.regression.design.Design.stored`)
+    reach : s by which a moment may be off: the longest time between two pieces
+    """
+    terms = list(model.terms)
+    for number, term in enumerate(terms):
+        if not isinstance(term.content, Effect) or term.rebuilt:
+            continue
+        for key in (key for key in term.shape if key not in term.discrete):
+            for steps in _rounds(key, reach):
+                present = terms[number].shape[key]
+                values = sorted({present, *(present + (steps if key in _MOMENTS else present * steps)).tolist()})
+                candidates = [
+                    replace(terms[number], shape={**terms[number].shape, key: value})
+                    for value in values
+                    if value >= 0 or key not in _MOMENTS
+                ]
+                others = [own for n, own in enumerate(terms) if n != number]
+                found = chi_squares(model, prior, others, candidates)
+                terms[number] = candidates[int(np.argmin(found))]
+    return tuple(terms)
+
+
+def chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: Sequence[Term]) -> list[float]:
+    """Chi-square of a joint fit of base, ``others`` and one of the candidates, for each of them.
+
+    Candidates are put beside each other behind the base and the other terms, all rows folded into one triangle
+    (:mod:`fitting.regression.streamed`), and each one's chi-square is read off its columns there: one walk through the
+    data for as many values as wanted. Columns hold the present model's force; every candidate has as many.
+    """
+    design = model.design
+    extra = extra_columns(design, model.views, [*others, *candidates])
+    late = late_terms(others, design.parameters)
+    R = folded(design, model.noise, model.fitted, extra, lambda rows: with_prior(rows, design.parameters, prior, late))
+    width = len(candidates[0].names(design.parameters.joints))
+    fixed = R.shape[1] - 1 - width * len(candidates)
+    result = []
+    for number in range(len(candidates)):
+        own = fixed + width * number + np.arange(width)
+        A = R[:, np.concatenate([np.arange(fixed), own])]
+        scale = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+        solution = np.linalg.lstsq(A / scale, R[:, -1], rcond=1e-9)[0]
+        result.append(float(np.sum((R[:, -1] - (A / scale) @ solution) ** 2)))
+    return result
+
+
+def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
+    """Steps around the present value, round by round: of a moment in s, else relative."""
+    for span in () if key in _MOMENTS else _SPANS:
+        yield span * np.array([-1.0, -0.5, 0.5, 1.0])
+    while key in _MOMENTS and reach > _FINEST_MOMENT:
+        yield np.linspace(-reach, reach, _VALUES)
+        reach *= 2.0 / (_VALUES - 1)
 
 
 def said(search: Search) -> str:

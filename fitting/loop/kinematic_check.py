@@ -1,16 +1,17 @@
 """The kinematic check of a session: two position sensors of a joint against each other, before the efforts.
 
-Every joint's gap has a posterior over sets of effects and laws (:mod:`fitting.selection.gaps`). What is said of it is
-rebuilt into positions or linkages, the arm's forces are fitted again with that, and the gap as it was measured is
-looked at once more with those forces. Between explanations that the gap leaves, the efforts decide: an encoder that is
-off turns the link in the model, a pin that is off changes a lever arm, and play is at the pin or in the sensor.
+Every joint's gap has a posterior over sets of effects and laws (:mod:`fitting.selection.gaps`). Each geometry that it
+leaves is rebuilt into positions or linkages, the arm's forces are fitted again with that, and the gap as it was
+measured is looked at once more with the forces of each. Between explanations that it leaves then, the efforts decide:
+an encoder that is off turns the link in the model, a pin that is off changes a lever arm, and play is at the pin or in
+the sensor.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
 from fitting.residual.confirmation.robustness import Leftover
-from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis
+from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis, combined
 from fitting.residual.kinematics import (
     GapLaw,
     GapRows,
@@ -32,12 +33,13 @@ from fitting.residual.kinematics import (
     gap_columns,
     gap_error,
     gap_rows,
+    with_forces,
 )
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import shares_believed
-from fitting.selection.gaps import GapConclusion, GapPosterior, GapSet, gap_posterior
+from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
 from fitting.selection.posterior import MOST_NAMED
 from fitting.signals.corrections import Corrections
 
@@ -126,29 +128,7 @@ class Kinematics:
 
 def kinematics(session: Session, progress: Progress = lambda fraction, text: None) -> Kinematics:
     """Check every joint that has two position sensors."""
-    corrections, plain, views = Corrections(session.machine), session.plain, session.base_model.views
-    joints, posteriors = checkable(session.machine), dict[int, GapPosterior]()
-    if not any(plain.design.segments[i].loaded for i in plain.fitted):
-        return Kinematics(corrections)
-    for again in (False, True):
-        for number, joint in enumerate(joints):
-            if again and not posteriors[joint].conclusions():
-                continue
-            name = session.machine.joints[joint].name
-            progress((number / len(joints) + again) / 2, f"comparing the position sensors of {name}")
-            posteriors[joint] = gap_posterior(_rows(session, plain, views, joint))
-        said = {joint: own.conclusions() for joint, own in posteriors.items()}
-        if not any(said.values()):
-            break
-        if not again:
-            as_measured = corrections
-            for joint, told in said.items():
-                if told:
-                    corrections = _geometry_of(corrections, posteriors[joint], told[0].chosen)
-            if corrections is as_measured:
-                break
-            views = _with_forces(session, views, corrections)
-    posteriors = _with_efforts(session, posteriors)
+    posteriors = gap_posteriors(session, progress)
     corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
     for own in posteriors.values():
         rebuilt, corrections = _rebuilt(session, corrections, own)
@@ -157,68 +137,92 @@ def kinematics(session: Session, progress: Progress = lambda fraction, text: Non
     return Kinematics(corrections, tuple(findings), tuple(laws), _hypotheses(posteriors))
 
 
+def gap_posteriors(session: Session, progress: Progress = lambda fraction, text: None) -> dict[int, GapPosterior]:
+    """What is believed of the gap of every joint that has two position sensors, by the joint's number."""
+    plain, model, joints = session.plain, session.base_model, checkable(session.machine)
+    posteriors = dict[int, GapPosterior]()
+    if not any(plain.design.segments[i].loaded for i in plain.fitted):
+        return posteriors
+    for number, joint in enumerate(joints):
+        progress(number / len(joints), f"comparing the position sensors of {session.machine.joints[joint].name}")
+        posteriors[joint] = gap_posterior({(): with_forces(_rows(session, plain, model.views, joint), model)})
+    for joint, own in posteriors.items():
+        if own.conclusions():
+            posteriors[joint] = _again(session, posteriors, joint)
+    return posteriors
+
+
 def _rows(session: Session, prepared: Prepared, views: Views, joint: int) -> GapRows:
     """The whitened gap of a joint."""
     return gap_rows(prepared.design, views, prepared.fitted, prepared.pairs, session.sensor_errors, joint)
 
 
-def _with_forces(session: Session, views: Views, corrections: Corrections) -> Views:
-    """Views of the positions as they were measured, with the forces of a model on corrected ones."""
-    model = session.fit(session.prepared(corrections))
-    return [
-        tuple(replace(view, forces=new[0].forces, loads=new[0].loads, cache={}, shared={}) for view in old)
-        for old, new in zip(views, model.views, strict=True)
-    ]
+def _again(session: Session, posteriors: Mapping[int, GapPosterior], joint: int) -> GapPosterior:
+    """A joint's posterior with the forces of the arm as each of its sets has it, and with what the efforts say.
 
-
-def _with_efforts(session: Session, posteriors: Mapping[int, GapPosterior]) -> dict[int, GapPosterior]:
-    """Posteriors where the gap leaves several sets, their chances times what the efforts say of their geometry.
-
-    The base is fitted with the positions as each set has them, and those of the other joints as their best sets have
-    them. The chi-square that is left counts, divided by how much noisier the rows are that tell two sets apart, and as
-    far as a formula is believed (:func:`fitting.selection.decision.shares_believed`).
+    An encoder that is off turns the link in the model, and with it the load that bends the structure; what gives way
+    is between the sensors, of which no mean is right then. So the base is fitted with the positions as each set has
+    them, those of the other joints as their best sets have them.
     """
-    weighed = dict(posteriors)
-    for joint, own in posteriors.items():
-        sets, rest = [pair for pair in own.sets if pair[1] > LEAST], [pair for pair in own.sets if pair[1] <= LEAST]
-        if own.sets[0][1] >= priors.SAID or len({_geometry(chosen) for chosen, _ in sets}) < 2:
-            continue
-        start = Corrections(session.machine)
-        for other in (other for j, other in weighed.items() if j != joint):
-            start = _geometry_of(start, other, other.sets[0][0])
-        fits: dict[tuple[object, ...], Model] = {}
-        for chosen, _ in sets:
-            if _geometry(chosen) not in fits:
-                prepared = session.prepared(_geometry_of(start, own, chosen), noise=session.plain.noise)
-                fits[_geometry(chosen)] = session.fit(prepared)
-        least = min(fits.values(), key=_left)
-        left, spread = Leftover.of(least), _spread(least)
-        behind, sizes = list[float](), list[float]()
-        for model in (fits[_geometry(chosen)] for chosen, _ in sets):
-            both = zip(_spread(model), spread, strict=True)
-            apart = {n: ((own - best) * there)[kept] for n, ((own, there), (best, kept)) in enumerate(both)}
-            behind.append(0.5 * (_left(model) - _left(least)) / left.inflation(apart))
-            sizes.append(sum(float(each @ each) for each in apart.values()))
-        odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * shares_believed(
-            np.array(sizes)[:, None]
-        )
-        chances = np.exp(odds - logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
-        pairs = [(chosen, p) for (chosen, _), p in zip(sets, chances.tolist(), strict=True)]
-        weighed[joint] = replace(own, sets=tuple(sorted([*pairs, *rest], key=lambda pair: -pair[1])))
-    return weighed
+    own, start, fits = posteriors[joint], Corrections(session.machine), dict[Pose, Model]()
+    for other in (other for j, other in posteriors.items() if j != joint):
+        start = _rebuilt_by(start, other, other.sets[0][0])
+
+    def fit(corrections: Corrections) -> Model:
+        if corrections == Corrections(session.machine):
+            return session.base_model
+        return session.fit(session.prepared(corrections, noise=session.plain.noise))
+
+    def fit_all(posterior: GapPosterior, poses: Collection[Pose] = ()) -> None:
+        for chosen, p in posterior.sets:
+            if (p > LEAST or chosen.pose in poses) and chosen.pose not in fits:
+                with suppress(ValueError):  # no linkage has such lengths
+                    fits[chosen.pose] = fit(_rebuilt_by(start, posterior, chosen))
+
+    if APART in own.sets[0][0].pose:
+        apart = fit(start.with_play(session.machine.joints[joint].name, "pin"))
+        views = tuple(apart.views[index][joint] for index in own.rows.indices)
+        own = gap_posterior({(): with_forces(replace(own.rows, design=apart.design, views=views), apart)})
+    driven = [np.hstack([part.columns, part.rates]) for part in own.sets[0][0].parts if part.effect.stays_in_gap]
+    rows = replace(own.rows, beside=driven[0] if driven else None)
+    # As long as forces are bent by what is between the sensors, they choose nothing but whether something gives way.
+    gives_way = APART in own.sets[0][0].pose
+    fit_all(own, {chosen.pose for chosen, _ in own.sets if (APART in chosen.pose) == gives_way})
+    names = {name for chosen, p in own.sets for name in chosen.names if p > LEAST}
+    again = gap_posterior({pose: with_forces(rows, model) for pose, model in fits.items()}, names)
+    fit_all(again)
+    return _with_efforts(again, fits)
 
 
-def _geometry(chosen: GapSet) -> tuple[object, ...]:
-    """What of a set changes the model: what gives way to a force leaves each sensor to its own side."""
-    return tuple((p.effect.id, *sorted(p.shape.items())) for p in chosen.parts if not p.effect.stays_in_gap)
+def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPosterior:
+    """A posterior that leaves several sets, their chances times what the efforts say of their poses.
+
+    The chi-square that each one's model leaves counts, divided by how much noisier the rows are that tell two sets
+    apart, and as far as a formula is believed (:func:`fitting.selection.decision.shares_believed`).
+    """
+    sets = [pair for pair in posterior.sets if pair[1] > LEAST and pair[0].pose in fits]
+    if posterior.sets[0][1] >= priors.SAID or len({chosen.pose for chosen, _ in sets}) < 2:
+        return posterior
+    rest = [pair for pair in posterior.sets if pair[1] <= LEAST or pair[0].pose not in fits]
+    least = min((fits[chosen.pose] for chosen, _ in sets), key=_left)
+    left, spread = Leftover.of(least), _spread(least)
+    behind, sizes = list[float](), list[float]()
+    for model in (fits[chosen.pose] for chosen, _ in sets):
+        both = zip(_spread(model), spread, strict=True)
+        apart = {n: ((own - best) * there)[kept] for n, ((own, there), (best, kept)) in enumerate(both)}
+        behind.append(0.5 * (_left(model) - _left(least)) / left.inflation(apart))
+        sizes.append(sum(float(each @ each) for each in apart.values()))
+    odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * shares_believed(np.array(sizes)[:, None])
+    chances = np.exp(odds - logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
+    pairs = [(chosen, p) for (chosen, _), p in zip(sets, chances.tolist(), strict=True)]
+    return replace(posterior, sets=tuple(sorted([*pairs, *rest], key=lambda pair: -pair[1])))
 
 
-def _geometry_of(start: Corrections, posterior: GapPosterior, chosen: GapSet) -> Corrections:
-    """Corrections with the geometry of a set rebuilt as well; ``start`` itself where it has none."""
+def _rebuilt_by(start: Corrections, posterior: GapPosterior, chosen: GapSet) -> Corrections:
+    """Corrections with the effects of a set rebuilt as well; ``start`` itself where it has none."""
     corrections = start
     for score in posterior.scores(chosen):
-        if not score.effect.stays_in_gap:
-            corrections = corrected(corrections, score)
+        corrections = corrected(corrections, score)
     return corrections
 
 
@@ -239,17 +243,12 @@ def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
     return result
 
 
-def _scores(posterior: GapPosterior, said: Sequence[GapConclusion]) -> tuple[GapScore, ...]:
-    """Values of all effects that are said of a joint."""
-    return posterior.scores(said[0].chosen) if said else ()
-
-
 def _rebuilt(
     session: Session, start: Corrections, posterior: GapPosterior
 ) -> tuple[list[KinematicFinding], Corrections]:
     """What is said of a joint, rebuilt into the positions until nothing of it is left."""
     said = posterior.conclusions()
-    scores = _scores(posterior, said)
+    scores = posterior.scores(said[0].chosen) if said else ()
     if not scores:
         return [], start
     joint, corrections, steps = scores[0].joint, start, {score.effect.id: [score] for score in scores}
@@ -270,7 +269,8 @@ def _rebuilt(
         for more in rest:
             steps[more.effect.id].append(more)
     for score in driven:
-        steps[score.effect.id], corrections = _placed(session, corrections, score)
+        placed, corrections = _placed(session, corrections, score)
+        steps[score.effect.id] = [placed]
     before, after = _gaps(session, prepared, model, joint, driven)
     if after > LEAST_GAP_SHARE * before:
         return [], start
@@ -311,7 +311,7 @@ def _gaps(
     return before, gap_error(prepared.design, indices, joint, explained)
 
 
-def _placed(session: Session, corrections: Corrections, score: GapScore) -> tuple[list[GapScore], Corrections]:
+def _placed(session: Session, corrections: Corrections, score: GapScore) -> tuple[GapScore, Corrections]:
     """What stays in the gap; play with its place, pin or piston's sensor: where less is left of the efforts.
 
     Friction jumps with the piston's own speed, so efforts tell whether the piston made the jump that its sensor did.
@@ -322,13 +322,13 @@ def _placed(session: Session, corrections: Corrections, score: GapScore) -> tupl
         step = replace(score, shape=shape)
         trial = corrected(corrections, step)
         if len(places) == 1:
-            return [step], trial
+            return step, trial
         prepared = session.prepared(trial)
         noise = noise or prepared.noise
         fit = fit_model(prepared.design, noise, prepared.fitted, (), session.prior).fit
         tried.append((fit.chi_square - sum(map(len, fit.residual)), step, trial))
     _, step, corrections = min(tried, key=lambda place: place[0])
-    return [step], corrections
+    return step, corrections
 
 
 def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:
@@ -351,12 +351,7 @@ def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...
             if p > LEAST:
                 own.append((tuple(terms), p))
         choices.append(own)
-    found = [
-        Hypothesis(tuple(t for terms, _ in combination for t in terms), float(np.prod([p for _, p in combination])))
-        for combination in product(*choices)
-    ]
-    found = [h for h in found if h.probability > LEAST]
-    return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])
+    return combined(choices)
 
 
 def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:

@@ -38,7 +38,7 @@ from fitting.residual.kinematics import SensorErrors, checkable
 from fitting.residual.terms import Model, fit_model
 from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
-from fitting.signals.filters import FilterBank, filter_bank
+from fitting.signals.filters import FilterBank, asked_filter_bank, filter_bank
 from fitting.signals.lost_rows import bridged, longest_bridge, with_lost_rows
 from fitting.signals.motion_frequency import motion_frequency
 from fitting.signals.position_sensors import reading_error
@@ -249,11 +249,8 @@ class Session:
         if chosen is None:
             least = min(_LEAST_BANDWIDTH, rate / 8)
             chosen = float(np.clip(_BANDWIDTH_FACTOR * self.motion_frequency, least, rate / 8))
-        elif not 0 < chosen <= rate / 5:
-            raise InputError(
-                f"bandwidth {chosen:g} Hz must be above 0 and at most {rate / 5:g} Hz (a fifth of the rate)"
-            )
-        return filter_bank(rate, float(chosen))
+            return filter_bank(rate, chosen)
+        return asked_filter_bank(rate, chosen, max(recording.duration for recording in self.measured))
 
     @cached_property
     def motion_frequency(self) -> float:

@@ -27,11 +27,10 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows
-from fitting.regression.design import Extra
 from fitting.regression.prior import Prior
 from fitting.regression.solving import Fit, WhiteRows
 from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
-from fitting.residual.terms import Model, fit_model
+from fitting.residual.terms import Model, beside, fit_model
 
 Weights = Literal["whitened", "equal"]
 
@@ -115,17 +114,7 @@ def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
     slopes = None if model.design.stored else shape_columns(model)
     count = len(fit.theta)
     if slopes is not None:
-        both = Extra(
-            (*model.extra.names, *slopes.names),
-            [
-                [
-                    _beside(first, second, len(model.extra.names), len(slopes.names))
-                    for first, second in zip(a, b, strict=True)
-                ]
-                for a, b in zip(model.extra.columns, slopes.columns, strict=True)
-            ],
-        )
-        wide = EffortRows(model.design, model.fitted, both).fit(prior)
+        wide = EffortRows(model.design, model.fitted, beside([model.extra, slopes])).fit(prior)
         fit = replace(fit, covariance=wide.covariance[:count, :count])
     if not model.design.stored and any(term.id == "law" for term in model.terms):
         white = []
@@ -135,18 +124,3 @@ def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
         hidden = law_variances(replace(model, fit=fit), white)
         fit = replace(fit, covariance=fit.covariance + np.diag(hidden), hidden=hidden)
     return fit
-
-
-def _beside(first: FloatArray | None, second: FloatArray | None, one: int, two: int) -> FloatArray | None:
-    """Columns side by side, zeros where one of the two has none."""
-    if first is None and second is None:
-        return None
-    there = first if first is not None else second
-    assert there is not None
-    rows = len(there)
-    return np.hstack(
-        [
-            np.zeros((rows, one)) if first is None else first,
-            np.zeros((rows, two)) if second is None else second,
-        ]
-    )

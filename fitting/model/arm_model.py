@@ -17,7 +17,7 @@ from fitting.arm.joint_side import at_joints
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect, Ranges
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import delays
+from fitting.loop.refits import delays
 from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
 from fitting.regression.drive import UNITS, direct_units, drive_names

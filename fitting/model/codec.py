@@ -23,7 +23,7 @@ from daq.whole_files import replacing
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arrays import FloatArray
 from fitting.effects.base import Ranges
-from fitting.loop.residual_loop import term_from_json, term_to_json
+from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen
 from fitting.model.tails import Tail

@@ -20,11 +20,10 @@ from fitting.model.export.tracing.tracing import untraced
 from fitting.model.prediction import BAND
 from fitting.model.tails import Tail
 from fitting.model.uses.overload import learn
-from fitting.regression.design import Design, Extra, effort_errors, effort_residual, full_residual
+from fitting.regression.design import Design, effort_errors, effort_residual, full_residual
 from fitting.residual.laws import Law
-from fitting.residual.stored_views import StoredViews, learning_step
 from fitting.residual.terms import Model, extra_columns, fit_model
-from fitting.residual.views import RodLaw, Views, build_views, rod_laws
+from fitting.residual.views import RodLaw, SegmentViews, Views, rod_laws
 
 #: Seconds of each recording that what is usual is learnt from.
 _LEARN_S = 600.0
@@ -146,21 +145,16 @@ def _passes(final: Model) -> tuple[Pass, ...]:
     chain = final.earlier if any(term.uses_model for term in final.terms) else ()
     extra, passes = extra_columns(design, (), ()), list[Pass]()
     for theta in chain:
-        views = _views(design, theta, final.fitted, extra)
+        views = SegmentViews(design, theta, final.fitted, extra)
         passes.append(Pass(theta, views[0][0].ranges, _rods(design, final.fitted, views)))
         extra = extra_columns(design, views, final.terms)
-    views = _views(design, final.fit.theta, final.fitted, final.extra)
+    views = SegmentViews(design, final.fit.theta, final.fitted, final.extra)
     return (*passes, Pass(final.fit.theta, views[0][0].ranges, _rods(design, final.fitted, views)))
-
-
-def _views(design: Design, theta: FloatArray, fitted: Sequence[int], extra: Extra) -> Views:
-    return (StoredViews if design.stored else build_views)(design, theta, fitted, extra)
 
 
 def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw | None, ...]:
     """The laws of loaded segments: a model is of a machine with its links."""
-    thin = learning_step(design, fitted) if design.stored else 1
-    return rod_laws(design, fitted, lambda index: views[index][0].forces, thin)[True]
+    return rod_laws(design, fitted, lambda index: views[index][0].forces)[True]
 
 
 def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:

@@ -280,16 +280,13 @@ class Indefinite:
         return f"the mass matrix is not positive definite at q = ({at}), at {self.joint}{why}"
 
 
-def indefinite(model: ArmModel, q: npt.ArrayLike | None = None) -> Indefinite | None:
-    """The worst of some poses (N, n) at which the mass matrix is not positive definite; None where it is everywhere.
+def indefinite(model: ArmModel) -> Indefinite | None:
+    """The worst pose at which the mass matrix is not positive definite; None where it is everywhere.
 
-    ``q`` of None asks for poses spread over the limits of all joints (a Sobol sequence).
+    Of poses spread over the limits of all joints (a Sobol sequence).
     """
-    n = len(model.joints)
-    if q is None:
-        low, high = model.limits
-        q = low + (high - low) * qmc.Sobol(n, scramble=False).random_base2(_POSES)
-    position = _rows(q, n, "q")
+    low, high = model.limits
+    position = low + (high - low) * qmc.Sobol(len(model.joints), scramble=False).random_base2(_POSES)
     return worst_pose(model, position, inertia_matrix(model, position))
 
 

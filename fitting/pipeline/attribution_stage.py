@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fitting.loop.attribution import attributed
 from fitting.loop.closing import asked_of, next_experiment
 from fitting.loop.everything import said
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.noise_scale import words as noise_words
-from fitting.loop.residual_loop import is_ripple, other_bands
+from fitting.loop.residual_loop import attributed, other_bands
 from fitting.loop.session import Session
 from fitting.pipeline.results.loop_content import accepted_term, detection_limits, unconfirmed_law
-from fitting.pipeline.results.loop_results import Attributed, Designed, OtherBand, Program, SpectralLine
+from fitting.pipeline.results.loop_results import Attributed, Designed, OtherBand, Program
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.stage_names import NEXT_MOTION, Progress
 from fitting.residual.findings import Attribution, Family
@@ -43,17 +42,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
         unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
-        lines=tuple(
-            SpectralLine(
-                joint=line.joint,
-                frequency=(line.frequency_hz, line.frequency_std),
-                amplitude=(line.amplitude, line.amplitude_std),
-                p=line.p,
-                in_band=bool(line.frequency_hz <= session.bank.bandwidth_hz),
-                ripple=is_ripple(session.machine, line),
-            )
-            for line in found.lines
-        ),
+        lines=found.lines,
         changes=found.changes,
         other_bands=tuple(OtherBand(hz, tuple(_called(f, names) for f in families)) for hz, families in others),
         next_experiment=_next_experiment(search.session, found),

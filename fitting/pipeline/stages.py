@@ -23,7 +23,7 @@ from fitting.arm.dynamics import self_check
 from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.loop.kinematic_check import Kinematics, kinematics
-from fitting.loop.residual_loop import final_model
+from fitting.loop.refits import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over

@@ -7,7 +7,6 @@ share of what the cylinder can push; the guess says so, because a pressure limit
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arm.linkage import lever_arm, stroke_limits
 from fitting.arrays import FloatArray
-from fitting.regression.body_prior import read_body_prior
+from fitting.regression.body_prior import Drawing, read_body_prior, read_expected
 from fitting.regression.drive import drive_names
 from fitting.regression.plausible_arm import rods, standard_of_bodies
 from fitting.regression.prior import moving_mass
@@ -91,20 +90,17 @@ def guess_from_file(path: Path, machine: Machine, base: BaseParameters) -> Guess
     InputError
         One line naming file and key.
     """
-    body = read_body_prior(path, base)
+    report, body = read_expected(path), read_body_prior(path, base)
     rough = default_guess(machine, base)
     drive, noise = list(rough.drive), rough.noise.copy()
-    if body.standard is not None:
+    if isinstance(report, Drawing):
         statement = f"links as in {path}, friction and noise guessed from the drives' sizes"
         return Guess(body.mean, tuple(drive), noise, statement, measured=False)
-    cylinders = json.loads(path.read_text(encoding="utf-8")).get("cylinders") or {}
     for j, (joint, names) in enumerate(zip(machine.joints, drive_names(machine), strict=True)):
-        found = cylinders.get(joint.name) or {}
-        own = found.get("parameters") or {}
-        values = [(own.get(name) or {}).get("value") for name in names]
-        drive[j] = np.array([rough if v is None else float(v) for v, rough in zip(values, drive[j], strict=True)])
-        if found.get("residual_std"):
-            noise[j] = float(found["residual_std"])
+        found = report.drive(joint.name)
+        values = [None if name not in found.parameters else found.parameters[name].value for name in names]
+        drive[j] = np.array([rough if v is None else v for v, rough in zip(values, drive[j], strict=True)])
+        noise[j] = found.residual_std or noise[j]
     return Guess(body.mean, tuple(drive), noise, f"parameters and noise as identified in {path}", measured=True)
 
 

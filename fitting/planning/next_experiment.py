@@ -35,6 +35,8 @@ ENOUGH = 0.8
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
 MOST_RECORDINGS = 4
 _GENERATIONS, _PER_GENERATION = 3, 8
+#: Share of every limit that a motion may use.
+_USE = 0.92
 _SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
 # Standard deviations that a motion of the menu may be behind: people see what it does.
 _SIMPLER = 0.25
@@ -168,9 +170,7 @@ def design_next(
     *,
     chances: Sequence[float] | None = None,
     seconds: float = 30.0,
-    use: float = 0.92,
     hydraulic: HydraulicLimits | None = None,
-    seed: int = 0,
     generations: int = _GENERATIONS,
 ) -> NextExperiment:
     """Design the experiment that tells rivals apart.
@@ -181,9 +181,9 @@ def design_next(
     rivals : two or more terms that explain the same residual
     prior : what the fit knew beforehand
     chances : that each of them is right; the same for all if None
-    seconds, use : length of the motions, and the share of every limit that they may use
+    seconds : length of the motions
     hydraulic : supply flow and chamber pressures; those of the machine file for the fitted parameters if None
-    seed, generations : of the search for a motion of its own; 0 generations leave it out
+    generations : of the search for a motion of its own; 0 leaves it out
 
     Raises
     ------
@@ -195,7 +195,7 @@ def design_next(
     question = Question(model, tuple(rivals), prior, hydraulic or supply_of(model), _normed(chances))
     design = model.design
     arms = [
-        Arm(design.machine, joint, seconds, use, question.holding, question.hydraulic, design.parameters.base)
+        Arm(design.machine, joint, seconds, _USE, question.holding, question.hydraulic, design.parameters.base)
         for joint in question.suspects
     ]
     experiments = [each for arm in arms for each in menu(arm)]
@@ -206,7 +206,7 @@ def design_next(
         )
     ]
     options.append(Option("again", "the training motion once more", None, question.again(seconds)))
-    designed = _designed(question, np.random.default_rng(seed), seconds, use, generations)
+    designed = _designed(question, np.random.default_rng(0), seconds, generations)
     if designed is not None:
         options.append(designed)
     options.sort(key=lambda o: (o.motion is None, -o.expected.margin + (_SIMPLER if o.kind == "designed" else 0.0)))
@@ -253,9 +253,7 @@ def _recordings(question: Question, option: Option, seconds: float) -> tuple[int
     return None, option.expected.probability
 
 
-def _designed(
-    question: Question, rng: np.random.Generator, seconds: float, use: float, generations: int
-) -> Option | None:
+def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> Option | None:
     """A motion of all joints that was searched for the separation itself: random series, the best of them varied.
 
     None if none of them is inside the limits.
@@ -267,26 +265,26 @@ def _designed(
             trials = [random_series(machine, seconds, rng, question.suspects) for _ in range(2 * _PER_GENERATION)]
         else:
             trials = [varied(pool[k % min(3, len(pool))][1], rng, 0.5 / generation) for k in range(_PER_GENERATION)]
-        allowed = [series for trial in trials if (series := _allowed(question, trial, use)) is not None]
-        segments = [question.segment_of(series.states(machine, use)) for series in allowed]
+        allowed = [series for trial in trials if (series := _allowed(question, trial)) is not None]
+        segments = [question.segment_of(series.states(machine, _USE)) for series in allowed]
         pool += zip(question.separations(segments), allowed, strict=True)
         pool.sort(key=lambda entry: -entry[0].margin)
     if not pool:
         return None
-    motion = pool[0][1].motion(machine, use)
+    motion = pool[0][1].motion(machine, _USE)
     expected = question.separations([question.segment(motion)])[0]
     return Option("designed", "a motion of all joints that was designed to tell them apart", motion, expected)
 
 
-def _allowed(question: Question, series: Series, use: float) -> Series | None:
+def _allowed(question: Question, series: Series) -> Series | None:
     """The series inside all limits: shrunk about its home, and its home towards the middle; None if that is no use."""
     limits = question.hydraulic
     if limits.flow is None and limits.pressure is None:
         return series
     machine, base = question.model.design.machine, question.model.design.parameters.base
     for _ in range(_SHRINKS):
-        used = limits_used(machine, limits, *series.states(machine, use), base)
-        if all(each.used <= use for each in used if each.quantity in ("flow", "pressure")):
+        used = limits_used(machine, limits, *series.states(machine, _USE), base)
+        if all(each.used <= _USE for each in used if each.quantity in ("flow", "pressure")):
             return series
         series = replace(series, amplitude=0.85 * series.amplitude, home=0.85 * series.home)
     return None

@@ -19,7 +19,7 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.regression.design import Design, Extra
 from fitting.residual.terms import Model, Term, extra_columns
-from fitting.residual.views import Views, build_views
+from fitting.residual.views import SegmentViews, Views
 
 _LOWEST = 0.005  # quantile that counts as the lowest pressure seen
 
@@ -129,12 +129,12 @@ def planned_views(
     like : a view of recordings, whose ranges count so that shapes mean the same; the plan's own without
     """
     every = range(len(design.segments))
-    views = _with_pressures(build_views(design, theta, every), chambers, like)
+    views = _with_pressures(SegmentViews(design, theta, every), chambers, like)
     if not terms:
         return views
     # The forces hold what the accepted effects add, which is built from the forces: once around is enough.
     extra: Extra = extra_columns(design, views, terms)
-    return _with_pressures(build_views(design, theta, every, extra), chambers, like)
+    return _with_pressures(SegmentViews(design, theta, every, extra), chambers, like)
 
 
 def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], like: DriveView | None) -> Views:

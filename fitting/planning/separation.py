@@ -35,7 +35,7 @@ from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
 from fitting.selection.decision import odds_behind
 from fitting.selection.evidence import log_mean, whitened_parts
-from fitting.selection.gains import averaged, orders, plausible
+from fitting.selection.gains import averaged, orders
 from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
 
 #: Least standard deviation of log odds: noise moves what no motion tells apart as well.
@@ -202,7 +202,7 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
         series = np.array(orders(score))
         gains.append(gain)
         limits = np.full(len(series), USUAL_EFFORT)
-        found.append(float(log_mean(averaged(series[:, 0], series[:, 1], limits))) + plausible(score))
+        found.append(float(log_mean(averaged(series[:, 0], series[:, 1], limits))) + score.log_inside)
     return max(gains), float(log_mean(found))
 
 

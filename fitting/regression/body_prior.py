@@ -15,16 +15,16 @@ standard deviations, widened by a tenth of the parameter's size: the arm may hav
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from daq import safe_yaml
 from daq.errors import InputError
 from daq.validation_words import in_words
 from fitting.arm.base_parameters import BaseParameters
@@ -70,11 +70,67 @@ class _Link(BaseModel):
     inertia: tuple[float, float, float, float, float, float]
 
 
-class _Drawing(BaseModel):
+class Drawing(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
     schema_: Literal["hilfit/body-prior/1"] = Field(alias="schema")
     relative_std: float = Field(default=0.3, gt=0)
     links: list[_Link]
+
+
+class _Value(BaseModel):
+    model_config = ConfigDict(allow_inf_nan=False)
+    value: float | None = None
+    std: float | None = Field(default=None, ge=0)
+
+
+class _BaseParameter(_Value):
+    expression: str
+
+
+class _RigidBody(BaseModel):
+    parameters: list[_BaseParameter] = []
+
+
+class _Drive(BaseModel):
+    model_config = ConfigDict(allow_inf_nan=False)
+    parameters: dict[str, _Value] = {}
+    residual_std: float | None = None
+
+
+class Report(BaseModel):
+    """What is read of a ``report.json``."""
+
+    schema_: Literal["hilfit/report/1"] = Field(alias="schema")
+    rigid_body: _RigidBody | None = None
+    cylinders: dict[str, _Drive] | None = None
+
+    def drive(self, joint: str) -> _Drive:
+        """Parameters and noise of a joint's drive; none of either where it was not identified."""
+        return (self.cylinders or {}).get(joint) or _Drive()
+
+
+def read_expected(path: Path) -> Drawing | Report:
+    """Read either kind of file, for whatever machine.
+
+    Raises
+    ------
+    InputError
+        One line naming file and key: unreadable, of another schema, or not as its schema says.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text) if text.startswith("{") else safe_yaml.read(text)[1]
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        what = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: cannot be read as YAML or JSON ({what})") from None
+    schema = content.get("schema") if isinstance(content, dict) else None
+    if schema not in (_REPORT, _DRAWING):
+        raise InputError(f"{path}: schema is {json.dumps(schema)}; a prior is '{_DRAWING}' or a report, '{_REPORT}'")
+    try:
+        return (Report if schema == _REPORT else Drawing).model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {in_words(first)}") from None
 
 
 def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:
@@ -85,25 +141,11 @@ def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:
     InputError
         One line naming file and key: unreadable, of another schema, or of another machine.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        what = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: cannot be read as YAML or JSON ({what})") from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema == _REPORT:
-        return _from_report(path, content, base)
-    if schema == _DRAWING:
-        return _from_drawing(path, content, base)
-    raise InputError(f"{path}: schema is {json.dumps(schema)}; a prior is '{_DRAWING}' or a report, '{_REPORT}'")
+    found = read_expected(path)
+    return _from_report(path, found, base) if isinstance(found, Report) else _from_drawing(path, found, base)
 
 
-def _from_drawing(path: Path, content: Mapping[str, Any], base: BaseParameters) -> BodyPrior:
-    try:
-        drawing = _Drawing.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {in_words(first)}") from None
+def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPrior:
     links = base.inertial_columns // 10
     if len(drawing.links) != links:
         raise InputError(f"{path}: links: {len(drawing.links)} are given, the machine has {links}")
@@ -125,20 +167,19 @@ def _from_drawing(path: Path, content: Mapping[str, Any], base: BaseParameters) 
     return BodyPrior(of_links @ standard, std, standard, path.name)
 
 
-def _from_report(path: Path, content: Mapping[str, Any], base: BaseParameters) -> BodyPrior:
-    entries = (content.get("rigid_body") or {}).get("parameters")
-    if not isinstance(entries, list) or len(entries) != len(base):
-        count = len(entries) if isinstance(entries, list) else 0
-        raise InputError(f"{path}: rigid_body.parameters: {count} are given, the machine has {len(base)}")
+def _from_report(path: Path, report: Report, base: BaseParameters) -> BodyPrior:
+    entries = report.rigid_body.parameters if report.rigid_body is not None else []
+    if len(entries) != len(base):
+        raise InputError(f"{path}: rigid_body.parameters: {len(entries)} are given, the machine has {len(base)}")
     mean, own = np.zeros(len(base)), np.full(len(base), np.inf)
     for number, (entry, expression) in enumerate(zip(entries, base.expressions, strict=True)):
-        if entry.get("expression") != expression:
+        if entry.expression != expression:
             raise InputError(
-                f"{path}: rigid_body.parameters.{number} is '{entry.get('expression')}', this machine's is "
+                f"{path}: rigid_body.parameters.{number} is '{entry.expression}', this machine's is "
                 f"'{expression}': the report is of another machine"
             )
-        if entry.get("value") is not None and entry.get("std") is not None:
-            mean[number], own[number] = float(entry["value"]), float(entry["std"])
+        if entry.value is not None and entry.std is not None:
+            mean[number], own[number] = entry.value, entry.std
     return BodyPrior(mean, np.sqrt(own**2 + (REPORT_DRIFT * _sizes(mean, base)) ** 2), None, path.name)
 
 

@@ -18,8 +18,6 @@ from fitting.regression.design import Design, Extra, effort_errors
 
 #: Which recordings each column of a report's errors is of.
 ROLES = {"train": ("train", "operation"), "validate": ("validate",)}
-#: What is appended to a role's name for each size beside the standard deviation, which has the bare name.
-SIZES = ("rms", "mean", "relative")
 #: What a report calls the ways to one relative error of all joints.
 STACKED, JOINTS = "stacked", "joints"
 

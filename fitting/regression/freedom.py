@@ -4,10 +4,11 @@ The error of a parameter is a weighted sum of whitened noise, ``c' e`` with ``c 
 spectrum is wrong by a factor ``exp(d(f))``, its variance is wrong by the average of that factor over the power of
 ``c`` at each frequency. With the covariance of ``d`` that the spectrum's estimate gives, the variance of a parameter
 has a relative variance ``rho``, and its error follows Student's t with ``2 / rho`` degrees of freedom (Satterthwaite).
-Slow parameters (a stiffness on a slow motion) live on a few lines of the spectrum and get wider intervals.
+Slow parameters (a stiffness on a slow motion) live on a few lines of the spectrum and get wider intervals. Where
+intervals are a jackknife's over blocks, few blocks that tell nearly all are few degrees of freedom as well.
 
-Source: F. Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics Bulletin 2,
-1946; JCGM 100:2008 (GUM), annex G.
+Sources: H. Kuensch, Ann. Stat. 17, 1989 (jackknife over blocks); F. Satterthwaite, "An approximate distribution of
+estimates of variance components", Biometrics Bulletin 2, 1946; JCGM 100:2008 (GUM), annex G.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, IntArray
 from fitting.regression.design import Design, NoiseModel
 from fitting.regression.solving import WhiteRows
 
@@ -67,3 +68,19 @@ def degrees_of_freedom(
 def coverage_factors(freedom: FloatArray) -> FloatArray:
     """Factors that make :data:`SIGMAS` standard deviations an interval of :data:`LEVEL`, (p,), at least 1."""
     return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, freedom) / SIGMAS)
+
+
+def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:
+    """By how much parameters (blocks, p) move when a block of rows is left out.
+
+    ``J`` (M, p) is in units that each is known to before any data, ``noise`` the variance of a row. Exact where the
+    model is linear and ``r`` (M,) the residual of its least squares.
+    """
+    gram = J.T @ J + noise * np.eye(J.shape[1])
+    return np.array([np.linalg.solve(gram - J[b].T @ J[b], -J[b].T @ r[b]) for b in blocks])
+
+
+def freedom_of(moves: FloatArray) -> FloatArray:
+    """Degrees of freedom (k,) of sums of squares of moves (blocks, k): all blocks if they tell alike, 3 if one does."""
+    squares = moves**2
+    return np.asarray(3.0 * np.maximum(squares.sum(axis=0) ** 2 / np.maximum((squares**2).sum(axis=0), 1e-300), 1.0))

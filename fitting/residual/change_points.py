@@ -34,14 +34,18 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.regression.design import Design, NoiseModel
-from fitting.regression.solving import Fit
+from fitting.regression.design import Design
+from fitting.regression.noise import Pairing
+from fitting.residual.terms import Model
+from fitting.residual.views import recording_starts
 
 IntArray = npt.NDArray[np.int64]
 #: ``once``: from a moment to the end of its recording; ``lasting``: in all later recordings too; ``every``: from the
 #: same moment on in every recording, as a program that picks something up does.
 Kind = Literal["once", "lasting", "every"]
 
+#: Chance that a machine on which nothing changes is said to have changed.
+CHANGE_ALARM = 1e-3
 #: Share of a column's information that has to lie on either side of a change.
 TRIM = 0.05
 #: Below this share of its norm a column is rounding once the base is projected out.
@@ -102,12 +106,6 @@ class ChangePoint:
     std: float
     gain: float
     p: float
-
-    def active(self, recording: int, clock: FloatArray) -> BoolArray:
-        """Where the change is at work, (N,): ``clock`` in s since the beginning of this recording."""
-        if self.recording is None or recording == self.recording:
-            return np.asarray(clock >= self.time)
-        return np.full(len(clock), self.kind == "lasting" and recording > self.recording)
 
 
 def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tuple[ChangePoint, ...]:
@@ -272,63 +270,76 @@ def _long_run(
     return max(1.0, max(total, own) / (1 - phi) ** 2 / power)
 
 
-def joint_rows(
-    design: Design,
-    noise: NoiseModel,
-    fit: Fit,
-    fitted: Sequence[int],
-    joint: int,
-    columns: Mapping[str, Sequence[FloatArray]] | None = None,
-) -> JointRows:
-    """Rows of one joint for :func:`change_points`.
+def joint_rows(model: Model, joint: int) -> JointRows:
+    """Rows of one joint for :func:`change_points`, without those of a prior, which stand behind the measured ones.
+
+    Coefficients that may change are those of the effort's zero (``1``), of friction, of stiffness, and of the ``load``
+    as a whole: the rigid body's force as fitted, of which a change is a relative change of what the arm carries.
+    """
+    design, fit, bank = model.design, model.fit, model.design.bank
+    begins, body, drive = recording_starts(design), design.parameters.base_slice.start, design.parameters.drive[joint]
+    own = [name for name in ("f_c", "f_v", "K") if name in drive]
+    numbers = [drive.index(name) for name in own]  # a joint's own drive parameters come first
+    sections = model.sections(joint)
+    rows = max((part.stop for _, part in sections), default=0)
+    time, recording, unloaded = np.zeros(rows), np.zeros(rows, dtype=np.int64), np.zeros(rows, dtype=bool)
+    columns = np.zeros((rows, len(own) + 2))
+    for index, part in sections:
+        segment, block = design.segments[index], design.blocks[joint][index]
+        kept = design.kept(model.noise, joint, index)
+        # Row k of the reduced signals stands in the middle of its filter window.
+        at = bank.half + bank.decimation * np.arange(len(kept))
+        time[part] = segment.t[at][kept] - begins[segment.recording]
+        recording[part], unloaded[part] = segment.recording, not segment.loaded
+        full = np.column_stack([np.ones(len(segment)), block.own[:, numbers], block.force(fit.theta, body)])
+        columns[part] = design.white(model.noise, joint, index, bank.reduce(full))
+    named = dict(zip(("1", *own, "load"), columns.T.copy(), strict=True))
+    return JointRows(joint, fit.residual[joint][:rows], fit.orthonormal[joint][:rows], time, recording, unloaded, named)
+
+
+def changes(model: Model, pairs: Sequence[Pairing], explained: bool) -> tuple[ChangePoint, ...]:
+    """Moments from which on a joint behaves otherwise, with everything that was found taken into account.
+
+    What comes back at one phase of the motion in every run of it is no change in time: not what all recordings have at
+    the same moment, and not what another run of the same motion shows at that phase as well. Where the model does not
+    explain the recordings down to their noise, its error has phases, too, and only a second run tells the two apart.
 
     Parameters
     ----------
-    design, noise, fit, fitted : a fit and the segments it was made on
-    joint : number of the joint
-    columns : per name the full-rate column (N,) of every fitted segment; :func:`usual_columns` if not given
+    model : with everything that was found
+    pairs : runs of one motion
+    explained : whether the model explains the recordings down to their noise
     """
-    columns = usual_columns(design, fit.theta, fitted, joint) if columns is None else columns
-    times, recordings, unloaded = [], [], []
-    parts: dict[str, list[FloatArray]] = {name: [] for name in columns}
-    bank = design.bank
-    for number, index in enumerate(fitted):
-        segment, block = design.segments[index], design.blocks[joint][index]
-        kept = design.kept(noise, joint, index)
-        begin = min(float(s.t[0]) for s in design.segments if s.recording == segment.recording)
-        # Row k of the reduced signals stands in the middle of its filter window.
-        at = bank.half + bank.decimation * np.arange(len(block.reduced_target))
-        times.append(segment.t[at][kept] - begin)
-        recordings.append(np.full(int(kept.sum()), segment.recording))
-        unloaded.append(np.full(int(kept.sum()), not segment.loaded))
-        reduced = bank.reduce(np.column_stack([per_segment[number] for per_segment in columns.values()]))
-        white = noise.of(joint, segment.loaded)(reduced)[kept]
-        for name, values in zip(columns, white.T, strict=True):
-            parts[name].append(values)
-    rows = sum(len(t) for t in times)
-    # Rows of a prior stand behind the measured ones.
-    return JointRows(
-        joint=joint,
-        residual=fit.residual[joint][:rows],
-        orthonormal=fit.orthonormal[joint][:rows],
-        time=np.concatenate(times),
-        recording=np.concatenate(recordings),
-        unloaded=np.concatenate(unloaded),
-        columns={name: np.concatenate(values) for name, values in parts.items()},
-    )
+    joints = len(model.design.machine.joints)
+    found: list[ChangePoint] = []
+    for joint in range(joints):
+        rows = joint_rows(model, joint)
+        for point in change_points(rows, looks=joints):
+            if point.kind == "every" or point.p >= CHANGE_ALARM / joints:
+                continue
+            others = _other_runs(model.design, pairs, point)
+            if others or explained:
+                shown = [step_at(rows, point.column, recording, time) for recording, time in others]
+                if not any(_is_the_same(point, *step) for step in shown):
+                    found.append(point)
+                break
+    return tuple(found)
 
 
-def usual_columns(design: Design, theta: FloatArray, fitted: Sequence[int], joint: int) -> dict[str, list[FloatArray]]:
-    """Columns whose coefficients may change: the effort's zero, friction, stiffness, and the load as a whole.
-
-    ``load`` is the rigid body's force as fitted: its coefficient is a relative change of what the arm carries.
-    """
-    names = design.parameters.drive[joint]
-    result: dict[str, list[FloatArray]] = {"1": [np.ones(len(design.segments[i])) for i in fitted]}
-    for name in ("f_c", "f_v", "K"):
-        if name in names:
-            number = names.index(name)  # a joint's own drive parameters come first
-            result[name] = [design.blocks[joint][i].own[:, number] for i in fitted]
-    body = design.parameters.base_slice.start
-    result["load"] = [design.blocks[joint][i].force(theta, body) for i in fitted]
+def _other_runs(design: Design, pairs: Sequence[Pairing], point: ChangePoint) -> list[tuple[int, float]]:
+    """Other recordings of the same motion, and the time at which it is at the same phase there, s."""
+    begins, result = recording_starts(design), []
+    for pair in pairs:
+        own, other = design.segments[pair.train], design.segments[pair.repeat]
+        moments = [float(own.t[pair.train_start]), float(other.t[pair.repeat_start])]
+        late = (moments[1] - begins[other.recording]) - (moments[0] - begins[own.recording])
+        if point.recording == own.recording:
+            result.append((other.recording, point.time + late))
+        elif point.recording == other.recording:
+            result.append((own.recording, point.time - late))
     return result
+
+
+def _is_the_same(point: ChangePoint, change: float, std: float) -> bool:
+    """Whether another run shows the same change: half of it at least, or no less than chance leaves open."""
+    return change / point.change > 0.5 or abs(change - point.change) < 2.0 * std

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -89,6 +89,20 @@ class Hypothesis:
     probability: float
 
 
+def combined(choices: Sequence[Sequence[tuple[tuple[Term, ...], float]]]) -> tuple[Hypothesis, ...]:
+    """Explanations of questions that are independent, each with its answers: terms and probability."""
+    return most_probable(
+        Hypothesis(tuple(t for terms, _ in answers for t in terms), float(np.prod([p for _, p in answers])))
+        for answers in product(*choices)
+    )
+
+
+def most_probable(hypotheses: Iterable[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Those that are listed, the most probable first."""
+    listed = (h for h in hypotheses if h.probability > LEAST)
+    return tuple(sorted(listed, key=lambda h: -h.probability)[:MOST_LISTED])
+
+
 @dataclass(frozen=True)
 class Attribution:
     """Result of the loop.
@@ -121,26 +135,28 @@ class Attribution:
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Whole explanations, the most probable first; places are taken for independent."""
         choices = [sorted(place, key=lambda own: -own[1])[:MOST_COMBINED] for place in self.places]
-        found = [
-            Hypothesis(tuple(t for t, _ in combination if t is not None), float(np.prod([p for _, p in combination])))
-            for combination in product(*choices)
-        ]
-        found = [h for h in found if h.probability > LEAST]
-        return tuple(sorted(found, key=lambda h: -h.probability)[:MOST_LISTED])
+        return combined([[(() if t is None else (t,), p) for t, p in place] for place in choices])
 
     @property
     def nothing(self) -> float:
         """Probability that nothing is missing in any place."""
         return float(np.prod([sum(p for term, p in place if term is None) for place in self.places]))
 
-    def refusing(self, families: Collection[Family]) -> Attribution:
-        """Without what was refused after it had been chosen: what speaks for it is there, and is none of the rest."""
+    def refusing(self, reasons: Mapping[Family, str], status: str = "rejected") -> Attribution:
+        """Without what was refused after it had been chosen, with a reason for each in the table.
+
+        What speaks for it is there, and is none of the rest.
+        """
         places = tuple(
-            tuple((term, p) for term, p in place if term is None or term.family not in families)
-            for place in self.places
+            tuple((term, p) for term, p in place if term is None or term.family not in reasons) for place in self.places
         )
-        accepted = tuple(item for item in self.accepted if item.score.term.family not in families)
-        return replace(self, accepted=accepted, places=places)
+        accepted = tuple(item for item in self.accepted if item.score.term.family not in reasons)
+        return replace(self, accepted=accepted, places=places).with_status({f: (status, r) for f, r in reasons.items()})
+
+    def with_status(self, changed: Mapping[Family, tuple[str, str]]) -> Attribution:
+        """With another status and reason of some lines of the table."""
+        lines = ((c, *changed.get((c.id, c.joint), (c.status, c.reason))) for c in self.candidates)
+        return replace(self, candidates=tuple(replace(c, status=s, reason=r) for c, s, r in lines))
 
     @property
     def verdict(self) -> str:

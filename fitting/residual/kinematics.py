@@ -9,7 +9,7 @@ the piston's speed and acceleration: both are part of the base, as nobody's faul
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,7 @@ from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
 from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints
+from fitting.residual.terms import Model
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections
 from fitting.signals.position_sensors import rounded_noise
@@ -35,6 +36,10 @@ _FARTHEST = 1.0
 _OWN_SIGNALS = {"piston_position": 40, "time": 8, "oil_temperature": 8}
 _OTHER_SIGNALS = {"joint_position": 8, "link_angle": 8, "cylinder_force": 8}
 _FORCE_FUNCTIONS = 12
+#: Share of the variance of a load that its directions have to hold.
+_HELD = 0.99
+#: Least share of a column that it may be off: a millionth is noise, however large it is.
+_LEAST_UNSURE = 1e-6
 #: Per joint the white noise and the steps of the joint's sensor, and of its piston's.
 SensorErrors = Mapping[int, tuple[tuple[float, float], tuple[float, float]]]
 
@@ -76,12 +81,21 @@ class GapRows:
     """Gap of one joint where it moves: the whitening of its noise, and the whitened series of each segment.
 
     A sensor that stands says one thing, however often it is read: such rows are no witness.
+
+    Attributes
+    ----------
+    unsure : of each view changes (N, k) of the load, N, each by one standard deviation of what the base fit leaves
+        open; and of the drive's effort
+    beside : columns (M, k) of what gives way to a force, with which errors of geometry are fitted where their formulas
+        are not linear; None: nothing does
     """
 
     design: Design
     views: tuple[DriveView, ...]
     whitening: Whitening
     indices: tuple[int, ...]
+    unsure: tuple[tuple[FloatArray, ...], ...] = ()
+    beside: FloatArray | None = None
 
     @cached_property
     def joint(self) -> int:
@@ -142,6 +156,43 @@ def gap_rows(
     return GapRows(design, own, best or whitening([], design.bank), indices if series else ())
 
 
+def with_forces(rows: GapRows, model: Model) -> GapRows:
+    """The gap of positions as they were measured, with lever arms and forces of a model that may be fitted at others.
+
+    The drive's effort is the model's and so much of what was measured beyond it as is more than noise.
+    """
+    joint, left = rows.joint, model.fit.residual[rows.joint]
+    share = max(0.0, 1.0 - len(left) / max(float(left @ left), 1e-300))
+    views = []
+    for index, view in zip(rows.indices, rows.views, strict=True):
+        right = model.views[index][joint]
+        measured = ndimage.convolve1d(right.segment.effort[:, joint], view.bank.value, mode="nearest")
+        forces = right.forces.copy()
+        forces[:, joint] += share * (measured - forces[:, joint])
+        segment = replace(view.segment, r=right.segment.r)
+        views.append(replace(view, segment=segment, forces=forces, loads=right.loads, cache={}, shared={}))
+    first = model.design.parameters.base_slice.start
+    return replace(
+        rows, views=tuple(views), unsure=tuple(_unsure(model, joint, rows.indices, own) for own in (first, 0))
+    )
+
+
+def _unsure(model: Model, joint: int, indices: Sequence[int], first: int) -> tuple[FloatArray, ...]:
+    """Changes (N, k) of a joint's effort in some segments, N: directions of one standard deviation of the base fit.
+
+    Of parameters from number ``first`` on. The k directions are those that hold nearly all of the effort's variance.
+    """
+    blocks, p = model.design.blocks[joint], len(model.design.parameters)
+    variances, directions = np.linalg.eigh(model.fit.covariance[first:p, first:p])
+    theta = np.zeros((p, len(variances)))
+    theta[first:] = directions * np.sqrt(np.maximum(variances, 0.0))
+    efforts = [np.stack([blocks[i].force(own, first) for own in theta.T], axis=1) for i in indices]
+    strength, turned = np.linalg.eigh(np.sum([own.T @ own for own in efforts], axis=0))
+    held = np.cumsum(strength[::-1]) / max(float(np.sum(strength)), 1e-300)
+    count = int(np.searchsorted(held, _HELD)) + 1
+    return tuple(own @ turned[:, ::-1][:, :count] for own in efforts)
+
+
 def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
     """Without a repeat, the gap's noise is what a smooth function of the joint position leaves of it."""
     parts = [
@@ -196,6 +247,7 @@ class GapColumns:
     beyond : (M,) what its formula has beyond them at the values that fit best
     rates : (M, 2) both time derivatives of the first column of what gives way to a force: it has a mode and a damping
         of its own; (M, 0) of all else
+    unsure : (M, k) changes of the first column with the load, each by one standard deviation
     """
 
     effect: Effect
@@ -203,6 +255,7 @@ class GapColumns:
     columns: FloatArray
     beyond: FloatArray
     rates: FloatArray
+    unsure: FloatArray
 
 
 def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | None:
@@ -219,14 +272,38 @@ def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | Non
     if type(effect).gap_change is not Effect.gap_change:  # else its columns are all that there is of it
         values, change = _best_point(rows, effect, shape, C)
         beyond = change - C @ values
-    return GapColumns(effect, shape, C, beyond, rates)
+    return GapColumns(effect, shape, C, beyond, rates, np.zeros((len(C), 0)))
+
+
+def with_unsure(rows: GapRows, part: GapColumns) -> GapColumns:
+    """The shape with what its first column may be off because only the model knows the force."""
+    if not part.effect.stays_in_gap:
+        return part
+    friction, changes = bool(part.shape.get("friction")), list[FloatArray]()
+    for view, efforts in zip(rows.views, rows.unsure[friction], strict=True):
+        plain, own = part.effect.gap_columns(view, part.shape), list[FloatArray]()
+        for change in efforts.T:
+            changed = (view.forces if friction else view.loads).copy()
+            changed[:, rows.joint] += change
+            other = replace(view, forces=changed) if friction else replace(view, loads=changed)
+            moved = part.effect.gap_columns(other, part.shape)
+            assert plain is not None and moved is not None  # it has columns
+            own.append(moved[:, 0] - plain[:, 0])
+        changes.append(np.stack(own, axis=1))
+    # What is alike to the column itself is its value's; of the rest directions that no other has.
+    column = part.columns[:, :1] / max(float(np.linalg.norm(part.columns[:, 0])), 1e-300)
+    white = rows.whitened(changes)
+    directions, sizes, _ = np.linalg.svd(white - column @ (column.T @ white), full_matrices=False)
+    kept = sizes > _LEAST_UNSURE * np.linalg.norm(part.columns[:, 0])
+    return replace(part, unsure=(directions * sizes)[:, kept])
 
 
 def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values that fit best by themselves, and what they change (M,): by chords, with the columns at zero."""
+    """Values that fit best, and what they change (M,): by chords, with the columns at zero."""
     values, change = np.zeros(C.shape[1]), np.zeros(len(C))
+    others = rows.base if rows.beside is None else np.hstack([rows.base, rows.beside])
     scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
-    pseudo = linalg.pinv(np.hstack([C / scale, rows.base / np.linalg.norm(rows.base, axis=0)]), rtol=1e-5)
+    pseudo = linalg.pinv(np.hstack([C / scale, others / np.maximum(np.linalg.norm(others, axis=0), 1e-300)]), rtol=1e-5)
     for _ in range(_CHORDS):
         step = (pseudo @ (rows.values - change))[: len(values)] / scale
         trial = values + step

@@ -16,6 +16,7 @@ from scipy import fft
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, full_residual
 from fitting.regression.noise import Pairing
+from fitting.residual.views import recording_starts
 
 #: A part shorter than this has too few bins to know a background by.
 LEAST_SAMPLES = 256
@@ -88,11 +89,10 @@ def residual_parts(
     indices : segments of the design
     pairs : which segments repeat which motion
     """
-    repeats = {pair.repeat: pair for pair in pairs}
+    repeats, begins = {pair.repeat: pair for pair in pairs}, recording_starts(design)
     parts = []
     for index in indices:
         segment = design.segments[index]
-        begin = min(float(s.t[0]) for s in design.segments if s.recording == segment.recording)
         pair = repeats.get(index)
         start = 0 if pair is None else pair.train_start - pair.repeat_start
         sign = np.sign(segment.v) * ~segment.rest
@@ -104,7 +104,7 @@ def residual_parts(
             parts.append(
                 Part(
                     recording=segment.recording,
-                    time=segment.t[piece] - begin,
+                    time=segment.t[piece] - begins[segment.recording],
                     residual=residual[piece],
                     motion=index if pair is None else pair.train,
                     start=start + piece.start,
@@ -166,25 +166,27 @@ def background_worth(frequency: float, rate_hz: float, samples: int) -> float:
     return float(_MEDIAN_EFFICIENCY * (2 * half + 1))
 
 
+def _sinusoid(time: FloatArray, frequency: float) -> FloatArray:
+    """Sine and cosine, (N, 2)."""
+    angle = 2 * np.pi * frequency * time
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
 def sine_fit(time: FloatArray, values: FloatArray, frequency: float) -> tuple[float, float]:
     """Least-squares ``a, b`` of ``a sin(2 pi f t) + b cos(2 pi f t)``."""
-    angle = 2 * np.pi * frequency * time
-    S = np.column_stack([np.sin(angle), np.cos(angle)])
+    S = _sinusoid(time, frequency)
     a, b = np.linalg.solve(S.T @ S, S.T @ values)
     return float(a), float(b)
 
 
 def evidence(level: Level, frequency: float) -> float:
     """Chi-square over two that a sinusoid takes off a levelled part."""
-    angle = 2 * np.pi * frequency * level.time
-    S = np.column_stack([np.sin(angle), np.cos(angle)])
+    S = _sinusoid(level.time, frequency)
     projected = S.T @ level.values
     return float(0.5 * projected @ np.linalg.solve(S.T @ S, projected))
 
 
 def without_line(level: Level, frequency: float) -> Level:
     """The part without its sinusoid of this frequency."""
-    angle = 2 * np.pi * frequency * level.time
-    a, b = sine_fit(level.time, level.values, frequency)
-    rest = level.values - a * np.sin(angle) - b * np.cos(angle)
-    return replace(level, values=rest)
+    fitted = sine_fit(level.time, level.values, frequency)
+    return replace(level, values=level.values - _sinusoid(level.time, frequency) @ fitted)

@@ -27,7 +27,7 @@ import numpy as np
 from scipy import fft, special, stats
 
 from fitting.arrays import FloatArray
-from fitting.regression.design import Design, Extra
+from fitting.regression.design import Design
 from fitting.regression.noise import Pairing
 from fitting.residual.levelling import (
     LEAST_SAMPLES,
@@ -120,25 +120,21 @@ def machine_lines(
     theta: FloatArray,
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
-    extra: Extra | None = None,
-    *,
-    alarm: float = ALARM,
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
     """Lines of all joints that were measured with a fit's residuals, most certain first, and the refuted peaks.
 
     Parameters
     ----------
-    design, theta, extra : the fit
+    design, theta : the fit
     indices : the fitted segments
     pairs : which of them repeat which motion
-    alarm : chance that a machine without lines gets one
     """
     joints = len(design.machine.joints)
     lines: list[Line] = []
     refuted: list[RefutedLine] = []
     for joint in range(joints):
-        parts = residual_parts(design, theta, joint, indices, pairs, extra)
-        found, others = find_lines(joint, parts, design.bank.rate_hz, joints=joints, alarm=alarm)
+        parts = residual_parts(design, theta, joint, indices, pairs)
+        found, others = find_lines(joint, parts, design.bank.rate_hz, joints=joints)
         lines.extend(found)
         refuted.extend(others)
     return tuple(sorted(lines, key=lambda line: (line.p, -line.z))), tuple(refuted)
@@ -151,7 +147,6 @@ def find_lines(
     *,
     joints: int = 1,
     alarm: float = ALARM,
-    lowest_hz: float = LOWEST_HZ,
     most: int = 4,
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
     """Lines in one joint's residual, strongest first, and the peaks that were refuted.
@@ -163,14 +158,13 @@ def find_lines(
     rate_hz : sampling rate
     joints : how many joints are looked at; the alarm rate is shared among them
     alarm : chance that all joints of a machine without lines get one
-    lowest_hz : no line below is looked for
     most : at most so many lines
     """
     levels = [level for part in parts if (level := levelled(part, rate_hz)) is not None]
     if not levels:
         return (), ()
     longest = max(len(level.values) for level in levels)
-    lowest = max(lowest_hz, _LEAST_PERIODS * rate_hz / longest)
+    lowest = max(LOWEST_HZ, _LEAST_PERIODS * rate_hz / longest)
     nfft = fft.next_fast_len(_OVERSAMPLING * longest, real=True)
     grid = np.arange(nfft // 2 + 1) * rate_hz / nfft
     # At the ends sine and cosine are no longer independent of each other's mirror image.

@@ -218,7 +218,6 @@ def _ideal(joint: Joint, segment: Segment, number: int, effort: FloatArray) -> d
         "joint_effort": effort * r,
         "rod_pressure": rod,
         "head_pressure": (effort + rod * joint.cylinder.rod_area) / joint.cylinder.head_area,
-        **({} if segment.external is None else {"external_force": segment.external[:, number]}),
     }
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,7 @@ FAR_BEYOND = 2.0
 _BATCH_COLUMNS = 64  # built at once at full rate: fits a processor's cache
 #: Numbers in all columns above which those of one joint at a time are in memory, the others in a file (128 MB).
 _MOST_NUMBERS = 16_000_000
+_NEXT_TO_NOTHING = 1e-200  # a prior about zero that no bound but one at zero cuts
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm
 
 
@@ -94,14 +96,28 @@ class Score:
             plausible=self.term.content.plausible(unbiased, self.stds),
         )
 
+    @cached_property
+    def log_inside(self) -> float:
+        """Log share of the posterior that lies inside the bounds of an effect's parameters, over the prior's.
+
+        Its values are inside (:mod:`fitting.effects.bounds`); a half-line prior has half of a free one's mass.
+        """
+        effect = self.term.content
+        if not isinstance(effect, Effect):
+            return 0.0
+        if not effect.plausible(self.values, self.stds):
+            return -np.inf
+        before = effect.possible([0.0] * len(self.values), [_NEXT_TO_NOTHING] * len(self.values))
+        return float(np.log(max(effect.possible(self.values, self.stds), 1e-300) / before))
+
     @property
-    def calibrated(self) -> float:
-        """The gain as far as the null lets it be trusted: what a threshold may be put on."""
-        if self.null is None:
-            return self.gain
+    def trusted(self) -> float:
+        """Share of the gain that is believed, once replicas have shown what noise in the regressors makes of it."""
+        if self.null is None or not self.gain > 0:
+            return 1.0
         if not isinstance(self.term.content, Effect):
-            return self.gain / self.null.inflation_along(np.asarray(self.values))
-        return self.null.weight(self.fitted, self.information)
+            return 1.0 / self.null.inflation_along(np.asarray(self.values))
+        return self.null.weight(self.fitted, self.information) / self.gain
 
     @property
     def fitted(self) -> FloatArray:
@@ -211,22 +227,29 @@ class Candidates:
         shadow = model.fit.orthonormal[joint].T @ C
         return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
 
-    def cross_products(
-        self, model: Model, place: int | None, numbers: Sequence[int], others: Sequence[int]
-    ) -> FloatArray:
+    def cross_products(self, model: Model, numbers: Sequence[int], others: Sequence[int]) -> FloatArray:
         """Products (k, p) of some candidates' columns with those of others, less what the model explains.
 
-        All act on one joint alone, or all on all of them (``place`` None).
+        All of each act on one joint alone, or all on all of them; the others' joint is then the same, or all.
         """
-        both = self._of(place, [*numbers, *others])
-        first = sum(self._widths[n] for n in numbers)
-        own, C = both[:, :first], both[:, first:]
-        Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
-        return np.asarray(own.T @ C - (Q.T @ own).T @ (Q.T @ C))
+        ends = np.cumsum([len(residual) for residual in model.fit.residual])
+        sides = []
+        for own in (numbers, others):
+            place = self.terms[own[0]].place
+            columns = self._of(place, own)
+            Q = np.vstack(model.fit.orthonormal) if place is None else model.fit.orthonormal[place]
+            sides.append((place, columns, Q.T @ columns))
+        (first, one, shadow), (second, two, other_shadow) = sides
+        if first != second:  # what acts everywhere, in the rows of the joint
+            joint = first if second is None else second
+            assert joint is not None
+            rows = slice(ends[joint] - len(model.fit.residual[joint]), ends[joint])
+            one, two = (one[rows] if first is None else one), (two[rows] if second is None else two)
+        return np.asarray(one.T @ two - shadow.T @ other_shadow)
 
     def shown(self, model: Model, number: int, values: Sequence[float]) -> dict[int, FloatArray]:
         """What a candidate contributes with these values less what the model takes of it: by joint, (R_j,)."""
-        place = next(place for place, own in self._groups.items() if number in own)
+        place = self.terms[number].place
         raw = self._of(place, [number]) @ np.asarray(values)
         if place is not None:
             Q = model.fit.orthonormal[place]
@@ -287,15 +310,13 @@ def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.
     out = np.zeros((rows, len(term.names(design.parameters.joints))))
     _white_columns(model, [term], range(joint, joint + 1), [out])
     unloaded = np.zeros(rows, dtype=bool)
-    start = 0
-    for index in model.fitted:
-        count = int(np.count_nonzero(design.kept(model.noise, joint, index)))
-        unloaded[start : start + count] = not design.segments[index].loaded
-        start += count
+    for index, part in model.sections(joint):
+        unloaded[part] = not design.segments[index].loaded
     return out, unloaded
 
 
 def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int]]:
+    """Candidates in groups of about so many columns."""
     batch: list[int] = []
     for number in numbers:
         batch.append(number)

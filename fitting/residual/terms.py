@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 
+from daq.scratch import ScratchArrays
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
 from fitting.regression.design import Design, Extra, NoiseModel, Parameters, whitened
@@ -15,8 +17,7 @@ from fitting.regression.prior import Late, Prior, with_prior
 from fitting.regression.solving import Fit, WhiteRows
 from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
-from fitting.residual.stored_views import StoredViews, stored_columns
-from fitting.residual.views import LaterViews, Views, build_views
+from fitting.residual.views import SegmentViews, Views
 
 #: Share of a direction's information that has to come from the data for the data to tell it.
 _TOLD = 1e-8
@@ -43,7 +44,7 @@ class Term:
     @property
     def id(self) -> str:
         """Effect id, or ``law``."""
-        return self.content.id if isinstance(self.content, Effect) else "law"
+        return "law" if isinstance(self.content, Law) else self.content.id
 
     @property
     def family(self) -> tuple[str, int | None]:
@@ -59,22 +60,22 @@ class Term:
     @property
     def confined(self) -> bool:
         """True where it acts in single recordings, so that another recording says nothing of it."""
-        return isinstance(self.content, Effect) and self.content.confined(self.shape)
+        return not isinstance(self.content, Law) and self.content.confined(self.shape)
 
     @property
     def is_line(self) -> bool:
         """True where it is a spectral line, which is looked for in the residual's spectrum, not by its columns."""
-        return isinstance(self.content, Effect) and self.content.found_by is FoundBy.LINES
+        return not isinstance(self.content, Law) and self.content.found_by is FoundBy.LINES
 
     @property
     def delays_effort(self) -> bool:
         """True where it is moved in the signal itself; its column is a beginning only."""
-        return isinstance(self.content, Effect) and self.content.delays_effort
+        return not isinstance(self.content, Law) and self.content.delays_effort
 
     @property
     def discrete(self) -> frozenset[str]:
         """Entries of its shape that are choices, not numbers to be searched between."""
-        return self.content.discrete_shapes if isinstance(self.content, Effect) else frozenset()
+        return frozenset() if isinstance(self.content, Law) else self.content.discrete_shapes
 
     @property
     def uses_model(self) -> bool:
@@ -95,7 +96,12 @@ class Term:
     @property
     def everywhere(self) -> bool:
         """True where it acts on the efforts of all joints."""
-        return isinstance(self.content, Effect) and (self.content.machine_wide or self.content.spreads)
+        return not isinstance(self.content, Law) and (self.content.machine_wide or self.content.spreads)
+
+    @property
+    def place(self) -> int | None:
+        """The one joint on whose effort it acts; None where it acts on those of all."""
+        return None if self.everywhere else self.joint or 0
 
     def names(self, joints: tuple[str, ...]) -> tuple[str, ...]:
         """Names of its linear parameters, with the joint."""
@@ -126,10 +132,49 @@ def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
             start += width
         return row
 
-    if design.stored:
-        return Extra(names, stored_columns(len(design.segments), len(joints), made))
-    rows = [made(index) for index in range(len(design.segments))]
-    return Extra(names, tuple(tuple(row[joint] for row in rows) for joint in range(len(joints))))
+    table: list[MutableMapping[int | None, FloatArray]]
+    table = [ScratchArrays() if design.stored else {} for _ in joints]
+    for index in range(len(design.segments)):
+        for kept, own in zip(table, made(index), strict=True):
+            if own is not None:
+                kept[index] = own
+    return Extra(names, tuple(_BySegment(kept, len(design.segments)) for kept in table))
+
+
+class _BySegment(Sequence[FloatArray | None]):
+    """Columns (N, k) of one joint by segment, in memory or read from a file; None where there are none."""
+
+    def __init__(self, kept: Mapping[int | None, FloatArray], count: int) -> None:
+        self._kept, self._places = kept, range(count)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: int) -> FloatArray | None: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[FloatArray | None]: ...
+
+    def __getitem__(self, index: int | slice) -> FloatArray | Sequence[FloatArray | None] | None:
+        places = self._places[index]
+        return self._kept.get(places) if isinstance(places, int) else [self._kept.get(place) for place in places]
+
+
+def beside(parts: Sequence[Extra]) -> Extra:
+    """Columns of several beside each other, zero where one has none."""
+    widths = [len(part.names) for part in parts]
+
+    def joined(columns: Sequence[FloatArray | None]) -> FloatArray | None:
+        there = next((own for own in columns if own is not None), None)
+        if there is None:
+            return None
+        both = zip(columns, widths, strict=True)
+        return np.hstack([np.zeros((len(there), k)) if own is None else own for own, k in both])
+
+    names = tuple(name for part in parts for name in part.names)
+    joints = zip(*(part.columns for part in parts), strict=True)
+    return Extra(names, [[joined(own) for own in zip(*joint, strict=True)] for joint in joints])
 
 
 @dataclass(frozen=True)
@@ -173,11 +218,22 @@ class Model:
         start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
         return slice(start, start + len(self.terms[number].names(joints)))
 
+    def sections(self, joint: int) -> list[tuple[int, slice]]:
+        """Fitted segments, and where each has its rows among those of a joint; a prior's are behind them all."""
+        counts = [int(np.count_nonzero(self.design.kept(self.noise, joint, index))) for index in self.fitted]
+        ends = np.cumsum(counts).tolist()
+        return [(i, slice(end - count, end)) for i, end, count in zip(self.fitted, ends, counts, strict=True)]
+
     def rows(self) -> tuple[WhiteRows, ...]:
         """The whitened rows that this model was fitted on, prior included."""
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
         late = late_terms(self.terms, self.design.parameters)
         return rows if self.prior is None else with_prior(rows, self.design.parameters, self.prior, late)
+
+    def values(self, number: int) -> FloatArray:
+        """Parameters of term ``number``, with what was moved into the signals."""
+        fitted = self.fit.theta[self.term_slice(number)]
+        return np.asarray(fitted + np.asarray(self.terms[number].rebuilt or np.zeros(len(fitted))))
 
     def wald(self, number: int) -> float:
         """Chi-square that dropping term ``number`` would cost, what was moved into the signals included (Wald's)."""
@@ -185,7 +241,7 @@ class Model:
         told = self.fit.told[part]
         if not told.any():
             return 0.0
-        values = self.fit.theta[part] + np.asarray(self.terms[number].rebuilt or np.zeros(part.stop - part.start))
+        values = self.values(number)
         inverse = np.linalg.pinv(self.fit.covariance[part, part][np.ix_(told, told)], hermitian=True)
         return float(values[told] @ inverse @ values[told])
 
@@ -235,20 +291,16 @@ def fit_model(
         fit, settled = fit_rows(design, noise, fitted, extra, settled, late)
         return fit
 
-    def views_of(fit: Fit, extra: Extra) -> Views:
-        build = StoredViews if design.stored else build_views
-        return LaterViews(lambda: build(design, fit.theta, fitted, extra))
-
     if start is None or not terms:
         fit, extra = fit_with(empty), empty
     else:
         fit, extra = start.fit, start.extra
-    views = views_of(fit, extra)
+    views = SegmentViews(design, fit.theta, fitted, extra)
     earlier: list[FloatArray] = []
     moving = any(term.uses_model for term in terms)
     for _ in range(passes if moving else bool(terms)):
         earlier.append(fit.theta)
         extra = extra_columns(design, views, terms)
         fit = fit_with(extra)
-        views = views_of(fit, extra)
+        views = SegmentViews(design, fit.theta, fitted, extra)
     return Model(design, noise, fitted, tuple(terms), extra, fit, views, tuple(earlier), settled)

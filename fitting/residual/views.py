@@ -2,33 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
 
+from daq.scratch import ScratchArrays
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Ranges
 from fitting.regression.design import Design, Extra, predicted_effort
 from fitting.regression.drive import expected_sign
+from fitting.regression.stored import in_memory
 from fitting.signals.preparation import Segment
 from fitting.signals.splines import evaluate, spline_knots
 
 #: ``views[segment][joint]``
 Views = Sequence[tuple[DriveView, ...]]
+#: Samples of a cylinder that are enough to learn its rod pressures from: thirty coefficients.
+_LEARNT = 40_000
 
 
-class LaterViews(Sequence[tuple[DriveView, ...]]):
-    """Views that are built when the first of them is looked at: most fits never do."""
+class SegmentViews(Sequence[tuple[DriveView, ...]]):
+    """Views of all segments of a design, made when the first of them is looked at: most fits never are.
 
-    def __init__(self, build: Callable[[], Views]) -> None:
-        self._build = build
+    Forces are the model's own, with the effects that were added so far. Of a design whose arrays are in a file
+    (:attr:`fitting.regression.design.Design.stored`) forces and loads are in one as well, and the views of one segment
+    are in memory, the one that was asked for last.
+    """
 
-    @cached_property
-    def _views(self) -> Views:
-        return self._build()
+    def __init__(self, design: Design, theta: FloatArray, fitted: Sequence[int], extra: Extra | None = None) -> None:
+        self._design, self._theta, self._fitted, self._extra = design, theta, tuple(fitted), extra
+        self._loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
+        self._made: dict[int, tuple[DriveView, ...]] = {}
+
+    def __len__(self) -> int:
+        return len(self._design.segments)
 
     @overload
     def __getitem__(self, index: int) -> tuple[DriveView, ...]: ...
@@ -37,61 +47,91 @@ class LaterViews(Sequence[tuple[DriveView, ...]]):
     def __getitem__(self, index: slice) -> Views: ...
 
     def __getitem__(self, index: int | slice) -> tuple[DriveView, ...] | Views:
-        return self._views[index]
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        number = range(len(self))[index]  # an IndexError ends an iteration
+        if number not in self._made:
+            if self._design.stored:
+                self._made.clear()
+            self._made[number] = self._views(number)
+        return self._made[number]
 
-    def __len__(self) -> int:
-        return len(self._views)
-
-
-def signal_ranges(design: Design, fitted: Sequence[int], forces: Sequence[FloatArray]) -> tuple[Ranges, ...]:
-    """Ranges of every joint's signals over the fitted segments; ``forces`` are (N, n) per segment of the design."""
-    starts = recording_starts(design)
-    result = []
-    for joint in range(len(design.machine.joints)):
-        x = np.concatenate([design.segments[i].x[:, joint] for i in fitted])
-        v = np.concatenate([design.segments[i].v[:, joint] for i in fitted])
-        force = np.concatenate([forces[i][:, joint] for i in fitted])
-        clocks = [design.segments[i].t - starts[design.segments[i].recording] for i in fitted]
-        result.append(
-            Ranges(
-                x=(float(x.min()), float(x.max())),
-                v=float(np.abs(v).max()),
-                force=float(np.abs(force).max()),
-                time=(float(min(c[0] for c in clocks)), float(max(c[-1] for c in clocks))),
-            )
+    def _views(self, number: int) -> tuple[DriveView, ...]:
+        segment, (forces, loads) = self._design.segments[number], self._efforts[number]
+        return views_of_segment(
+            self._design,
+            self._theta,
+            in_memory(segment) if self._design.stored else segment,
+            forces,
+            loads,
+            partial(self._pressures, number),
+            self._ranges,
+            self._starts,
+            self._loaded,
         )
-    return tuple(result)
 
+    @cached_property
+    def _starts(self) -> dict[int, float]:
+        return recording_starts(self._design)
 
-def build_views(design: Design, theta: FloatArray, fitted: Sequence[int], extra: Extra | None = None) -> Views:
-    """Views of all segments; forces are the model's own, with the effects that were added so far."""
-    joints = len(design.machine.joints)
-    count = range(len(design.segments))
-    forces = [
-        np.stack([predicted_effort(design, theta, joint, index, extra) for joint in range(joints)], axis=1)
-        for index in count
-    ]
-    base = design.parameters.base_slice.start
-    loads = [
-        np.stack([design.blocks[joint][index].force(theta, base) for joint in range(joints)], axis=1) for index in count
-    ]
-    ranges = signal_ranges(design, fitted, forces)
-    laws = dict[bool, tuple[RodLaw | None, ...]]()
-    starts = recording_starts(design)
+    @cached_property
+    def _efforts(self) -> Mapping[int | None, FloatArray]:
+        """The model's drive efforts and its loads (2, N, n) by segment."""
+        design, base = self._design, self._design.parameters.base_slice.start
+        kept: MutableMapping[int | None, FloatArray] = ScratchArrays() if design.stored else {}
+        joints = range(len(design.machine.joints))
+        for index in range(len(self)):
+            forces = [predicted_effort(design, self._theta, joint, index, self._extra) for joint in joints]
+            loads = [design.blocks[joint][index].force(self._theta, base) for joint in joints]
+            kept[index] = np.stack([np.stack(forces, axis=1), np.stack(loads, axis=1)])
+        return kept
 
-    def pressures(index: int) -> FloatArray:
-        if not laws:  # most fits never ask for pressures
-            laws.update(rod_laws(design, fitted, lambda number: forces[number]))
-        segment = design.segments[index]
-        return rod_pressures(laws, segment, forces[index], segment.t - starts[segment.recording])
-
-    loaded = tuple(sorted({design.segments[i].recording for i in fitted if design.segments[i].loaded}))
-    return tuple(
-        views_of_segment(
-            design, theta, design.segments[i], forces[i], loads[i], partial(pressures, i), ranges, starts, loaded
+    @cached_property
+    def _ranges(self) -> tuple[Ranges, ...]:
+        """Ranges of every joint's signals over the fitted segments."""
+        seen = []
+        for index in self._fitted:
+            segment = self._design.segments[index]
+            x, v, force = segment.x, np.abs(segment.v), np.abs(self._efforts[index][0])
+            clock = segment.t - self._starts[segment.recording]
+            seen.append((x.min(axis=0), x.max(axis=0), v.max(axis=0), force.max(axis=0), clock[0], clock[-1]))
+        low, high, speed, force, first, last = zip(*seen, strict=True)
+        times = float(min(first)), float(max(last))
+        ends = zip(np.min(low, axis=0), np.max(high, axis=0), strict=True)
+        largest = zip(np.max(speed, axis=0), np.max(force, axis=0), strict=True)
+        return tuple(
+            Ranges(x=(float(a), float(b)), v=float(v), force=float(f), time=times)
+            for (a, b), (v, f) in zip(ends, largest, strict=True)
         )
-        for i in count
-    )
+
+    @cached_property
+    def _pressures(self) -> _RodPressures:
+        return _RodPressures(self._design, self._fitted, self._efforts, self._starts)
+
+
+class _RodPressures:
+    """Expected rod pressures (N, n) of a segment, by laws that are learnt when the first is asked for.
+
+    Views hold this, and not the :class:`SegmentViews` that hold them: memory is given back at once.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        fitted: Sequence[int],
+        efforts: Mapping[int | None, FloatArray],
+        starts: Mapping[int, float],
+    ) -> None:
+        self._design, self._fitted, self._efforts, self._starts = design, fitted, efforts, starts
+
+    @cached_property
+    def _laws(self) -> dict[bool, tuple[RodLaw | None, ...]]:
+        return rod_laws(self._design, self._fitted, lambda index: self._efforts[index][0])
+
+    def __call__(self, index: int) -> FloatArray:
+        segment = self._design.segments[index]
+        clock = segment.t - self._starts[segment.recording]
+        return rod_pressures(self._laws, segment, self._efforts[index][0], clock)
 
 
 def views_of_segment(
@@ -172,7 +212,7 @@ def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArr
 
 
 def rod_laws(
-    design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray], thin: int = 1
+    design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray]
 ) -> dict[bool, tuple[RodLaw | None, ...]]:
     """Rod pressures as a smooth function of motion, model force and time: per joint a law, None without a sensor.
 
@@ -183,8 +223,8 @@ def rod_laws(
     Parameters
     ----------
     forces : gives the model's forces (N, n) in a segment
-    thin : every so many-th sample is enough (of long recordings)
     """
+    thin = max(1, sum(len(design.segments[index]) for index in fitted) // _LEARNT)
     kinds = {loaded: [i for i in fitted if design.segments[i].loaded == loaded] for loaded in (False, True)}
     starts, joints = recording_starts(design), range(len(design.machine.joints))
     return {

@@ -7,24 +7,51 @@ validation motion, the unloaded recordings or the sense of its friction speak ag
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.residual.confirmation.confirmation import OnValidate, worse_joint
-from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut
-from fitting.residual.confirmation.trials import Trials
+from fitting.regression.solving import WhiteRows
+from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate, worse_joint
+from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut, held_out_gain
+from fitting.residual.confirmation.robustness import inflation
 from fitting.residual.confirmation.witness import Witness, witness
 from fitting.residual.confirmation.witness import objection as of_the_load
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual.laws import Law
+from fitting.residual.null import Null
 from fitting.residual.scoring import Score, white_columns
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.evidence import curve_precision, least_gain
+
+
+class Signals(Protocol):
+    """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
+
+    def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
+        """What terms gain on replicas of the recordings in which the model is the whole truth."""
+        ...
+
+    def misfit(self, model: Model, joint: int) -> Misfit:
+        """What the model leaves of a joint that two runs of one motion share."""
+        ...
+
+    def rebuilt(self, model: Model) -> Model:
+        """The model with its last term moved into the signals as far as that term can be."""
+        ...
+
+    def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
+        """The model with its effort moved as far the other way as that delay says, and as it says; in one noise."""
+        ...
+
+    def refit(self, terms: Sequence[Term]) -> Model:
+        """A fresh fit with these terms, on signals corrected as they say."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -49,22 +76,25 @@ class Answer:
 
 
 class Gate:
-    """Asks held-out blocks, the validation motion, and unloaded recordings."""
+    """Asks held-out blocks, the validation motion, and unloaded recordings of a model with one term more.
 
-    def __init__(self, trials: Trials, validate: Sequence[int]) -> None:
-        self._trials, self._validate = trials, validate
+    Parameters
+    ----------
+    signals : refits
+    validate : segments of the `validate` recordings; empty where there are none
+    """
 
-    def with_term(self, model: Model, term: Term) -> Model:
-        """The model with one term more, moved into the signals as far as it can be."""
-        return self._trials.with_term(model, term)
+    def __init__(self, signals: Signals, validate: Sequence[int]) -> None:
+        self._signals, self._validate = signals, validate
+        self._last: tuple[Model, Term, Model, Model] | None = None
 
     def asked(self, choice: Score, before: Model, trial: Model) -> Answer:
         """What is against the last term of ``trial``."""
-        held_out, seen = self._trials.judged(before, trial, _expected(choice))
+        held_out, seen = self.judged(before, trial, _expected(choice))
         reason = objection(held_out, seen)
-        heard = _heard(before, choice.term)
-        if not reason and isinstance(choice.term.content, Effect) and heard is not None:
-            against = of_the_load(choice.term.content.level, heard)
+        load = _witness(before, choice.term)
+        if not reason and isinstance(choice.term.content, Effect) and load is not None:
+            against = of_the_load(choice.term.content.level, load)
             if against:
                 reason = f"an effect of the drive itself has to be there without a load: {against}"
         found = None
@@ -78,11 +108,46 @@ class Gate:
             reason,
             held_out,
             None if seen is None else seen.gain,
-            "" if heard is None else heard.words,
+            "" if load is None else load.words,
             too_faint(choice, held_out),
             found is not None and found[0] != choice.term.joint,
             silence(seen),
         )
+
+    def with_term(self, model: Model, term: Term) -> Model:
+        """The model with one term more, moved into the signals as far as that can be; the last one is kept."""
+        if self._last is None or self._last[0] is not model or self._last[1] != term:
+            plain = self._signals.refit([*model.terms, term])
+            self._last = model, term, plain, self._signals.rebuilt(plain)
+        return self._last[3]
+
+    def judged(
+        self, before: Model, trial: Model, precision: FloatArray | None = None
+    ) -> tuple[HeldOut, OnValidate | None]:
+        """What held-out blocks and the validation motion say of a trial's last term.
+
+        ``precision`` (k, k) is of what is expected of its parameters before any data.
+        """
+        rows, columns = self._last_rows(trial)
+        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
+        mirrored = self._signals.mirrored(before, trial) if trial.terms[-1].rebuilt else None
+        held_out = replace(held_out, inflation=inflation(rows, columns, trial.fit.residual))
+        if not self._validate:
+            return held_out, None
+        if mirrored is None:
+            return held_out, on_validate(before, trial, self._validate)
+        # Samples between samples have less noise, and a noise model of their own: beside efforts that were not moved,
+        # that is what a chi-square shows first. The parabola of the delay is four times as high at the other one.
+        seen = on_validate(*mirrored, self._validate)
+        quarter = [value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)]
+        return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered)
+
+    def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
+        """Whitened rows with the trial's last term in the last columns, and how many those are."""
+        part = trial.term_slice(len(trial.terms) - 1)
+        if self._last is not None and trial is self._last[3]:
+            trial = self._last[2]  # a column of what was moved holds what is left of it: the signals before tell more
+        return trial.rows(), part.stop - part.start
 
 
 def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
@@ -149,7 +214,7 @@ def _driving(term: Term, before: Model, trial: Model) -> str:
     )
 
 
-def _heard(model: Model, term: Term) -> Witness | None:
+def _witness(model: Model, term: Term) -> Witness | None:
     """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""
     joint, design = term.joint, model.design
     loaded = {design.segments[i].loaded for i in model.fitted}

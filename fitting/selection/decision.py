@@ -25,12 +25,12 @@ def by_formula(rated: Sequence[Rated]) -> list[Rated]:
     """
     places: dict[int | None, list[Rated]] = {}
     for r in rated:
-        places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
+        places.setdefault(r.term.place, []).append(r)
     result = []
     for own in places.values():
-        names = [r for r in own if isinstance(r.term.content, Effect)]
+        names = [r for r in own if not isinstance(r.term.content, Law)]
         lift = max((r.log_odds for r in names), default=0.0) - max((r.exact for r in names), default=0.0)
-        result += [replace(r, log_odds=r.exact + lift) if isinstance(r.term.content, Effect) else r for r in own]
+        result += [r if isinstance(r.term.content, Law) else replace(r, log_odds=r.exact + lift) for r in own]
     return sorted(result, key=lambda r: -r.log_odds)
 
 

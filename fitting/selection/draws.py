@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fitting.residual.confirmation.trials import Signals
 from fitting.residual.null import Null
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
+from fitting.selection.confirm import Signals
 from fitting.selection.evidence import least_gain
 
 #: Replicas that are drawn before the decision is looked at again, and how far the gain may be from the least that is
@@ -48,7 +48,7 @@ class Draws:
                     self._nulls[score.term.label] = null if known is None else known.joined(null)
             drawn += draws
             known_now = [own for own in map(self._against, scores) if own.plausible]
-            best = max((own.calibrated - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
+            best = max((own.gain * own.trusted - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
             if not OPEN[0] < best < OPEN[1]:
                 break  # more draws would not change the decision
         return [self._against(s) for s in scores]

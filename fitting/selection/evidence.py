@@ -25,15 +25,29 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
+from scipy import linalg, optimize
 
 from fitting.arrays import FloatArray, IntArray
+from fitting.residual.confirmation.local import Local
 from fitting.selection import priors
 
 #: Squared share of a column's norm below which what the base leaves of it is rounding.
 DEAD = 1e-8
 #: Share of the largest eigenvalue below which one is rounding.
 ROUNDING = 1e-10
+
+
+def bayes_factor(gram: FloatArray, products: FloatArray, root: FloatArray) -> float:
+    """Log Bayes factor of parameters with one prior, by the formula above.
+
+    Parameters
+    ----------
+    gram, products : (k, k) and (k,), what the base explains taken off
+    root : (k, r) of the prior covariance ``root root'``
+    """
+    factor = np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ gram @ root)
+    turned = np.linalg.solve(factor, root.T @ products)
+    return float(0.5 * turned @ turned - np.sum(np.log(np.diag(factor))))
 
 
 def log_sum(values: npt.ArrayLike, axis: int = -1, weights: npt.ArrayLike = 1.0) -> FloatArray:
@@ -119,6 +133,23 @@ def curve_precision(
     root = roots[length]
     seen = max(float(np.trace(root.T @ gram @ root)), 1e-300)
     return np.asarray(np.linalg.pinv(root @ root.T, hermitian=True) * seen / float(amplitudes[size]) ** 2)
+
+
+def with_curve(model: Local, columns: FloatArray) -> tuple[Local, FloatArray]:
+    """A model with a smooth curve's ``columns`` (M, n) more, and what all parameters move by (p + n,).
+
+    Of the curve is known before any data what :func:`curve_precision` says, in the noise that it leaves.
+    """
+    r, whole, noise = model.residual, np.hstack([model.columns, columns]), model.noise
+    free = columns - model.columns @ np.linalg.solve(model.known, model.columns.T @ columns)
+    for _ in range(2):
+        sizes = priors.amplitudes(float(np.sqrt(r @ r / noise)))
+        curve = curve_precision(columns.T @ free / noise, free.T @ r / noise, priors.LENGTHS, sizes)
+        precision = linalg.block_diag(model.precision, noise * curve)
+        values = np.asarray(np.linalg.solve(whole.T @ whole + precision, whole.T @ r))
+        rest = r - whole @ values
+        noise = max(float(rest @ rest) / model.rows, 1e-30)
+    return Local(whole, rest, precision, noise, model.rows), values
 
 
 def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,14 +1,12 @@
-"""What is believed of a candidate's gain before its evidence is taken: bias, order, plausible values, sizes."""
+"""What is believed of a candidate's gain before its evidence is taken: bias, order, sizes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.special import ndtr
 
 from fitting.arrays import FloatArray
-from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
@@ -30,7 +28,7 @@ def orders(score: Score) -> list[tuple[float, int]]:
     """Gain and live directions of the first parameters of a series, one order after the other; else of all at once."""
     effect = score.term.content
     whole = (score.gain, score.live)
-    if not (isinstance(effect, Effect) and effect.series) or score.live < 2:
+    if isinstance(effect, Law) or not effect.series or score.live < 2:
         return [whole]
     products = score.information @ np.asarray(score.values)
     result = []
@@ -43,19 +41,10 @@ def orders(score: Score) -> list[tuple[float, int]]:
 
 def shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
     """Share of each gain of one explanation that is believed; shapes without replicas as those with them."""
-    drawn = {n: trusted(scores[n]) for n in numbers if scores[n].null is not None}
+    drawn = {n: scores[n].trusted for n in numbers if scores[n].null is not None}
     law = isinstance(scores[numbers[0]].term.content, Law)
     usual = min(drawn.values()) if drawn and not law else 1.0
     return {n: drawn.get(n, usual) for n in numbers}
-
-
-def trusted(score: Score) -> float:
-    """Share of a gain that is believed, once replicas have shown what noise in the regressors makes of it."""
-    if score.null is None or not score.gain > 0:
-        return 1.0
-    if not isinstance(score.term.content, Effect):
-        return 1.0 / score.null.inflation_along(np.asarray(score.values))
-    return score.null.weight(score.fitted, score.information) / score.gain
 
 
 def scatter(score: Score) -> float:
@@ -80,28 +69,7 @@ def biased_gain(score: Score) -> float:
     return max(score.gain, float(score.fitted @ score.information @ score.fitted))
 
 
-def plausible(score: Score) -> float:
-    """Log share of the posterior that lies inside the bounds of an effect's parameters, over the prior's.
-
-    Its values are inside (:mod:`fitting.effects.bounds`); a half-line prior has half of a free one's mass.
-    """
-    effect = score.term.content
-    if not isinstance(effect, Effect):
-        return 0.0
-    if not effect.plausible(score.values, score.stds):
-        return -np.inf
-    inside, before = 1.0, 1.0
-    for parameter, value, std in zip(effect.parameters, score.values, score.stds, strict=True):
-        if not (np.isfinite(parameter.low) or np.isfinite(parameter.high)):
-            continue
-        std = max(std, 1e-300)
-        inside *= float(ndtr((parameter.high - value) / std) - ndtr((parameter.low - value) / std))
-        if not parameter.low < 0 < parameter.high:
-            before *= 0.5  # a prior about zero has half of its mass on the right side
-    return float(np.log(inside / before))
-
-
-def efforts(model: Model) -> FloatArray:
+def _efforts(model: Model) -> FloatArray:
     """Whitened size of each joint's whole effort, (n,)."""
     sizes = []
     for joint in range(len(model.design.machine.joints)):
@@ -109,3 +77,31 @@ def efforts(model: Model) -> FloatArray:
         white = [model.design.white(model.noise, joint, index, target) for index, target in targets]
         sizes.append(np.linalg.norm(np.concatenate(white)))
     return np.array(sizes)
+
+
+class Sizes:
+    """Amplitudes that terms beside a model can have, standard deviations.
+
+    Parameters
+    ----------
+    model : what is there
+    visible : (n,) amplitude per joint of effects that were found
+    failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
+    """
+
+    def __init__(self, model: Model, visible: FloatArray, failed: FloatArray) -> None:
+        self._visible, self._failed = visible, failed
+        self._largest = _efforts(model)
+
+    def limit(self, score: Score) -> float:
+        """Largest amplitude of a term: what can be seen of it when it is as large as the whole effort."""
+        place = score.term.place
+        whole = float(np.sqrt(np.sum(self._largest**2))) if place is None else float(self._largest[place])
+        return score.surviving * whole
+
+    def left(self, joint: int, law: bool = False) -> FloatArray:
+        """Amplitudes of what found effects leave on a joint; none where nothing was found."""
+        seen = self._visible
+        others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
+        own = float(np.hypot(seen[joint], priors.SPILL * others))
+        return (own if law else float(np.hypot(own, self._failed[joint]))) * np.array(priors.LEFTOVERS)

@@ -8,22 +8,30 @@ set may leave in any variable, a share of what it explains, is no law.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise, product
 
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize
-from scipy.special import ndtr
+from scipy.linalg import block_diag
 
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.effects.base import Effect, Shape
 from fitting.residual.findings import LEAST
-from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws
+from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws, with_unsure
 from fitting.selection import priors
-from fitting.selection.evidence import curve_evidence, curve_roots, log_mean, log_sum, whitened_parts
+from fitting.selection.evidence import (
+    DEAD,
+    bayes_factor,
+    curve_evidence,
+    curve_roots,
+    log_mean,
+    log_sum,
+    whitened_parts,
+)
 from fitting.selection.posterior import MOST_NAMED
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
@@ -39,18 +47,25 @@ _ROWS_A_WORD = 5.0
 _LEAST_ROW = 0.25
 #: Least share of the other that the smaller of two effects has to be.
 _LEAST_BESIDE = 0.01
-#: Share of what gives way to a force that nobody's formula has: differences of that size between names beside it are
-#: chance.
-_CHANCE = 5e-4
 #: How far nature is from the formula in its own variable, as share of what it explains; weights are those of physics.
 _EPSILONS_DRIVEN, _EPSILONS_EXACT = (0.002, 0.006, 0.015), (0.0005, 0.002, 0.005)
+#: How many of its deviations a model's force may be off, which knows of white noise only; with the same weights.
+_LOADS_OFF = (1.0, 3.0, 10.0)
 #: Correlation lengths of laws, in sixteenths of the range: a scale's error may repeat a dozen times along it.
 _LENGTHS = (0.5, *priors.LENGTHS)
 #: Of shapes that differ in a number only every so manieth is tried; chi-square between neighbours above which the
 #: number is searched, and how finely, relative to it.
 _TRIED, _LEAST_GRID, _FINE = 3, 4.0, 1e-3
+#: Share of a column's square that rounding makes.
+_ROUNDED = 1e-22
 #: Correlation length of a discrepancy, in sixteenths of its variable's range.
 _SMOOTH = 4.0
+
+
+#: What changes where a model has the arm: at most one error of geometry, by name; and that something gives way between
+#: the two sensors, so that each is right on its own side.
+Pose = tuple[str, ...]
+APART = "apart"
 
 
 @dataclass(frozen=True)
@@ -59,6 +74,11 @@ class GapSet:
 
     parts: tuple[GapColumns, ...] = ()
     law: GapLaw | None = None
+
+    @property
+    def pose(self) -> Pose:
+        """What of it changes where the model has the arm."""
+        return tuple(APART if part.effect.stays_in_gap else part.effect.id for part in self.parts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -152,25 +172,66 @@ class GapPosterior:
         beside = np.hstack([*(np.hstack([part.columns, part.rates]) for part in chosen.parts), rows.base])
         y = rows.values - sum((part.beyond for part in chosen.parts), np.zeros(len(rows.values)))
         C = rows.whitened([chosen.law.columns(view) for view in rows.views])
-        basis = np.linalg.qr(beside / np.maximum(np.linalg.norm(beside, axis=0), 1e-300))[0]
-        left, target = C - basis @ (basis.T @ C), y - basis @ (basis.T @ y)
+        basis = _orthonormal(beside)[0]
+        left, target = _beyond(basis, C), _beyond(basis, y)
         covariance = np.linalg.pinv(left.T @ left, rcond=1e-8, hermitian=True)
         values = covariance @ (left.T @ target)
         return values, np.asarray(covariance, dtype=float), float(target @ left @ values)
 
 
-def gap_posterior(rows: GapRows) -> GapPosterior:
-    """What a joint's gap says of every set of effects and laws."""
-    if not len(rows.values):
-        return GapPosterior(rows)
-    return GapPosterior(rows, _Evidence(rows).posterior())
+def gap_posterior(rows: Mapping[Pose, GapRows], driven: Collection[str] | None = None) -> GapPosterior:
+    """What a joint's gap says of every set of effects and laws.
+
+    Parameters
+    ----------
+    rows : the gap with the forces that an arm has in each pose; the first stands for those that are not there
+    driven : what may give way to a force; None: anything that does
+    """
+    first = next(iter(rows.values()))
+    if not len(first.values):
+        return GapPosterior(first)
+    weighed = list[_Weighed]()
+    for number, (pose, own) in enumerate(rows.items()):
+
+        def asked(one: Pose, pose: Pose = pose, first: bool = not number) -> bool:
+            return one == pose or (first and one not in rows)
+
+        weighed += _Evidence(own, pose if number else None, driven).weighed(asked)
+    believed = _believed(weighed)
+    both = zip((one.own for one in weighed), np.exp(believed - float(log_sum(believed))).tolist(), strict=True)
+    return GapPosterior(first, tuple(sorted(both, key=lambda pair: -pair[1])))
+
+
+@dataclass(frozen=True)
+class _Weighed:
+    """A set with its log odds, and how far differences from others like it are believed where it is the best."""
+
+    own: GapSet
+    odds: float
+    share: Callable[[GapSet], float]
+
+
+def _believed(weighed: Sequence[_Weighed]) -> FloatArray:
+    """Log odds of sets, differences between alike ones as far as they are believed.
+
+    What the best of them leaves beyond noise is smooth: it says something only every so many rows.
+    """
+    result, places = np.array([one.odds for one in weighed]), dict[str, list[int]]()
+    for number, one in enumerate(weighed):
+        if one.own.names:
+            driven = next((part.effect.id for part in one.own.parts if part.effect.stays_in_gap), "")
+            places.setdefault(driven, []).append(number)
+    for alike in places.values():
+        best = weighed[max(alike, key=lambda n: weighed[n].odds)]
+        result[alike] = best.odds - best.share(best.own) * (best.odds - result[alike])
+    return result
 
 
 class _Evidence:
-    """Evidence of sets, all from one Gram matrix of whitened columns less what a delay explains."""
+    """Evidence of sets of one pose, or of all, all from whitened columns less what a delay explains."""
 
-    def __init__(self, rows: GapRows) -> None:
-        self._zeros, self._count = np.linalg.qr(rows.zeros)[0], len(rows.values)
+    def __init__(self, rows: GapRows, pose: Pose | None = None, driven: Collection[str] | None = None) -> None:
+        self._zeros, self._count = _orthonormal(rows.zeros)[0], len(rows.values)
         self.parts: list[GapColumns] = []
         self._left: dict[tuple[int, ...], float] = {}
         self._grids: dict[str, float] = {}  # numbers of a grid, of which a shape has one
@@ -178,49 +239,70 @@ class _Evidence:
         self._chi_square: dict[tuple[int, ...], float] = {}
         self.laws = list(gap_laws(rows.views))
         smooth = rows.whitened([self.laws[0].columns(view) for view in rows.views])
-        beside = np.linalg.qr(np.hstack([rows.base, rows.zeros, smooth]))[0]
-        for effect in effects():
+        beside = _orthonormal(np.hstack([rows.base, rows.zeros, smooth]))[0]
+        shapes = {effect: len(own) for effect in effects() if (own := effect.gap_shapes(rows.views[0]))}
+        self._families = len(shapes)
+        for effect, count in shapes.items():
+            posed = pose is None or (APART if effect.stays_in_gap else effect.id) in pose
+            if not posed or (effect.stays_in_gap and driven is not None and effect.id not in driven):
+                continue
             found = _sharpest(rows, effect, beside)
-            self._grids[effect.id] = len(effect.gap_shapes(rows.views[0])) / max(len(found), 1)
-            self.parts += found
-        columns = [rows.values[:, None], *(p.columns for p in self.parts), *(p.beyond[:, None] for p in self.parts)]
-        columns += [part.rates for part in self.parts]
+            self._grids[effect.id] = count / max(len(found), 1)
+            self.parts += [with_unsure(rows, part) for part in found]
+        self.parts = [part for part in self.parts if not self._is_compliance(part)]
+        basis = _orthonormal(rows.base)[0]
+
+        def free(own: FloatArray) -> FloatArray:
+            left = _beyond(basis, own)
+            left[:, np.linalg.norm(left, axis=0) < 1e-6 * np.maximum(np.linalg.norm(own, axis=0), 1e-300)] = 0.0
+            return left
+
+        # Shapes by orthonormal columns: squares of their own, that nearly cancel, hold no digits.
+        visible = [_orthonormal(free(part.columns), DEAD) for part in self.parts]
+        self._roots = [root for _, root in visible]
+        columns = [rows.values[:, None], *(own for own, _ in visible), *(p.beyond[:, None] for p in self.parts)]
+        columns += [part.rates for part in self.parts] + [part.unsure for part in self.parts]
         columns += [rows.whitened([law.columns(view) for view in rows.views]) for law in self.laws]
-        basis = np.linalg.qr(rows.base / np.maximum(np.linalg.norm(rows.base, axis=0), 1e-300))[0]
-        whole = np.hstack(columns)
-        norms = np.maximum(np.linalg.norm(whole, axis=0), 1e-300)
-        whole = whole - basis @ (basis.T @ whole)
-        whole[:, np.linalg.norm(whole, axis=0) < 1e-6 * norms] = 0.0
-        self._gram = whole.T @ whole
+        self._white = free(np.hstack(columns))
+        self._gram = self._white.T @ self._white
         ends = np.cumsum([0, *(c.shape[1] for c in columns)])
         places = [np.arange(a, b) for a, b in pairwise(ends)]
         count = len(self.parts)
-        self._own, self._beyond, self._rates, self._of_law = (
+        self._own, self._beyond, self._rates, self._unsure, self._of_law = (
             places[a * count + 1 : b * count + 1] if b else places[a * count + 1 :]
-            for a, b in ((0, 1), (1, 2), (2, 3), (3, 0))
+            for a, b in ((0, 1), (1, 2), (2, 3), (3, 4), (4, 0))
         )
-        self._roots = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._own]
         self._slow = [whitened_parts(self._gram[np.ix_(own, own)]) for own in self._rates]
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
-    def _beyond_zeros(self, columns: FloatArray) -> FloatArray:
-        """Columns (M, k) less what a zero of either sensor explains."""
-        return np.asarray(columns - self._zeros @ (self._zeros.T @ columns))
+    def _is_compliance(self, part: GapColumns) -> bool:
+        """Whether what has a width stays so far within it that it is what gives way without one at the same site."""
+        own = _beyond(self._zeros, part.columns)
+        for other in self.parts if part.effect.shape_units else ():
+            if not other.effect.shape_units and other.shape.items() <= part.shape.items() and other.shape:
+                linear = _orthonormal(_beyond(self._zeros, other.columns))[0]
+                left = np.linalg.norm(_beyond(linear, own))
+                return bool(left < _left_by(other) * np.linalg.norm(own))
+        return False
 
-    def posterior(self) -> tuple[tuple[GapSet, float], ...]:
-        """Sets with their probabilities; of each set of names its best shapes."""
-        alone = [self._named((number,)) for number in range(len(self.parts))]
-        if not np.isfinite([*alone, *(odds for _, odds in self._laws(())[0])]).any():
-            return ((GapSet(), 1.0),)  # nothing is more than a sound sensor's scale may be off
+    def weighed(self, asked: Callable[[Pose], bool] = lambda pose: True) -> list[_Weighed]:
+        """Sets of the poses that are asked for, with their log odds; of each set of names its best shapes."""
+        alone = {(number,): self._named((number,)) for number in range(len(self.parts))}
+        if not np.isfinite([*alone.values(), *(odds for _, odds in self._laws(())[0])]).any():
+            # Nothing is more than a sound sensor's scale may be off.
+            return [_Weighed(GapSet(), 0.0, self._share)] if asked(()) else []
         screened: dict[tuple[str, ...], list[tuple[float, tuple[int, ...]]]] = {}
         for numbers in self._combinations():
             key = tuple(self.parts[n].effect.id for n in numbers)
-            screened.setdefault(key, []).append((self._named(numbers), numbers))
+            odds = alone[numbers] if numbers in alone else self._named(numbers)
+            screened.setdefault(key, []).append((odds, numbers))
         best = sorted(screened, key=lambda key: -max(screened[key])[0])
         keys = [key for key in screened if len(key) < 2 or key in best[:_NEAR]]
         found: dict[tuple[str, ...], tuple[GapSet, list[float]]] = {}
         for key in keys:
             near = sorted(screened[key], reverse=True)[:_NEAR]
+            if not asked(GapSet(tuple(self.parts[n] for n in near[0][1])).pose):
+                continue
             curved = np.array([self._named(numbers, curved=True) for _, numbers in near])
             prior = self._prior(key) - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
             exact, numbers = near[int(np.argmax(curved))]
@@ -232,45 +314,25 @@ class _Evidence:
                     continue  # a law of the very variable has the formula in it
                 with_law = replace(own, law=law)
                 found.setdefault(with_law.names, (with_law, []))[1].append(prior + exact + odds)
-        sets = [own for own, _ in found.values()]
-        believed = self._believed(sets, [float(log_sum(values)) for _, values in found.values()])
-        both = zip(sets, np.exp(believed - float(log_sum(believed))).tolist(), strict=True)
-        return tuple(sorted(both, key=lambda pair: -pair[1]))
+        return [_Weighed(own, float(log_sum(values)), self._share) for own, values in found.values()]
 
-    def _believed(self, sets: Sequence[GapSet], odds: Sequence[float]) -> FloatArray:
-        """Log odds of sets, those of alike ones as far as their formulas are known.
-
-        What the best of them leaves beyond noise is smooth: it says something only every so many rows; and a share of
-        what gives way to a force is in nobody's formula. Differences of that size are chance.
-        """
-        result, places = np.array(odds), dict[str, list[int]]()
-        for number, own in enumerate(sets):
-            if own.names:
-                places.setdefault(next((p.effect.id for p in own.parts if p.effect.stays_in_gap), ""), []).append(
-                    number
-                )
-        for alike in places.values():
-            best = max(alike, key=lambda n: odds[n])
-            numbers = [next(n for n, part in enumerate(self.parts) if part is own) for own in sets[best].parts]
-            law = sets[best].law
-            curve = [] if law is None else [self._of_law[self.laws.index(law)]]
-            square, products = self._target(numbers)
-            left = square - _gain(self._gram, products, np.concatenate([self._places(numbers), *curve]))
-            driven = [self._own[n] for n in numbers if self.parts[n].effect.stays_in_gap]
-            taken = _gain(self._gram, products, driven[0]) if driven else 0.0
-            misfit = 1.0 + _ROWS_A_WORD * max(left / self._count - 1.0, 0.0)
-            share = 1.0 / max(misfit, 1.0 + _CHANCE**2 * taken / priors.CLOSE)
-            result[alike] = odds[best] - share * (odds[best] - result[alike])
-        return result
+    def _share(self, best: GapSet) -> float:
+        """How far differences from the best set are believed."""
+        numbers = [next(n for n, part in enumerate(self.parts) if part is own) for own in best.parts]
+        curve = [] if best.law is None else [self._of_law[self.laws.index(best.law)]]
+        left = self._left_in(numbers, np.concatenate([self._places(numbers), *curve]))
+        return 1.0 / (1.0 + _ROWS_A_WORD * max(left / self._count - 1.0, 0.0))
 
     def _stand(self, numbers: Sequence[int], law: GapLaw) -> bool:
         """Whether effects take more beside a law than its curve may leave."""
         if not numbers:
             return True
-        own = self._places(numbers)
-        curve, products = self._of_law[self.laws.index(law)], self._target(numbers)[1]
-        alone = _gain(self._gram, products, curve)
-        return _gain(self._gram, products, np.concatenate([curve, own])) - alone > _LEFT_LAW**2 * alone
+        curve = self._of_law[self.laws.index(law)]
+        nothing, alone, both = (
+            self._left_in(numbers, places)
+            for places in (curve[:0], curve, np.concatenate([curve, self._places(numbers)]))
+        )
+        return alone - both > _LEFT_LAW**2 * (nothing - alone)
 
     def _combinations(self) -> Iterator[tuple[int, ...]]:
         numbers = range(len(self.parts))
@@ -280,12 +342,11 @@ class _Evidence:
             yield tuple(n for n in pair if n is not None)
 
     def _prior(self, key: Sequence[str]) -> float:
-        families = len({part.effect.id for part in self.parts})
-        return len(key) * float(np.log(priors.CATALOGUE / priors.NOTHING / max(families, 1)))
+        return len(key) * float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
 
     def _places(self, numbers: Sequence[int]) -> npt.NDArray[np.intp]:
-        """Where shapes have their columns, with their rates."""
-        own = [places for n in numbers for places in (self._own[n], self._rates[n])]
+        """Where shapes have their columns, with their rates and what their loads may be off."""
+        own = [places for n in numbers for places in (self._own[n], self._rates[n], self._unsure[n])]
         return np.concatenate([np.zeros(0, dtype=np.intp), *own])
 
     def _target(self, numbers: Sequence[int]) -> tuple[float, FloatArray]:
@@ -301,45 +362,49 @@ class _Evidence:
         if not numbers:
             return 0.0
         square, products = self._target(numbers)
-        roots = [self._roots[n] for n in numbers]
-        if not all(root.shape[1] for root in roots):
+        widths = [len(self._own[n]) for n in numbers]
+        if not all(widths):
             return -np.inf
         places = np.concatenate([*(self._own[n] for n in numbers), *(self._rates[n] for n in numbers)])
         S, g = self._gram[np.ix_(places, places)], products[places]
-        root = _blocks([*roots, *(self._slow[n] for n in numbers)])
+        root = block_diag(*map(np.eye, widths), *(self._slow[n] for n in numbers))
         theta = np.linalg.pinv(root.T @ S @ root, rcond=1e-8, hermitian=True) @ (root.T @ g)
-        sizes, visible, left, slow, log_prior = list[float](), list[float](), list[float](), list[FloatArray](), 0.0
-        ends = np.cumsum([0, *(r.shape[1] for r in roots)])
+        sizes, visible, left, log_prior = list[float](), list[float](), list[float](), 0.0
+        slow, off = list[FloatArray](), list[FloatArray]()
+        ends = np.cumsum([0, *widths])
         for number, (a, b) in zip(numbers, pairwise(ends), strict=True):
             seen = float(np.linalg.norm(theta[a:b]))
             sizes.append(float(self._sizes[np.argmin(np.abs(np.log(self._sizes / max(seen, 1e-9))))]))
             part = self.parts[number]
-            value = roots[len(visible)] @ theta[a:b]
-            slow.append(np.diag(np.abs(value[0]) * np.array(part.effect.slow)) if part.rates.size else np.zeros((0, 0)))
+            value = self._roots[number] @ theta[a:b]
+            slow.append(np.diag(np.abs(value[0]) * np.array(part.effect.slow if part.rates.size else [])))
+            off.append(np.abs(value[0]) * np.eye(part.unsure.shape[1]))
             moved = part.columns @ value
-            shown = float(np.linalg.norm(self._beyond_zeros(moved)))
+            shown = float(np.linalg.norm(_beyond(self._zeros, moved)))
             visible.append(shown if part.effect.stays_in_gap else float(np.linalg.norm(moved)))
             left.append((_LEFT_EXACT if not part.effect.stays_in_gap else _left_by(part)) * shown)
             log_prior -= float(np.log(len(self._sizes)))
-            log_prior += self._plausible(number, roots, theta[a:b], numbers)
-        scaled = [*(r * size / np.sqrt(r.shape[1]) for r, size in zip(roots, sizes, strict=True)), *slow]
+            log_prior += self._plausible(number, value)
+        scaled = [*(np.eye(k) * size / np.sqrt(k) for k, size in zip(widths, sizes, strict=True)), *slow]
         self._left[numbers] = float(np.linalg.norm(left))
         if len(numbers) > 1:  # what is beside a thing that gives way to a force takes more than that may leave
-            more = self._left_of(numbers[1:]) - (square - float(theta @ root.T @ g))
+            effect = self.parts[numbers[1]].effect
+            alone = [n for n, part in enumerate(self.parts) if part.effect is effect]
+            more = min(self._left_of((n,)) for n in alone) - self._left_of(numbers)
             if np.sqrt(max(more, 0.0)) < _left_by(self.parts[numbers[1]]) * visible[1]:
                 return -np.inf
         if min(visible) < max(_LEAST_BESIDE * max(visible), self._floor):
             return -np.inf
         lost = 0.5 * (square - self._gram[0, 0])
-        if not curved:
-            return float(log_prior - lost + _evidence(S, g, _blocks(scaled)))
+        places = np.concatenate([places, *(self._unsure[n] for n in numbers)])
         values = []
-        for share in range(len(priors.PHYSICS)):
-            curves = [self._curve(n, size, share) for n, size in zip(numbers, visible, strict=True)]
+        for share, factor in enumerate(_LOADS_OFF if curved else _LOADS_OFF[1:2]):
+            curves = [self._curve(n, size, share) for n, size in zip(numbers, visible, strict=True)] if curved else []
             every = np.concatenate([places, *(own for own, _ in curves)])
-            whole = _blocks([*scaled, *(curve for _, curve in curves)])
-            values.append(_evidence(self._gram[np.ix_(every, every)], products[every], whole))
-        return float(log_prior - lost + float(log_sum(values, weights=priors.PHYSICS)))
+            whole = block_diag(*scaled, *(factor * own for own in off), *(curve for _, curve in curves))
+            values.append(bayes_factor(self._gram[np.ix_(every, every)], products[every], whole))
+        evidence = float(log_sum(values, weights=priors.PHYSICS)) if curved else values[0]
+        return float(log_prior - lost + evidence)
 
     def _curve(self, number: int, size: float, share: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Places and prior root of a shape's discrepancy: in the position, or in the force where it gives way to it."""
@@ -357,38 +422,41 @@ class _Evidence:
     def _left_of(self, numbers: tuple[int, ...]) -> float:
         """Chi-square that shapes leave of the gap."""
         if numbers not in self._chi_square:
-            square, products = self._target(numbers)
-            self._chi_square[numbers] = square - _gain(self._gram, products, self._places(numbers))
+            places = np.concatenate([places for n in numbers for places in (self._own[n], self._rates[n])])
+            self._chi_square[numbers] = self._left_in(numbers, places)
         return self._chi_square[numbers]
 
-    def _plausible(self, number: int, roots: Sequence[FloatArray], theta: FloatArray, numbers: Sequence[int]) -> float:
+    def _left_in(self, numbers: Sequence[int], places: npt.NDArray[np.intp]) -> float:
+        """Chi-square of the gap, less what formulas have beyond, that some columns leave."""
+        return float(np.sum(_beyond(_orthonormal(self._white[:, places])[0], self._gap(numbers)) ** 2))
+
+    def _gap(self, numbers: Sequence[int]) -> FloatArray:
+        """The gap (M,) less what formulas have beyond their columns."""
+        return np.asarray(self._white[:, 0] - self._white[:, [int(self._beyond[n][0]) for n in numbers]].sum(axis=1))
+
+    def _plausible(self, number: int, values: FloatArray) -> float:
         """Log share of the posterior where values are plausible, with some left for what nobody thought of."""
-        root, inside = roots[list(numbers).index(number)], 1.0
-        values, stds = root @ theta, np.sqrt(np.sum(root**2, axis=1))
-        for parameter, value, std in zip(self.parts[number].effect.parameters, values, stds, strict=True):
-            if std > 0:
-                inside *= float(ndtr((parameter.high - value) / std) - ndtr((parameter.low - value) / std))
-        return float(np.log((1 - _IMPOSSIBLE) * inside + _IMPOSSIBLE))
+        stds = np.sqrt(np.sum(self._roots[number] ** 2, axis=1))
+        possible = self.parts[number].effect.possible(values.tolist(), stds.tolist())
+        return float(np.log((1 - _IMPOSSIBLE) * possible + _IMPOSSIBLE))
 
     def _laws(self, numbers: tuple[int, ...]) -> tuple[list[tuple[GapLaw, float]], float]:
         """Laws beside a set with their log odds against no law; and the log evidence of what the set may leave."""
-        places = self._places(numbers)
-        products = self._target(numbers)[1]
-        S = self._gram[np.ix_(places, places)]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-        inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True) * np.outer(scale, scale)
+        # Less what the set explains; not by squares, of which little is left.
+        basis = _orthonormal(self._white[:, self._places(numbers)])[0]
+        left = _beyond(basis, np.column_stack([self._gap(numbers), self._white[:, np.concatenate(self._of_law)]]))
+        curves = np.split(left[:, 1:], np.cumsum([len(curve) for curve in self._of_law])[:-1], axis=1)
         found, leftovers = np.full(len(self.laws), -np.inf), np.full(len(self.laws), -np.inf)
         least = float(np.hypot(self._left.get(tuple(numbers), 0.0), self._floor))
         driven = {self.parts[n].effect.stays_in_gap for n in numbers}
         for width in {len(own) for own in self._of_law}:
             alike = [n for n, own in enumerate(self._of_law) if len(own) == width]
-            index = np.array([self._of_law[n] for n in alike])
-            across = self._gram[index[:, :, None], places[None, None, :]]
-            grams = self._gram[index[:, :, None], index[:, None, :]] - across @ inverse @ across.transpose(0, 2, 1)
-            own = products[index] - across @ (inverse @ products[places])
+            grams = np.array([curves[n].T @ curves[n] for n in alike])
+            products = np.array([curves[n].T @ left[:, 0] for n in alike])
             roots = curve_roots(width, _LENGTHS)
-            bayes = log_mean(log_mean(curve_evidence(grams, own, roots, self._sizes), axis=1))
-            gains = np.einsum("ti,tij,tj->t", own, np.linalg.pinv(grams, rcond=1e-8, hermitian=True), own) - width
+            bayes = log_mean(log_mean(curve_evidence(grams, products, roots, self._sizes), axis=1))
+            inverse = np.linalg.pinv(grams, rcond=1e-8, hermitian=True)
+            gains = np.einsum("ti,tij,tj->t", products, inverse, products) - width
             large = np.sqrt(np.maximum(gains, 0.0)) > least
             own_variable = np.array([any(self.laws[n].is_of(d) for d in driven) for n in alike])
             found[alike] = np.where(large, bayes, -np.inf)
@@ -445,31 +513,22 @@ def _place(effect: Effect, shape: Shape) -> tuple[tuple[str, float], ...]:
 
 def _taken(part: GapColumns, beside: FloatArray, gap: FloatArray) -> float:
     """Chi-square that a shape takes of the gap."""
-    own = np.hstack([part.columns, part.rates])
-    basis = np.linalg.qr((own - beside @ (beside.T @ own)) / np.maximum(np.linalg.norm(own, axis=0), 1e-300))[0]
+    basis = _orthonormal(_beyond(beside, np.hstack([part.columns, part.rates])))[0]
     return float(np.sum((basis.T @ gap) ** 2))
 
 
-def _gain(gram: FloatArray, products: FloatArray, places: npt.NDArray[np.intp]) -> float:
-    """Chi-square that some columns take by least squares."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[places], 1e-300))
-    inverse = np.linalg.pinv(gram[np.ix_(places, places)] * np.outer(scale, scale), rcond=1e-10, hermitian=True)
-    own = scale * products[places]
-    return float(own @ inverse @ own)
+def _beyond(basis: FloatArray, columns: FloatArray) -> FloatArray:
+    """What an orthonormal basis (M, r) does not explain of columns (M, ..)."""
+    return np.asarray(columns - basis @ (basis.T @ columns))
 
 
-def _blocks(parts: Sequence[FloatArray]) -> FloatArray:
-    """Block-diagonal matrix."""
-    whole = np.zeros(tuple(np.sum([part.shape for part in parts], axis=0)))
-    row = column = 0
-    for part in parts:
-        whole[row : row + part.shape[0], column : column + part.shape[1]] = part
-        row, column = row + part.shape[0], column + part.shape[1]
-    return whole
+def _orthonormal(columns: FloatArray, least: float = _ROUNDED) -> tuple[FloatArray, FloatArray]:
+    """Orthonormal columns (M, k') of what columns (M, k) show, and the values (k, k') that make each.
 
-
-def _evidence(gram: FloatArray, products: FloatArray, root: FloatArray) -> float:
-    """Log Bayes factor of parameters with the prior covariance ``root root'``."""
-    factor = np.linalg.cholesky(np.eye(root.shape[1]) + root.T @ gram @ root)
-    turned = np.linalg.solve(factor, root.T @ products)
-    return float(0.5 * turned @ turned - np.sum(np.log(np.diag(factor))))
+    Directions with less than a share ``least`` of a column's square are none.
+    """
+    norms = np.linalg.norm(columns, axis=0)
+    norms[norms == 0.0] = np.inf
+    own, sizes, turned = np.linalg.svd(columns / norms, full_matrices=False)
+    live = sizes**2 > least
+    return own[:, live], turned[live].T / sizes[live] / norms[:, None]

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from fitting.effects.base import Effect
-from fitting.residual.findings import LEAST, MOST_LISTED, Accepted, Hypothesis, Place
+from fitting.residual.findings import MOST_LISTED, Accepted, Hypothesis, Place, most_probable
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.decision import believed
@@ -101,8 +101,7 @@ def together(positions: Sequence[Hypothesis], efforts: Sequence[Hypothesis]) -> 
         laws = {t.label: t for t in (*both.terms, *more.terms) if not isinstance(t.content, Effect)}
         return (*named.values(), *laws.values())
 
-    found = [
+    return most_probable(
         Hypothesis(terms(p, e), p.probability * e.probability)
         for p, e in product(positions or (Hypothesis((), 1.0),), efforts)
-    ]
-    return tuple(sorted((h for h in found if h.probability > LEAST), key=lambda h: -h.probability)[:MOST_LISTED])
+    )

@@ -28,8 +28,6 @@ SPILL = 0.1
 #: Amplitude, as share, that counts as found of what was significant and did not hold elsewhere: its formula was wrong,
 #: what it lived on is there.
 FAILED = 3.0
-#: Chance that a parameter lies outside the interval that is plausible for it.
-OUTSIDE = 0.01
 #: Probability from which on something is said.
 SAID = 0.95
 #: The same as log odds.

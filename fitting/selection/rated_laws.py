@@ -18,8 +18,8 @@ from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import curve_evidence, curve_roots, formula_gains, log_mean, log_sum, named_evidence
+from fitting.selection.gains import Sizes
 from fitting.selection.rated import Rated
-from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
 from fitting.signals.splines import spline_knots
 
@@ -71,18 +71,13 @@ class RatedLaws:
     def _of_width(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
     ) -> list[Rated]:
+        found = dict[int, list[float]]()
         for simple in (True, False):
-            fresh = [
-                n for n in numbers if (n not in covered) == simple and self._trust.known("law", n, scores[n]) is None
-            ]
-            if fresh:
-                for n, value in zip(fresh, self._law_evidence(joint, fresh, scores, simple).tolist(), strict=True):
-                    self._trust.keep("law", n, scores[n], value)
-        result = []
-        for n in numbers:
-            bayes, leftover = self._trust.known("law", n, scores[n])
-            result.append(Rated(scores[n], prior + bayes, bayes, prior + bayes, leftover, leftover))
-        return result
+            own = [n for n in numbers if (n not in covered) == simple]
+            if own:
+                found |= zip(own, self._law_evidence(joint, own, scores, simple).tolist(), strict=True)
+        rated = ((scores[n], found[n][0], found[n][1]) for n in numbers)
+        return [Rated(score, prior + bayes, bayes, prior + bayes, left, left) for score, bayes, left in rated]
 
     def _law_evidence(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool

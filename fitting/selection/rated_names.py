@@ -24,9 +24,8 @@ from fitting.selection.evidence import (
     named_evidence,
     whitened_parts,
 )
-from fitting.selection.gains import averaged, orders, plausible
+from fitting.selection.gains import Sizes, averaged, orders
 from fitting.selection.rated import Family, Rated
-from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
 
 #: Share of a curve that the base has to leave for it to tell of anything.
@@ -68,16 +67,18 @@ class RatedNames:
     ) -> list[Rated]:
         """One explanation per family, with its best shape; ``each`` and ``law_each`` are log priors."""
         exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
-        bent = exact | self._bent(families, scores)
+        bent = exact | self._bent(families, scores, exact)
         return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
     def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
         """One shape of a name by itself."""
         exact = self._plain({number: scores[number]})
-        bent = exact | self._bent({name: [number]}, scores)
+        bent = exact | self._bent({name: [number]}, scores, exact)
         return self._named({name: [number]}, scores, [0.0], exact, bent)[0]
 
-    def _bent(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> dict[int, float]:
+    def _bent(
+        self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], exact: Mapping[int, float]
+    ) -> dict[int, float]:
         """Log evidence, by number, of names whose formula may be off by a smooth curve of their own signal."""
         joints: dict[int, list[int]] = {}
         for own in names.values():
@@ -87,16 +88,12 @@ class RatedNames:
             best = sorted(own, key=lambda n: -scores[n].gain)[:MOST_SHAPES]
             joints.setdefault(term.joint, []).extend(best)
         result: dict[int, float] = {}
-        by_order = self._plain({n: scores[n] for own in joints.values() for n in own})
         for joint, numbers in joints.items():
             most = max(scores[n].gain for n in numbers)
             near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
             beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
             own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
             near = [n for n in near if own_laws[n]]
-            known = {n: self._trust.known("bent", n, scores[n]) for n in near}
-            result |= {n: value for n, value in known.items() if value is not None}
-            near = [n for n in near if known[n] is None]
             if not near:
                 continue
             used = sorted({*near, *(m for n in near for m in own_laws[n])})
@@ -112,8 +109,7 @@ class RatedNames:
                     found.append(self._with_curves(scores[n], first, gram, products, [len(p) for p in curves]))
                 if is_series(scores[n].term):
                     found = [float(log_mean(found)), self._smooth(own_laws[n], scores)]
-                value = max(float(log_mean(found)), by_order[n]) if np.isfinite(found).any() else by_order[n]
-                result[n] = self._trust.keep("bent", n, scores[n], value)
+                result[n] = max(float(log_mean(found)), exact[n]) if np.isfinite(found).any() else exact[n]
         return result
 
     def _smooth(self, laws: Sequence[int], scores: Mapping[int, Score]) -> float:
@@ -131,12 +127,12 @@ class RatedNames:
         """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
         return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
 
-    def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, tuple[float, float]]:
+    def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, list[float]]:
         """Log evidence of names as what found effects leave; of what acts everywhere joint by joint.
 
         Both forms of :class:`Rated`: as leftover and as refuted.
         """
-        numbers = [n for n in scores if self._trust.known("left", n, scores[n]) is None]
+        numbers = list(scores)
         parts: dict[int, list[tuple[int, float]]] = {}  # by joint: place of the number, and what of its gain is there
         for place, n in enumerate(numbers):
             score, share = scores[n], self._trust.of(n)
@@ -152,14 +148,11 @@ class RatedNames:
                 if left.max() > 0:
                     found = named_evidence(gain, live[places], left)
                     total[places, form] += log_sum(found, weights=priors.LEFTOVER_WEIGHTS)
-        for n, (leftover, refuted) in zip(numbers, total.tolist(), strict=True):
-            self._trust.keep("left", n, scores[n], (leftover, refuted))
-        return {n: self._trust.known("left", n, scores[n]) for n in scores}
+        return dict(zip(numbers, total.tolist(), strict=True))
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
         """Log evidence of names by number, if their formulas are exactly nature's."""
-        numbers = [n for n in scores if self._trust.known("plain", n, scores[n]) is None]
-        own = [scores[n] for n in numbers]
+        numbers, own = list(scores), list(scores.values())
         limits = np.array([self._sizes.limit(s) for s in own])
         trust = np.array([self._trust.of(n) for n in numbers])
         series = [orders(s) for s in own]
@@ -171,9 +164,7 @@ class RatedNames:
         counts = np.array([len(o) for o in series])
         weights = np.arange(len(found))[:, None] < counts[None, :]
         total = log_sum(np.array(found), axis=0, weights=weights / counts) if found else np.zeros(0)
-        for n, value in zip(numbers, total.tolist(), strict=True):
-            self._trust.keep("plain", n, scores[n], value)
-        return {n: self._trust.known("plain", n, scores[n]) for n in scores}
+        return dict(zip(numbers, total.tolist(), strict=True))
 
     def _named(
         self,
@@ -187,7 +178,7 @@ class RatedNames:
             return []
         counts = np.array([len(own) for own in families.values()])
         numbers = [n for own in families.values() for n in own]
-        believable = np.array([self._plausible(n, scores[n]) for n in numbers])
+        believable = np.array([scores[n].log_inside for n in numbers])
         total = np.array([bent[n] for n in numbers]) + believable
         bayes = log_means(total, counts).tolist()
         plain = log_means(np.array([exact[n] for n in numbers]) + believable, counts).tolist()
@@ -199,10 +190,6 @@ class RatedNames:
             Rated(scores[n], prior + own, own, prior + simple, leftover, refuted)
             for n, prior, own, simple, leftover, refuted in zip(best, log_priors, bayes, plain, *left, strict=True)
         ]
-
-    def _plausible(self, number: int, score: Score) -> float:
-        known = self._trust.known("plausible", number, score)
-        return float(self._trust.keep("plausible", number, score, plausible(score)) if known is None else known)
 
     def _with_curves(
         self, score: Score, numbers: IntArray, S: FloatArray, g: FloatArray, widths: Sequence[int]

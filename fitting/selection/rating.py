@@ -17,10 +17,10 @@ from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.decision import by_formula
 from fitting.selection.evidence import log_sum
+from fitting.selection.gains import Sizes
 from fitting.selection.rated import Family, Rated, family
 from fitting.selection.rated_laws import RatedLaws
 from fitting.selection.rated_names import RatedNames, is_series
-from fitting.selection.sizes import Sizes
 from fitting.selection.trust import Trust
 
 
@@ -51,13 +51,11 @@ class Rating:
         self._unknown = 1
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
-        by_joint: dict[int, list[int]] = {}
         for number, term in enumerate(candidates.terms):
             if _is_curve(term) and isinstance(term.content, Law):
                 law = term.content
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
-                by_joint.setdefault(term.joint or 0, []).append(number)
-        self._trust = Trust(candidates, model, by_joint)
+        self._trust = Trust(candidates, model)
         sizes = Sizes(model, visible, self._failed)
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
@@ -113,7 +111,7 @@ class Rating:
         """One shape of a name by itself, not knowing of any replicas."""
         return self._names.alone(number, scores, family(scores[number].term))
 
-    def sharper(self, rated: Rated, model: Model) -> Rated:
+    def at_best_shape(self, rated: Rated, model: Model) -> Rated:
         """The same name with its shape searched between the grid's, and what that is worth.
 
         Shapes are averaged: a peak that is narrower than the grid holds that much less of what was expected of shapes.
@@ -157,7 +155,7 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
     """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
     places: dict[int | None, list[Rated]] = {}
     for r in rated:
-        places.setdefault(None if r.term.everywhere else r.term.joint, []).append(r)
+        places.setdefault(r.term.place, []).append(r)
     result = []
     for own in places.values():
         prior = np.array([r.log_odds - r.log_bayes for r in own])

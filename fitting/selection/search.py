@@ -15,7 +15,6 @@ import numpy as np
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
-from fitting.residual.confirmation.trials import Signals, Trials
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
@@ -23,7 +22,7 @@ from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_ter
 from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
-from fitting.selection.confirm import Gate
+from fitting.selection.confirm import Gate, Signals
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.draws import Draws
 from fitting.selection.evidence import least_gain, named_evidence
@@ -97,19 +96,19 @@ class Search:
         known: Sequence[Accepted],
     ) -> None:
         self.base, self.effects, self.signals = base, effects, signals
-        self.gate = Gate(Trials(signals, validate), validate)
+        self.gate = Gate(signals, validate)
         self.draws = Draws(signals, bootstrap)
         self.model, self.accepted = base, list(known)
         self.known = len(known)
         self.refused: set[tuple[object, ...]] = set()
         self.unneeded: set[tuple[object, ...]] = set()  # dropped as improbable: not added again, but not refuted
-        self.again: set[tuple[object, ...]] = set()  # of these, what made another joint worse: until that is explained
-        self.lawless: set[int | None] = set()
+        #: What made another joint worse, and beside which terms: parameters that joints share are bent by all effects.
+        self.worse: set[tuple[frozenset[tuple[object, ...]], tuple[object, ...]]] = set()
+        self.without_law: set[int | None] = set()
         self.failed: list[tuple[int | None, float]] = []
-        self.table: dict[Family, Candidate] = {
-            score.term.family: Candidate(*score.term.family, margin(score), "accepted", "a spectral line")
-            for score in (item.score for item in known)
-        }
+        self.table: dict[Family, Candidate] = {}
+        for item in known:
+            self._note(item.score, "accepted", "a spectral line")
         self.unconfirmed: list[Unconfirmed] = []
         self.limits: tuple[Score, ...] = ()
         terms, grid = catalogue_terms(base, effects)
@@ -137,11 +136,11 @@ class Search:
         self.open = rated
         if _log_total(rated) < priors.SAID_ODDS:
             return False
-        sharp = self._sharp(rated)
-        self._try(self._first_of_two(decided(sharp), sharp))
+        best = self._at_best_shapes(rated)
+        self._try(self._two_names_instead(decided(best), best))
         return True
 
-    def _first_of_two(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
+    def _two_names_instead(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
         """The choice; of a law, a name instead that together with a second name of its joint is more probable.
 
         A curve can be bent by two effects, and neither of them alone explains what it does. Both formulas have to be
@@ -155,7 +154,7 @@ class Search:
         for first in [r for r in names if r.score.gain > half][:WIDTH]:
             beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
             other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
-            second = self._sharp(self._beside(other, [*self.model.terms, first.term]))[:1]
+            second = self._at_best_shapes(self._beside(other, [*self.model.terms, first.term]))[:1]
             # Two names are not what the first leaves: that is held against the second once it is asked for.
             total = first.exact + sum(r.exact + r.against for r in second)
             if second and second[0].exact > priors.SAID_ODDS and total > most:
@@ -203,11 +202,14 @@ class Search:
 
     def _beside(self, rated: Sequence[Rated], there: Sequence[Term]) -> list[Rated]:
         """Explanations that may stand beside some terms: not one of them, and not refused."""
-        closed = {family(term) for term in there} | self.refused | (set() if self.settled else self.unneeded)
+        beside = frozenset(map(family, there))
+        closed = beside | self.refused | {name for terms, name in self.worse if terms == beside}
+        closed |= set() if self.settled else self.unneeded
         return [
             r
             for r in rated
-            if family(r.term) not in closed and not (isinstance(r.term.content, Law) and r.term.joint in self.lawless)
+            if family(r.term) not in closed
+            and not (isinstance(r.term.content, Law) and r.term.joint in self.without_law)
         ]
 
     def _visible(self, model: Model) -> FloatArray:
@@ -235,7 +237,7 @@ class Search:
                 seen[place] += priors.FAILED**2 * size
         return np.sqrt(seen)
 
-    def _sharp(self, rated: Sequence[Rated]) -> list[Rated]:
+    def _at_best_shapes(self, rated: Sequence[Rated]) -> list[Rated]:
         """Explanations beside the model that was rated last, the shapes of names near the best of their joint searched.
 
         A spline adapts itself; a formula is compared with it at its best shape.
@@ -250,30 +252,31 @@ class Search:
             and isinstance(r.term.content, Effect)
             and r.score.gain > NEAR * head.score.gain
         ][:WIDTH]
-        sharper = [self.rating.sharper(r, self.scored.model) for r in near]
-        return by_formula([*sharper, *(r for r in rated if r not in near)])
+        refined_names = [self.rating.at_best_shape(r, self.scored.model) for r in near]
+        return by_formula([*refined_names, *(r for r in rated if r not in near)])
 
     def _try(self, choice: Rated) -> None:
         """Add the choice, its shape searched, if nothing is against it elsewhere."""
-        score = self._sharpened(choice.score)
+        score = self._at_best_shape(choice.score)
         trial = self.gate.with_term(self.model, score.term)
         score = replace(score, term=trial.terms[-1])
-        said = self.gate.asked(score, self.model, trial)
+        answer = self.gate.asked(score, self.model, trial)
         place = score.term.family
-        if not said.reason and self._spilled(score):
-            said = replace(
-                said, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
+        if not answer.reason and self._spilled(score):
+            answer = replace(
+                answer, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
             )
-        if said.reason:
-            self.refused.add(family(choice.term))
-            if said.worse:
-                self.again.add(family(choice.term))
-            self.table[place] = Candidate(*place, margin(score), "rejected", said.reason)
-            if not said.faint and isinstance(score.term.content, Law):
+        if answer.reason:
+            if answer.worse:
+                self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
+            else:
+                self.refused.add(family(choice.term))
+            self._note(score, "rejected", answer.reason)
+            if not answer.faint and isinstance(score.term.content, Law):
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
-                self.lawless.add(score.term.joint)
-                self.unconfirmed.append(Unconfirmed(score, said.held_out, said.validate_gain or 0.0))
-            elif not said.faint:
+                self.without_law.add(score.term.joint)
+                self.unconfirmed.append(Unconfirmed(score, answer.held_out, answer.validate_gain or 0.0))
+            elif not answer.faint and not answer.worse:
                 self.failed.append((score.term.joint, score.gain))
             return
         # What is in the model itself is no other name any more for what was found before.
@@ -281,10 +284,10 @@ class Search:
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
             for item in self.accepted
         ]
-        self.refused -= self.again  # parameters that two joints share are bent by both effects
-        self.again.clear()
-        self.accepted.append(Accepted(score, (), said.held_out, said.validate_gain, said.witness, silence=said.silence))
-        self.table[place] = Candidate(*place, margin(score), "accepted", f"gains {score.gain:.0f} of chi-square")
+        self.accepted.append(
+            Accepted(score, (), answer.held_out, answer.validate_gain, answer.witness, silence=answer.silence)
+        )
+        self._note(score, "accepted", f"gains {score.gain:.0f} of chi-square")
         self.before, self.model = self.scored, trial
         self.fresh.clear()
 
@@ -301,7 +304,7 @@ class Search:
         left = score_terms(self.signals.refit((*self.model.terms, *laws)), [score.term], [1])
         return not left or left[0].gain < least_gain(score.live)
 
-    def _sharpened(self, score: Score) -> Score:
+    def _at_best_shape(self, score: Score) -> Score:
         """A name at its best shape; a law with as many functions as it takes, of two signals where that is better."""
         if not isinstance(score.term.content, Law):
             name = refined(self.model, score)
@@ -348,8 +351,7 @@ class Search:
         for number in reversed(range(len(self.slots))):
             if self.slots[number].improbable:
                 item = self.accepted.pop(self.known + number)
-                place = item.score.term.family
-                self.table[place] = Candidate(*place, margin(item.score), "rejected", "improbable beside all others")
+                self._note(item.score, "rejected", "improbable beside all others")
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
 
@@ -379,7 +381,7 @@ class Search:
         if isinstance(content, Surface) and not content.twist:
             scores = score_terms(model, [item.score.term], [item.score.grid])
             rated = [*rated, *(self.rating.of_surface(score, rated) for score in scores)]
-        rated = self._sharp(rated)
+        rated = self._at_best_shapes(rated)
         slot = Slot.of(item, rated)
         self.accepted = all_
         choice = decided(rated) if rated and slot.nothing <= 1 - priors.SAID else None
@@ -387,15 +389,12 @@ class Search:
         if final or (choice is not None and (family(choice.term) == own or instead in self.held)):
             return slot
         self.held.add(instead)
-        place = item.score.term.family
         self.accepted, self.model = others, model
         if choice is None:
             self.unneeded.add(own)
-            self.table[place] = Candidate(
-                *place, margin(item.score), "rejected", "not needed beside what was found later"
-            )
+            self._note(item.score, "rejected", "not needed beside what was found later")
             return replace(slot, moved=True)
-        self.table[place] = Candidate(*place, margin(item.score), "rejected", "another explanation is more probable")
+        self._note(item.score, "rejected", "another explanation is more probable")
         self._try(choice)
         return replace(slot, moved=True)
 
@@ -415,9 +414,7 @@ class Search:
             for rival, _ in rivals:
                 named = isinstance(item.score.term.content, Effect)
                 words = f"this data cannot tell it from {item.score.term.id if named else 'an unknown effect'}"
-                self.table[rival.term.family] = Candidate(
-                    *rival.term.family, margin(rival.score), "indistinguishable", words
-                )
+                self._note(rival.score, "indistinguishable", words)
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(
             self.base,
@@ -475,7 +472,12 @@ class Search:
                 reason = f"gains {r.score.gain:.1f} of chi-square, which chance or what was found explains as well"
             else:
                 reason = "significant, but another effect explains the same better"
-            self.table[place] = Candidate(*place, margin(r.score), "rejected", reason)
+            self._note(r.score, "rejected", reason)
+
+    def _note(self, score: Score, status: str, reason: str) -> None:
+        """Write a candidate's line of the table."""
+        family = score.term.family
+        self.table[family] = Candidate(*family, margin(score), status, reason)
 
 
 def _contending(rated: Sequence[Rated]) -> list[Rated]:

@@ -1,9 +1,8 @@
-"""Which share of each gain is believed, and what was computed with it."""
+"""Which share of each gain is believed."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -19,19 +18,17 @@ from fitting.selection.gains import biased_gain, known_bias, scatter, shares
 
 
 class Trust:
-    """Share of the gain of each candidate, by number, that is believed; and what was computed with that share.
+    """Share of the gain of each candidate, by number, that is believed.
 
     Parameters
     ----------
     candidates : with their columns
     model : what is there
-    laws : joint to the numbers of its laws of one signal
     """
 
-    def __init__(self, candidates: Candidates, model: Model, laws: Mapping[int, Sequence[int]]) -> None:
-        self._candidates, self._model, self._laws = candidates, model, laws
+    def __init__(self, candidates: Candidates, model: Model) -> None:
+        self._candidates, self._model = candidates, model
         self._shares: dict[int, float] = {}
-        self._memo: dict[tuple[str, int], tuple[Score, float, Any]] = {}
 
     def of(self, number: int) -> float:
         """The share of one candidate."""
@@ -39,12 +36,19 @@ class Trust:
 
     def weigh(self, names: Iterable[Sequence[int]], laws: Iterable[Sequence[int]], scores: Mapping[int, Score]) -> None:
         """Work the shares out anew, of names and of the laws of each joint."""
-        names = tuple(names)
+        names, laws = tuple(names), tuple(laws)
         self._shares = {}
         for own in (*names, *laws):
             self._shares |= shares(own, scores)
-        self._share_scatter(names, scores)
-        self._share_bias(names, scores)
+        known, others = list[Sequence[int]](), list[Sequence[int]]()
+        for own in names:
+            drawn = [n for n in own if known_bias(scores[n])]
+            head = max(drawn or own, key=lambda n: scores[n].gain)
+            if isinstance(scores[head].term.content, Effect) and scores[head].gain > priors.SMALLEST**2:
+                (known if drawn else others).append([head, *(n for n in own if n != head)])
+        others += [[n] for own in laws for n in own if scores[n].gain > priors.SMALLEST**2]
+        self._share_scatter(known, scores)
+        self._share_bias(known, others, scores)
 
     def inflations(self, heads: Mapping[int, tuple[int, Score]]) -> dict[int, float]:
         """How much noisier the rows are, joint by joint, that show what is most probable there: number and score."""
@@ -67,74 +71,63 @@ class Trust:
                 kept / sum(max(p, 0.0) for p in parts.values()) if kept else 1.0
             )
 
-    def known(self, kind: str, number: int, score: Score) -> Any:
-        """What was computed for this score with the trust that it has now; None otherwise.
-
-        Replicas change the scores of contenders only, and all others are asked again with them.
-        """
-        known = self._memo.get((kind, number))
-        same = known is not None and known[0] is score and known[1] == self.of(number)
-        return known[2] if same and known is not None else None
-
-    def keep(self, kind: str, number: int, score: Score, value: Any) -> Any:
-        """Keep a value for as long as score and share are these, and give it back."""
-        self._memo[kind, number] = score, self.of(number), value
-        return value
-
     def _share_scatter(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
         """Names that tell the same have the same scatter in replicas, whatever the few that were drawn show of each.
 
-        Each name's inflation is the mean of those of all names of its place, weighted by how alike they are: times a
-        large gain, a tenth more or less would decide between two that the data hardly tells apart.
+        Each name's inflation is the mean of those of all names, weighted by how alike they are: times a large gain, a
+        tenth more or less would decide between two that the data hardly tells apart.
         """
-        places: dict[int | None, list[tuple[int, Sequence[int]]]] = {}
-        for own in names:
-            best = max(own, key=lambda n: scores[n].gain)
-            term = scores[best].term
-            if isinstance(term.content, Effect) and known_bias(scores[best]) and scores[best].gain > priors.SMALLEST**2:
-                places.setdefault(None if term.everywhere else term.joint, []).append((best, own))
-        for place, families in places.items():
-            numbers = [best for best, _ in families]
-            inflation = np.array([scatter(scores[n]) for n in numbers])
-            drawn = np.array([scores[n].null is not None for n in numbers])
-            if len(numbers) < 2 or not drawn.any():
-                continue
-            alike = self._overlap(numbers, numbers, scores, place) * drawn
-            total = alike.sum(axis=1)
-            pooled = (alike @ inflation + np.maximum(1.0 - total, 0.0)) / np.maximum(total, 1.0)
-            for (_, own), factor in zip(families, inflation / pooled, strict=True):
-                self._shares |= {n: float(self._shares[n] * factor) for n in own}
+        numbers = [own[0] for own in names]
+        inflation = np.array([scatter(scores[n]) for n in numbers])
+        drawn = np.array([scores[n].null is not None for n in numbers])
+        if len(numbers) < 2 or not drawn.any():
+            return
+        alike = self._overlap(numbers, numbers, scores) * drawn
+        total = alike.sum(axis=1)
+        pooled = (alike @ inflation + np.maximum(1.0 - total, 0.0)) / np.maximum(total, 1.0)
+        for own, factor in zip(names, inflation / pooled, strict=True):
+            self._shares |= {n: float(self._shares[n] * factor) for n in own}
 
-    def _share_bias(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """What noise in the regressors makes of a name it makes of the laws of its joint, as far as they are alike.
+    def _share_bias(
+        self, names: Sequence[Sequence[int]], others: Sequence[Sequence[int]], scores: Mapping[int, Score]
+    ) -> None:
+        """What noise in the regressors makes of a name it makes of whatever is like it.
 
         Replicas are few, and their scatter, times a large gain, would decide between two that tell the same. So a
-        law's own replicas count for that part of it only which the most similar name does not share.
+        law's own replicas count for that part of it only which the most similar name does not share; and a name of
+        which none were drawn has, as far as it is alike, the share of one of which some were.
         """
-        joints: dict[int, list[int]] = {}
-        for own in names:
-            drawn = [n for n in own if known_bias(scores[n]) and isinstance(scores[n].term.content, Effect)]
-            if drawn and not scores[drawn[0]].term.everywhere:
-                best = max(drawn, key=lambda n: scores[n].gain)
-                joints.setdefault(scores[best].term.joint or 0, []).append(best)
-        for joint, drawn in joints.items():
-            near = [n for n in self._laws.get(joint, ()) if n in scores]
-            near = [n for n in near if scores[n].gain > priors.SMALLEST**2]
-            drawn = [n for n in drawn if scores[n].gain > priors.SMALLEST**2]
-            if not near or not drawn:
-                continue
-            alike = self._overlap(drawn, near, scores, joint)
-            trust = np.array([scores[n].gain * self._shares[n] / biased_gain(scores[n]) for n in drawn])
-            for law, most, share in zip(near, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
-                self._shares[law] = float(share * trust[most] + (1.0 - share) * self._shares.get(law, 1.0))
+        if not names or not others:
+            return
+        heads = [own[0] for own in names]
+        alike = self._overlap(heads, [own[0] for own in others], scores)
+        trust = np.array([scores[n].gain * self._shares[n] / biased_gain(scores[n]) for n in heads])
+        for own, most, share in zip(others, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
+            self._shares |= {n: float(share * trust[most] + (1.0 - share) * self._shares[n]) for n in own}
 
-    def _overlap(
-        self, names: Sequence[int], laws: Sequence[int], scores: Mapping[int, Score], place: int | None
-    ) -> FloatArray:
-        """How alike names and others are (N, L): the share of either's contribution that the other could make."""
-        cross = self._candidates.cross_products(self._model, place, names, laws)
-        own, others = [scores[n] for n in names], [scores[n] for n in laws]
-        return _explained(own, others, cross.T) * _explained(others, own, cross).T
+    def _overlap(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
+        """How alike names and others are (N, L): the share of either's contribution that the other could make.
+
+        Those of different joints are not.
+        """
+        alike = np.zeros((len(names), len(others)))
+        for place, rows in _places(names, scores).items():
+            for other, columns in _places(others, scores).items():
+                if place == other or None in (place, other):
+                    one, two = [names[k] for k in rows], [others[k] for k in columns]
+                    cross = self._candidates.cross_products(self._model, one, two)
+                    first, second = [scores[n] for n in one], [scores[n] for n in two]
+                    mutual = _explained(first, second, cross.T) * _explained(second, first, cross).T
+                    alike[np.ix_(rows, columns)] = mutual
+        return alike
+
+
+def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | None, list[int]]:
+    """Where in a list those of each joint are, and under None those that act everywhere."""
+    result: dict[int | None, list[int]] = {}
+    for at, n in enumerate(numbers):
+        result.setdefault(scores[n].term.place, []).append(at)
+    return result
 
 
 def _explained(own: Sequence[Score], others: Sequence[Score], cross: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import signal
 
+from daq.errors import InputError
 from fitting.arrays import FloatArray
 
 _BLOCK_ROWS = 16
@@ -178,6 +179,26 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
         second=np.convolve(value, _SECOND) * rate_hz**2,
         identification=signal.firwin(2 * half + 1, bandwidth_hz, window=("kaiser", _KAISER_BETA), fs=rate_hz),
     )
+
+
+def asked_filter_bank(rate_hz: float, bandwidth_hz: float, longest_s: float) -> FilterBank:
+    """The filters for a bandwidth that somebody asked for.
+
+    Parameters
+    ----------
+    longest_s : duration of the longest recording; half of the identification filter is three periods of the bandwidth
+
+    Raises
+    ------
+    InputError
+        If the rate or the recordings do not allow it.
+    """
+    if not 6.0 / longest_s <= bandwidth_hz <= rate_hz / 5:
+        raise InputError(
+            f"bandwidth {bandwidth_hz:g} Hz must be at least {6.0 / longest_s:.3g} Hz (six periods in the longest "
+            f"recording) and at most {rate_hz / 5:g} Hz (a fifth of the rate)"
+        )
+    return filter_bank(rate_hz, float(bandwidth_hz))
 
 
 def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -> Any:

@@ -58,6 +58,24 @@ def piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float
     return variances["joint"] / (variances["joint"] + variances["piston"])
 
 
+def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArray:
+    """Piston position (N,) of a joint, m: of both sensors where there are two, each by its noise.
+
+    Where the joint's sensor puts the rod somewhere else by a constant, that changes no speed.
+    """
+    assert joint.cylinder is not None
+    angle, piston = (machine.channel(q, joint.name) for q in ("joint_position", "piston_position"))
+    found = []
+    if angle is not None:
+        found.append(joint.cylinder.linkage.piston_position(recording.values[angle.name]))
+    if piston is not None:
+        found.append(recording.values[piston.name])
+    if len(found) == 1:
+        return np.asarray(found[0], dtype=float)
+    weight = piston_weight(machine, joint, recording)
+    return np.asarray((1.0 - weight) * found[0] + weight * found[1])
+
+
 def position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
     """White-noise variance of each position sensor that says something, in the piston's unit squared."""
     angle = machine.channel("joint_position", joint.name)

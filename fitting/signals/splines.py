@@ -1,12 +1,16 @@
-"""Cubic spline bases for laws of one variable whose shape is not known."""
+"""Bases for laws of one variable whose shape is not known: cubic splines, and curves that never fall."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 from scipy.interpolate import BSpline
 
 from fitting.arrays import FloatArray
+
+#: Degree of a free curve's slope.
+DEGREE = 3
 
 
 def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
@@ -35,3 +39,22 @@ def evaluate(knots: FloatArray, values: npt.ArrayLike, coefficients: FloatArray 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:
     """Basis over the range of ``values`` itself, shape (N, functions)."""
     return evaluate(spline_knots(values, functions), values)
+
+
+def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArray]:
+    """The parts (N,) of a free curve: integrals over ``(o / reach)^power`` of Bernstein's polynomials.
+
+    Beyond the largest command that was fitted it goes on as it ends.
+    """
+    whole = np.power(opening / reach, power)
+    share = np.minimum(whole, 1.0)
+    rest, order = 1.0 - share, DEGREE + 1
+    rising, falling = [np.ones_like(share)], [np.ones_like(share)]
+    for _ in range(order):
+        rising.append(rising[-1] * share)
+        falling.append(falling[-1] * rest)
+    parts, tail = list[FloatArray](), np.zeros_like(share)
+    for i in range(order, 0, -1):
+        tail = tail + special.comb(order, i) * rising[i] * falling[order - i]
+        parts.insert(0, tail / order)
+    return [*parts[:-1], parts[-1] + whole - share]

@@ -24,7 +24,7 @@ from fitting.effects.base import Effect
 from fitting.loop.session import Options, Session
 from fitting.regression.design import Design, build_design
 from fitting.residual.terms import Term, extra_columns
-from fitting.residual.views import Views, build_views
+from fitting.residual.views import SegmentViews, Views
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import PositionNoise, Segment, segments_of
 
@@ -247,7 +247,7 @@ def exact_design(
 def exact_views(machine: Machine, arm: Truth, **options: Any) -> tuple[Design, Views]:
     """A design over perfect signals and its views at the true parameters."""
     design = exact_design(machine, arm, **options)
-    return design, build_views(design, arm.theta(machine), design.indices("unloaded", "train", "repeat"))
+    return design, SegmentViews(design, arm.theta(machine), design.indices("unloaded", "train", "repeat"))
 
 
 def injected(
@@ -269,7 +269,7 @@ def injected(
     theta = np.concatenate([arm.theta(machine), values])
     for _ in range(6 if effect.uses_model else 1):
         extra = extra_columns(design, views, [term])
-        views = build_views(design, theta, fitted, extra)
+        views = SegmentViews(design, theta, fitted, extra)
     added = []
     for index in range(len(design.segments)):
         own = [

@@ -10,8 +10,10 @@ from synthetic_arm import RATE, clean_session, exact_views, force, make_session,
 
 from fitting.effects import effect, effects
 from fitting.effects.end_cushion import EndCushion
-from fitting.loop.residual_loop import SessionSignals, final_model, moves, run_attribution, term_from_json, term_to_json
+from fitting.loop.refits import SessionSignals, final_model
+from fitting.loop.residual_loop import moves, run_attribution
 from fitting.loop.session import Session
+from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.residual.confirmation.confirmation import (
     OnValidate,
     on_validate,

@@ -199,7 +199,7 @@ def test_recordings_in_the_wrong_place_are_one_line(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("bandwidth", ["0", "-3", "40"])
+@pytest.mark.parametrize("bandwidth", ["0", "-3", "40", "1e-9"])
 def test_an_impossible_bandwidth_is_one_line(bandwidth: str, arm: Path, run: Callable[[list[str]], Outcome]) -> None:
     outcome = run([*command(arm), "--bandwidth", bandwidth])
     assert outcome.code == 2 and "bandwidth" in outcome.line and "a fifth of the rate" in outcome.line

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,20 @@ def test_a_report_of_another_machine_is_refused(tmp_path: Path) -> None:
         read_body_prior(written(path, content), reduce_parameters(planar_arm(2)))
 
 
-@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"{", b"", b"[1, 2]"])
+@pytest.mark.parametrize(
+    ("key", "value"), [("value", "heavy"), ("value", math.nan), ("std", -1.0), ("expression", None)]
+)
+def test_a_parameter_of_a_report_that_is_none_is_refused_by_its_key(tmp_path: Path, key: str, value: Any) -> None:
+    base = reduce_parameters(planar_arm(2))
+    content = report(base)
+    content["rigid_body"]["parameters"][1][key] = value
+    path = tmp_path / "report.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=rf"report\.json: rigid_body\.parameters\.1\.{key}: must be"):
+        read_body_prior(path, base)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"{", b"", b"[1, 2]", b"[" * 5000])
 def test_what_is_no_file_of_this_kind_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "prior.yaml"
     path.write_bytes(content)

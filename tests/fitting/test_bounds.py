@@ -99,6 +99,20 @@ def score(name: str, *values: float) -> Score:
     return score_terms(session.base_model, [term], [1])[0]
 
 
+@given(
+    st.lists(st.floats(-3, 3), min_size=4, max_size=4),
+    st.lists(st.floats(0.2, 2), min_size=4, max_size=4),
+    st.integers(0, 2**32 - 1),
+)
+def test_what_is_possible_of_a_posterior_is_counted(values: list[float], stds: list[float], seed: int) -> None:
+    """A line's loss grows with the flow: of its linear and its quadratic part neither works against the other."""
+    drawn = np.array(values) + np.array(stds) * np.random.default_rng(seed).normal(size=(4000, 4))
+    same = (drawn[:, 0] * drawn[:, 1] >= 0) & (drawn[:, 2] * drawn[:, 3] >= 0)
+    assert effect("cross_cylinder_coupling").possible(values, stds) == pytest.approx(np.mean(same), abs=0.05)
+    braking = np.mean((drawn[:, 0] >= 0) & (drawn[:, 0] <= 0.5))
+    assert effect("load_dependent_friction").possible(values[:1], stds[:1]) == pytest.approx(braking, abs=0.05)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),

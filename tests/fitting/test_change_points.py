@@ -9,12 +9,13 @@ import pytest
 from scipy import signal
 from synthetic_arm import USUAL, clean_session, make_motion, make_session, planar_machine, truth
 
-from fitting.loop.residual_loop import SessionSignals, _changes
+from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Options, Session
 from fitting.residual.change_points import (
     ChangePoint,
     JointRows,
     change_points,
+    changes,
     joint_rows,
     step_at,
     supremum_chance,
@@ -146,18 +147,6 @@ def test_a_knock_is_no_change() -> None:
         assert change_points(replace(plain, residual=plain.residual + sign * knock)) == ()
 
 
-def test_where_a_change_is_at_work() -> None:
-    clock = np.array([0.0, 29.0, 31.0])
-    for kind, before, own, later in (
-        ("once", [0, 0, 0], [0, 0, 1], [0, 0, 0]),
-        ("lasting", [0, 0, 0], [0, 0, 1], [1, 1, 1]),
-        ("every", [0, 0, 1], [0, 0, 1], [0, 0, 1]),
-    ):
-        number = None if kind == "every" else 1
-        point = ChangePoint(0, "1", kind, number, 30.0, (29.0, 31.0), 1.0, 0.1, 100.0, 1e-9)  # type: ignore[arg-type]
-        assert [point.active(r, clock).astype(int).tolist() for r in range(3)] == [before, own, later]
-
-
 def test_a_step_at_a_given_moment_is_that_of_a_joint_refit() -> None:
     data = rows(6, 0.9)
     best = next(c for c in change_points(data) if c.kind == "once")
@@ -208,8 +197,8 @@ def test_too_few_rows_or_a_dead_column_say_nothing() -> None:
 
 def test_rows_of_a_fit_are_in_order_and_show_a_step_in_the_effort() -> None:
     session = clean_session(2)
-    prepared, fit = session.plain, session.base_model.fit
-    data = joint_rows(prepared.design, prepared.noise, fit, prepared.fitted, 1)
+    prepared = session.plain
+    data = joint_rows(session.base_model, 1)
     assert set(data.columns) == {"1", "f_c", "f_v", "K", "load"}
     assert all(len(c) == len(data.residual) == len(data.time) for c in data.columns.values())
     unloaded = np.isin(data.recording, [s.recording for s in prepared.design.segments if not s.loaded])
@@ -245,7 +234,8 @@ def test_what_every_run_of_a_motion_has_at_one_phase_is_no_change_in_time(
 ) -> None:
     session = stepped(recordings, 60.0)
     signals = SessionSignals(session, Corrections(session.machine))
-    found = [c for c in _changes(session.base_model, signals.prepared(()), session.prior) if c.joint == 0]
+    explained = session.handed_base.weights == "whitened"
+    found = [c for c in changes(session.base_model, signals.prepared(()).pairs, explained) if c.joint == 0]
     assert bool(found) is said
     if said:
         assert abs(found[0].time - 20.0) < 1.0

@@ -260,7 +260,7 @@ def test_what_the_posterior_calls_improbable_is_not_added():
 def test_what_was_refused_later_is_not_shown_as_certain_and_its_evidence_is_not_nothings():
     found = attribution(accepted(LOAD, 0.99), stated(0.99, 0.008))
     assert found.verdict == "effect_added" and found.hypotheses[0].probability == 0.99
-    refused = found.refusing({LOAD.family})
+    refused = found.refusing({LOAD.family: "it does not hold"})
     assert not refused.accepted and all(LOAD not in h.terms for h in refused.hypotheses)
     assert max((h.probability for h in refused.hypotheses), default=0.0) <= 0.01
     assert refused.nothing < 0.5 and refused.verdict == "unexplained"

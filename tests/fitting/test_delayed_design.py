@@ -9,14 +9,14 @@ import pytest
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from fitting.effects import effect, effects
-from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Options, Prepared, Session
 from fitting.regression.design import Design
 from fitting.regression.noise import noise_model
 from fitting.residual.confirmation.confirmation import OnValidate, validate_gain
-from fitting.residual.confirmation.trials import Trials
 from fitting.residual.scoring import Candidates, catalogue_terms, law_terms
 from fitting.residual.terms import Model, Term, fit_model
+from fitting.selection.confirm import Gate
 from fitting.signals.corrections import Corrections
 
 LATENCY = Term(effect("sensor_latency"), 1)
@@ -160,7 +160,7 @@ def test_a_delay_is_judged_on_the_validation_motion_without_what_smoothing_does_
 
     def seen(signals: SessionSignals, late: float) -> tuple[Model, Model, OnValidate]:
         model, trial = signals.refit(()), signals.refit([replace(LATENCY, rebuilt=(late,))])
-        _, found = Trials(signals, signals.prepared(()).validate).judged(model, trial)
+        _, found = Gate(signals, signals.prepared(()).validate).judged(model, trial)
         assert found is not None
         return model, trial, found
 

@@ -76,6 +76,9 @@ def test_command_for_free_cylinders(run, tmp_path):
         (["--experiment", "staircase"], "give one --joint"),
         (["--experiment", "jumps", "--joint", "joint1"], "experiment 'jumps': there are staircase"),
         (["--max-pressure", "1"], "however small the motion"),
+        (["--seconds", "inf"], "'--seconds'"),
+        (["--max-frequency", "1e9"], "'--max-frequency'"),
+        (["--seed", "-1"], "'--seed'"),
     ],
 )
 @pytest.mark.slow

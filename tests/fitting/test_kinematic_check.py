@@ -26,17 +26,19 @@ from fitting.effects import effect
 from fitting.effects.base import Shape
 from fitting.loop.kinematic_check import (
     KinematicFinding,
+    _rebuilt_by,
     _rows,
     _with_efforts,
     corrections_from_json,
+    gap_posteriors,
     kinematics,
     step_to_json,
 )
 from fitting.loop.session import Options, Session
 from fitting.residual.findings import Hypothesis
-from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error
+from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error, with_forces
 from fitting.residual.terms import Term
-from fitting.selection.gaps import GapPosterior, GapSet
+from fitting.selection.gaps import GapPosterior, GapSet, _Evidence
 from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
@@ -100,6 +102,17 @@ def test_an_eccentric_encoder_is_named_with_its_harmonic(n: int, zeroed: bool) -
         assert finding.values == pytest.approx((0.004, 0.002, zero), abs=2e-4)
     before, after = gap_left(session, corrections, 1)
     assert before > 10 * after and after < 2e-5
+
+
+@pytest.mark.parametrize("n", [1.0, 3.0, 8.0])
+def test_the_error_of_an_eccentric_encoder_is_a_harmonic_of_the_angle_and_not_of_its_reading(n: float) -> None:
+    machine = planar_machine(2)
+    q = np.linspace(-3.0, 3.0, 601)
+    reading = q + 0.012 * np.sin(n * q) - 0.02 * np.cos(n * q) + 0.003
+    corrections = effect("encoder_eccentricity").apply_to_signals(
+        Corrections(machine), "joint2", {"n": n}, (0.012, -0.02, 0.003)
+    )
+    assert reading - corrections.position_error["joint2"](reading) == pytest.approx(q, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -194,8 +207,9 @@ def _open_question(session: Session) -> dict[str, float]:
     """Chances of an encoder's zero and of a pin, as likely as each other by the gap, once the efforts are asked."""
     rows = _rows(session, session.plain, session.base_model.views, 0)
     both = [GapSet((part,)) for part in (_part(rows, "encoder_offset", {}), _part(rows, "linkage_geometry", PIN))]
-    weighed = _with_efforts(session, {0: GapPosterior(rows, tuple((own, 0.5) for own in both))})[0]
-    return {own.names[0]: p for own, p in weighed.sets}
+    posterior, start = GapPosterior(rows, tuple((own, 0.5) for own in both)), Corrections(session.machine)
+    fits = {own.pose: session.fit(session.prepared(_rebuilt_by(start, posterior, own))) for own in both}
+    return {own.names[0]: p for own, p in _with_efforts(posterior, fits).sets}
 
 
 def _part(rows: GapRows, name: str, shape: Shape) -> GapColumns:
@@ -261,6 +275,7 @@ def _shifted(machine: Machine, joint: int, parameter: str, shift: float) -> Mach
     return machine.model_copy(update={"joints": joints})
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_parked_half_of_the_time_is_no_witness_of_eccentricity() -> None:
     """A sensor that stands repeats one error a thousand times, and its silence is no measure of its noise."""
     machine, seeds = planar_machine(2), (("unloaded", 1), ("train", 2), ("repeat", 2), ("validate", 3))
@@ -327,6 +342,41 @@ def test_a_structure_that_bends_is_named_with_its_place(about: bool) -> None:
     assert finding.steps[0].shape["about"] == about
     assert finding.values[0] == pytest.approx(compliance, rel=0.05)
     assert found.laws == () and found.corrections.play == {"joint2": "pin"}
+
+
+@pytest.mark.slow
+def test_an_encoders_zero_is_told_from_a_pin_beside_a_structure_that_bends_much() -> None:
+    """It bends by a hundredth under its load: no mean of both sensors is right, nor the load at that mean."""
+    machine, offset, compliance = planar_machine(2), 4e-4, 6e-5
+
+    def change(q: np.ndarray, load: np.ndarray, time: np.ndarray) -> np.ndarray:
+        x = machine.joints[1].cylinder.linkage.piston_position  # type: ignore[union-attr]
+        return compliance * lever(machine, q[:, 1]) ** 2 * load + x(q[:, 1] - offset) - x(q[:, 1])
+
+    session = bent_session(change)
+    own = gap_posteriors(session)[1]
+    zero, structure = (one.part for one in own.conclusions())
+    assert zero is not None and structure is not None
+    assert (zero.effect.id, structure.effect.id) == ("encoder_offset", "structural_flexibility")
+    assert [one.rivals for one in own.conclusions()] == [(), ()]
+    scores = own.scores(own.conclusions()[0].chosen)
+    for score, true in zip(scores, (offset, compliance), strict=True):
+        assert score.values[0] == pytest.approx(true, rel=0.02)
+
+
+@pytest.mark.slow
+def test_no_explanation_is_worth_more_than_a_perfect_fit() -> None:
+    """Columns that nearly cancel, of a gap of thousands of deviations: no digit of the evidence is made up."""
+    machine = planar_machine(2)
+
+    def change(q: np.ndarray, load: np.ndarray, time: np.ndarray) -> np.ndarray:
+        return 6e-5 * lever(machine, q[:, 1]) ** 2 * load + 1e-3 * np.sin(q[:, 1])
+
+    session = bent_session(change)
+    rows = with_forces(_rows(session, session.plain, session.base_model.views, 1), session.base_model)
+    odds = [own.odds for own in _Evidence(rows).weighed()]
+    assert len(odds) > 10
+    assert max(odds) <= 0.5 * float(np.sum(rows.values**2))
 
 
 @pytest.mark.slow

@@ -17,21 +17,19 @@ from daq.recordings.recording import Recording
 from daq.scratch import Scratch
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
-from fitting.loop.attribution import attributed
-from fitting.loop.everything import held_against_everything, on_the_pieces, on_the_whole, said
-from fitting.loop.residual_loop import SessionSignals, run_attribution
+from fitting.loop.everything import held_against_everything, renumbered, said, with_best_shapes
+from fitting.loop.refits import SessionSignals
+from fitting.loop.residual_loop import attributed, run_attribution
 from fitting.loop.search_pieces import _level, choose_pieces, thinned
 from fitting.loop.session import Options, Search, Session
-from fitting.loop.sharper import sharpened
 from fitting.regression.design import Design, build_design, white_noise_model
 from fitting.regression.prior import mass_prior
 from fitting.regression.stored import storing
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.scoring import score_terms
-from fitting.residual.stored_views import StoredColumns, StoredViews
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
-from fitting.residual.views import build_views
+from fitting.residual.views import SegmentViews
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import segments_of
@@ -157,7 +155,7 @@ def both() -> tuple[Design, Design]:
 def test_views_from_the_file_are_those_in_memory(both: tuple[Design, Design]) -> None:
     dense, stored = both
     theta = 1.05 * ARM.theta(MACHINE)
-    first, second = build_views(dense, theta, FITTED), StoredViews(stored, theta, FITTED)
+    first, second = SegmentViews(dense, theta, FITTED), SegmentViews(stored, theta, FITTED)
     assert len(second) == len(first) == 4 and len(list(second)) == 4 and len(second[1:3]) == 2
     for one, other in zip(first, second, strict=True):
         for own, same in zip(one, other, strict=True):
@@ -166,7 +164,7 @@ def test_views_from_the_file_are_those_in_memory(both: tuple[Design, Design]) ->
             assert np.array_equal(own.clock, same.clock)
             assert np.allclose(own.p2, same.p2, rtol=1e-6)
     columns = [extra_columns(d, v, TERMS).columns for d, v in ((dense, first), (stored, second))]
-    assert isinstance(columns[1][0], StoredColumns) and len(columns[1][0][1:3]) == 2
+    assert len(columns[1][0]) == 4 and len(columns[1][0][1:3]) == 2
     for joint in range(2):
         for index in range(4):
             own_columns, same_columns = columns[0][joint][index], columns[1][joint][index]
@@ -275,7 +273,7 @@ def test_a_moment_between_pieces_is_found_on_all_samples(hour: list[Recording], 
     )
     guess = Term(effect("payload"), None, {"recording": 1.0, "t_0": moment + 0.4 * session.search.gap})
     signals = SessionSignals(session, Corrections(MACHINE))
-    (found,) = sharpened(signals.refit([guess]), session.prior, session.search.gap)
+    (found,) = with_best_shapes(signals.refit([guess]), session.prior, session.search.gap)
     assert abs(found.shape["t_0"] - moment) < 5.0
     model = signals.refit([found])
     # The moment is half a second off, and what was carried then counts against the mass: five per cent.
@@ -285,8 +283,10 @@ def test_a_moment_between_pieces_is_found_on_all_samples(hour: list[Recording], 
 def test_recordings_are_numbered_as_in_the_whole(hour: list[Recording]) -> None:
     search = Search(Session(MACHINE, hour), (0, 4, 7), 3, 60.0, 600.0)
     term = Term(effect("payload"), None, {"recording": 2.0, "t_0": 1.0})
-    assert on_the_whole(term, search).shape == {"recording": 7.0, "t_0": 1.0}
-    assert on_the_pieces(on_the_whole(term, search), search) == term
+    whole = dict(enumerate(search.numbers))
+    there = renumbered(term, whole)
+    assert there.shape == {"recording": 7.0, "t_0": 1.0}
+    assert renumbered(there, {n: k for k, n in whole.items()}) == term
     every = Term(effect("payload"), None, {"recording": -1.0, "t_0": 1.0})
-    assert on_the_whole(every, search) == every and on_the_pieces(every, search) == every
+    assert renumbered(every, whole) == every
     assert not search.whole

@@ -73,7 +73,9 @@ ROWS = "".join(f"{0.02 * k},0.1\n" for k in range(8))
         (HEAD + "time,joint1\n0,0\n0.02,0,1\n", ":4: has 3 values for 2 columns"),
         (HEAD + "time,joint1\n0,0\n0.02,0\n", "has 2 rows"),
         (HEAD + "time,joint1\n" + ROWS.replace("0.06,0.1", "0.06,nan"), ":6: holds a value that is not finite"),
-        (HEAD + "time,joint1\n" + ROWS.replace("0.06,0.1", "0.01,0.1"), "time must start at 0 and rise"),
+        (HEAD + "time,joint1\n" + ROWS.replace("0.06,0.1", "0.01,0.1"), "time must start at 0, rise"),
+        (HEAD + "time,joint1\n" + ROWS + "3601,0.1\n", "and end within an hour"),
+        (HEAD + "time,joint1\n" + ROWS + "0.1400000001,0.1\n", "rise by a microsecond or more"),
         (HEAD + "time,joint9\n" + ROWS, "there is no joint 'joint9'"),
         (
             HEAD + "time,joint1\n" + ROWS.replace("0.06,0.1", "0.06,0.7"),
@@ -92,6 +94,12 @@ def test_wrong_files_are_refused_in_one_line(tmp_path, text, says):
     assert says in message
     assert str(path) in message
     assert "\n" not in message
+
+
+def test_a_mark_of_the_byte_order_is_no_part_of_the_first_line(tmp_path):
+    path = tmp_path / "m.csv"
+    path.write_text(HEAD + "time,joint1\n" + ROWS, encoding="utf-8-sig")  # as editors of Windows save it
+    assert read_motion(path, driven_arm(2)).machine == "test-arm"
 
 
 def test_a_missing_file_and_a_place_that_cannot_be_written(tmp_path):

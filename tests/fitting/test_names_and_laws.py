@@ -10,7 +10,8 @@ from synthetic_arm import USUAL, Motion, force, make_motion, make_recordings, pl
 
 from fitting.effects import effects
 from fitting.effects.base import Effect
-from fitting.loop.residual_loop import SessionSignals, run_attribution
+from fitting.loop.refits import SessionSignals
+from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Attribution, Unconfirmed
@@ -85,6 +86,25 @@ def test_a_name_that_fails_leaves_what_it_lived_on_to_a_law(monkeypatch: pytest.
     search._try(choice)
     assert [joint for joint, _ in search.failed] == [1]
     assert choice.term.family not in {r.term.family for r in search._open(search._rated(search.model))}
+
+
+def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Parameters that joints share are bent by what another joint lacks: that refutes nothing of this one's name."""
+    session = session_with(lambda motion: 150.0 * np.sign(motion.v[:, 1]) * place(motion))
+    signals = SessionSignals(session, Corrections(session.machine))
+    search = Search(signals.refit(()), effects(), (), signals, 0, ())
+    before = search._open(search._rated(search.model))
+    choice = next(r for r in before if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
+    worse = Answer("it makes joint1 worse", HeldOut(50.0, 50.0, 9), 20.0, "", faint=False, worse=True)
+    monkeypatch.setattr(search.gate, "asked", lambda *_: worse)
+    search._try(choice)
+    open_then = {r.term.family: r.log_odds for r in search._open(search._rated(search.model))}
+    assert choice.term.family not in open_then
+    others = {r.term.family: r.log_odds for r in before if r.term.family in open_then}
+    assert open_then == pytest.approx(others)  # nothing else is doubted for it
+    other = next(term for term in catalogue_terms(search.base, effects())[0] if term.joint == 0)
+    beside = search.gate.with_term(search.model, other)
+    assert choice.term.family in {r.term.family for r in search._beside(search._rated(beside), beside.terms)}
 
 
 def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:

@@ -25,7 +25,7 @@ from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import with_prior
 from fitting.regression.solving import solve
 from fitting.residual.terms import Model, Term, extra_columns, fit_model
-from fitting.residual.views import build_views
+from fitting.residual.views import SegmentViews
 from fitting.selection import priors
 
 # --- arithmetic ---------------------------------------------------------------------------------------------------
@@ -411,7 +411,7 @@ def measured_separation(session, tables, rivals):
     segments = prepare(machine, recordings, session.bank, noise=model.design.noise)
     real = build_design(machine, session.base, session.bank, model.design.noise, segments)
     every = tuple(range(len(segments)))
-    views = build_views(real, model.fit.theta, every)
+    views = SegmentViews(real, model.fit.theta, every)
     blocks = []
     for joint in range(len(machine.joints)):
         row = []

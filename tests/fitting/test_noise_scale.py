@@ -20,6 +20,7 @@ def sizes(design, noise, fitted) -> list[float]:
     return [float(np.mean(r**2)) for r in fit_rows(design, noise, fitted)[0].residual]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.1, 1.0, 10.0])
 def test_a_noise_that_is_off_by_ten_is_the_same_as_one_that_is_not(off: float) -> None:
     prepared = make_session(MACHINE, ARM, ALONE).plain

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from synthetic_arm import clean_session
 
 from fitting.effects import effect
-from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.refits import SessionSignals
 from fitting.residual.confirmation.confirmation import misfit
 from fitting.residual.null import BIAS_SHARE, PRIOR_DRAWS, Null, resampled
 from fitting.residual.scoring import score_terms

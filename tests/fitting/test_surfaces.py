@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from synthetic_arm import exact_views, make_session, planar_machine, truth
 
-from fitting.loop.residual_loop import run_attribution, term_from_json, term_to_json
+from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Session
+from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.report.drawing_data import spline_curve
 from fitting.report.wording import verdict_sentence
 from fitting.residual.findings import Attribution

@@ -42,6 +42,7 @@ def test_a_right_model_keeps_the_weights_of_its_noise() -> None:
     np.testing.assert_array_equal(base.model.fit.theta, session.base_model.fit.theta)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [60.0, 300.0])
 def test_a_slow_error_of_the_model_is_not_called_noise(size: float) -> None:
     session = with_slow_error(size)

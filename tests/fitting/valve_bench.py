@@ -7,8 +7,12 @@ command is held between cycles; the value that stands in a row is what was sent 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
+from math import exp, sin, sqrt
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import yaml
@@ -41,39 +45,47 @@ class Bench:
     leak: float = 0.0  # m^3/s/Pa past the piston
     cold: float = 0.0  # share of the gain at the beginning, gone with 25 s
     pump: float = np.inf  # m^3/s
+    # two that have no name
+    bent: float = 0.0  # share of the gain more at one end of the stroke than at the other
+    taken: float = 0.0  # share of the gain that is gone for each m^3/s that another cylinder takes
 
-    def run(self, seed: int, seconds: float = 50.0) -> dict[str, np.ndarray]:
-        """Channels over time, as sensors show them."""
+    @cache  # noqa: B019  # a bench is a value; machines that measure less of it read the same run
+    def run(self, seed: int, seconds: float = 50.0) -> Mapping[str, np.ndarray]:
+        """Channels over time, as sensors show them; made once, so not to be written to."""
         rng = np.random.default_rng(seed)
         wanted = self._motion(rng, round(seconds * RATE))
         dt = 1.0 / (RATE * STEPS)
         lags = [round((self.delay + late) / dt) for late in (0.0, self.later)]
-        phases = rng.uniform(0, 2 * np.pi, 2)
+        phases = rng.uniform(0, 2 * np.pi, 2).tolist()
         x, v, p1, p2, spool = 0.5 * STROKE, 0.0, 6e6, 5e6, 0.0
-        spools, rows = np.zeros(len(wanted) * STEPS), []
+        share = 1.0 - exp(-dt / 0.12)
+        turn = 0.44  # rad/s of another axis, which swings by a fifth of a metre
+        spools, rows = [0.0] * (len(wanted) * STEPS), []
         for row, own in enumerate(wanted.tolist()):
-            command = float(np.clip(own - 1.2 * (x - 0.5 * STROKE), -1.0, 1.0))
+            command = min(max(own - 1.2 * (x - 0.5 * STROKE), -1.0), 1.0)
             rows.append((row / RATE, command, x, p1, p2))
             for step in range(STEPS):
                 place = row * STEPS + step
                 time = place * dt
                 spool = min(max(spool, command - self.hysteresis), command + self.hysteresis)
                 spools[place] = spool
-                late = [float(spools[place - lag]) if place >= lag else 0.0 for lag in lags]
+                late = [spools[place - lag] if place >= lag else 0.0 for lag in lags]
                 opened = (max(late[0] - self.edges[0], 0.0), max(-late[1] - self.edges[1], 0.0))
                 extends = late[0] > 0.0  # whose chamber tells the speed, at rest too
                 flow = 0.0  # m/s
+                swing = -0.2 * turn * sin(turn * time)  # m/s of the other one
+                missing = self.taken * max(swing * A1, -swing * A2) - self.bent * (x / STROKE - 0.5)
                 for way, (inlet, area, sign) in enumerate(((p1, A1, 1.0), (p2, A2, -1.0))):
-                    own_flow = self.gains[way] * opened[way] ** self.power * (1.0 + self.cold * np.exp(-time / 25.0))
+                    own_flow = self.gains[way] * opened[way] ** self.power * (1.0 + self.cold * exp(-time / 25.0))
+                    own_flow *= 1.0 - missing
                     if self.laws[way] == "in":
-                        own_flow *= np.sqrt(max(self.supply - inlet, 0.0) / REFERENCE)
+                        own_flow *= sqrt(max(self.supply - inlet, 0.0) / REFERENCE)
                     flow += sign * min(own_flow, self.pump / area)
-                force = self.load * (1 + 0.5 * np.sin(0.31 * time + phases[0]) + 0.4 * np.sin(0.83 * time + phases[1]))
+                force = self.load * (1 + 0.5 * sin(0.31 * time + phases[0]) + 0.4 * sin(0.83 * time + phases[1]))
                 back = 6e5 + 3e6 * abs(v)
                 goal = ((force + back * A2) / A1, back) if extends else (back + force / A1, 0.0)
                 if not extends:
                     goal = goal[0], (goal[0] * A1 - force) / A2
-                share = 1.0 - np.exp(-dt / 0.12)
                 rise = [share * (goal[0] - p1) / dt, share * (goal[1] - p2) / dt]
                 p1, p2 = p1 + rise[0] * dt, p2 + rise[1] * dt
                 across = self.leak * (p1 - p2)
@@ -84,11 +96,15 @@ class Bench:
                 x += v * dt
         table = np.array(rows)
         count = len(table)
-        return {
+        shown = {
             "time": table[:, 0], "u": table[:, 1], "x": table[:, 2] + self.noise * rng.normal(size=count),
             "head": table[:, 3] + 1e4 * rng.normal(size=count), "rod": table[:, 4] + 1e4 * rng.normal(size=count),
             "ps": self.supply + 2e4 * rng.normal(size=count), "pt": TANK + 1e3 * rng.normal(size=count),
+            "y": 0.3 + 0.2 * np.cos(turn * table[:, 0]), "f": np.sin(turn * table[:, 0]),
         }  # fmt: skip
+        for values in shown.values():
+            values.flags.writeable = False
+        return MappingProxyType(shown)
 
     def _motion(self, rng: np.random.Generator, count: int) -> np.ndarray:
         """Sines with levels that are held, as an operator moves."""
@@ -111,6 +127,7 @@ class Bench:
 UNITS = {
     "x": ("piston_position", "m"), "u": ("command", "1"), "head": ("head_pressure", "Pa"),
     "rod": ("rod_pressure", "Pa"), "ps": ("supply_pressure", "Pa"), "pt": ("tank_pressure", "Pa"),
+    "y": ("piston_position", "m"), "f": ("cylinder_force", "N"),
 }  # fmt: skip
 
 
@@ -119,7 +136,7 @@ def machine_of(channels: str = "x u head rod ps pt", **valve: object) -> Machine
     listed = []
     for name in channels.split():
         quantity, unit = UNITS[name]
-        own = {} if quantity in ("supply_pressure", "tank_pressure") else {"joint": "boom"}
+        own = {} if quantity in ("supply_pressure", "tank_pressure") else {"joint": "stick" if name in "yf" else "boom"}
         unit = str(valve.get("unit", unit)) if quantity == "command" else unit
         listed.append({"name": name, "quantity": quantity, "unit": unit, **own})
     cylinder = {"bore": 0.08, "rod": 0.045, "stroke": STROKE, "linkage": {"type": "direct"}, "valve": valve}
@@ -128,7 +145,9 @@ def machine_of(channels: str = "x u head rod ps pt", **valve: object) -> Machine
         "limits": {"position": [0.0, STROKE], "velocity": 1.0, "acceleration": 5.0}, "cylinder": cylinder,
     }  # fmt: skip
     head = {"schema": "hilfit/machine/1", "name": "bench", "rate_hz": RATE, "gravity": [0.0, -9.81, 0.0]}
-    return parse_machine(yaml.safe_dump({**head, "joints": [joint], "channels": listed}))
+    other = {**joint, "name": "stick", "cylinder": {**cylinder, "valve": None}}
+    joints = [joint, other] if "y" in channels.split() else [joint]
+    return parse_machine(yaml.safe_dump({**head, "joints": joints, "channels": listed}))
 
 
 def written(folder: Path, machine: Machine, bench: Bench, seed: int, seconds: float = 50.0) -> Path:

@@ -85,6 +85,7 @@ def test_a_history_is_carried_and_counts(name: str) -> None:
     assert np.max(np.abs(whole - settled)) > 1e-3 * np.max(np.abs(whole))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["structural_flexibility", "time_since_reversal", "distance_since_reversal"])
 def test_what_is_no_recurrence_is_named_and_left_out(name: str) -> None:
     session = session_of(2)
@@ -117,6 +118,7 @@ def test_a_history_goes_on_at_any_rate(rate: float) -> None:
 LAG = model_of_terms(["lubricant_film_lag"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["presliding_hysteresis", "structural_flexibility"])
 def test_a_motion_without_its_times_is_refused_where_the_model_needs_them(name: str) -> None:
     model = model_of_terms([name])
@@ -132,6 +134,7 @@ def test_a_motion_without_its_times_is_refused_where_the_model_needs_them(name: 
         motion.on_motion(model, *(own[::10] for own in rows), moved.t[::10])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FAULTS)
 def test_faults_of_sensors_are_no_forces_of_the_machine(name: str) -> None:
     session = session_of(2)

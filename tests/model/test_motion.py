@@ -71,6 +71,7 @@ def test_forward_undoes_effort(values: list[float]) -> None:
     np.testing.assert_allclose(motion.forward(model, q, qd, effort=effort), qdd, rtol=1e-7, atol=1e-7)
 
 
+@pytest.mark.slow
 @given(st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6), st.floats(1e5, 5e6))
 @settings(max_examples=10)
 def test_pressures_make_the_force_and_forward_takes_them_back(values: list[float], rod: float) -> None:

@@ -46,6 +46,7 @@ def run(arguments: list[str]) -> int:
     return int(caught.value.code or 0)
 
 
+@pytest.mark.slow
 def test_the_page_is_in_the_language_and_the_report_is_not(arm: Path, result: hilfit.Result) -> None:
     assert '<html lang="de">' in (arm / "report" / "report.html").read_text(encoding="utf-8")
     assert result.report["summary"]["label"].startswith("Fitted only")
@@ -189,6 +190,7 @@ def arrays_of(arm: Path, role: str) -> tuple[hilfit.Machine, hilfit.Recording]:
     return machine, hilfit.Recording.load(arm / f"{role}.parquet", machine)
 
 
+@pytest.mark.slow
 def test_arrays_and_tables_are_as_good_as_files(arm: Path, result: hilfit.Result) -> None:
     machine, loaded = arrays_of(arm, "validate")
     channel = next(own for own in machine.content.channels if own.quantity == "joint_position")
@@ -232,6 +234,7 @@ def test_what_was_not_measured_is_a_gap(arm: Path) -> None:
     assert len(read.segments()) == 2
 
 
+@pytest.mark.slow
 def test_results_are_short_in_words_and_whole_in_a_notebook(result: hilfit.Result) -> None:
     assert repr(result).startswith("Result(not_examined") and repr(result.model).startswith("Model(test-arm: 2 joints")
     assert "joint1.f_c" in result.model._repr_html_() and "<td>joint2</td>" in result._repr_html_()

@@ -12,7 +12,7 @@ from model_examples import applies, fitted, law_of, report_of, session_of, term_
 
 from fitting.effects import effect, effects
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import SessionSignals
+from fitting.loop.refits import SessionSignals
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json
 from fitting.model.handover import hand_over

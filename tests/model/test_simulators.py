@@ -86,6 +86,7 @@ def test_engines_agree_with_the_links(possible: ArmModel, to: str, efforts: Any,
     assert all(line in text for line in done.left_out)
 
 
+@pytest.mark.slow
 def test_links_can_exist_and_have_the_base_parameters(possible: ArmModel) -> None:
     bodies = bodies_of(possible)
     assert bodies.apart is None

@@ -6,6 +6,8 @@ import ast
 from collections import Counter
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("benchmarks", "daq", "fitting", "hilfit", "server", "sim_backends")
 #: What one looks over at a glance.
@@ -29,6 +31,7 @@ def test_every_room_says_what_it_holds() -> None:
     assert [room.relative_to(ROOT).as_posix() for room in silent] == []
 
 
+@pytest.mark.slow
 def test_no_function_is_longer_than_one_sees_at_once() -> None:
     modules = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     functions = [

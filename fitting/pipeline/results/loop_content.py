@@ -17,8 +17,9 @@ from daq.machine.machine_file import Machine
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw, step_to_json
+from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
-from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, Resolution, SpectralLine
+from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, Resolution
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.verdict import label, verdict
 from fitting.planning.detection import visible_size
@@ -28,6 +29,7 @@ from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
 from fitting.residual.laws import Law
+from fitting.residual.lines import Line
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
 from fitting.selection.evidence import least_gain
@@ -63,7 +65,8 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
             unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
         else:
             effects.append(_added_effect(machine, term, term.content, model, number, accepted))
-    effects += [_line_effect(names, line) for line in found.lines if line.ripple and not line.in_band]
+    ripples = (line for line in found.lines if is_ripple(machine, line))
+    effects += [_line_effect(names, line) for line in ripples if line.frequency_hz > session.bank.bandwidth_hz]
     unexplained += [*results[Residual].laws, *found.unconfirmed]
     said, reasons = verdict(results, names)
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
@@ -280,15 +283,14 @@ def _law_place(law: Law, joint: str | None, names: Sequence[str]) -> dict[str, A
     return {"joint": joint, "variable": variable, "times_sign_of_speed": law.signed, "only_while": only}
 
 
-def _line_effect(names: list[str], line: SpectralLine) -> dict[str, Any]:
+def _line_effect(names: list[str], line: Line) -> dict[str, Any]:
     """A spectral line above the identification band: named, but there is nothing to add."""
     content = line_effect()
-    (frequency, frequency_std), (amplitude, amplitude_std) = line.frequency, line.amplitude
     return {
         **_head(content, names[line.joint]),
         "parameters": {
-            "amplitude": {"value": amplitude, "std": amplitude_std, "unit": "N"},
-            "frequency": {"value": frequency, "std": frequency_std, "unit": "Hz"},
+            "amplitude": {"value": line.amplitude, "std": line.amplitude_std, "unit": "N"},
+            "frequency": {"value": line.frequency_hz, "std": line.frequency_std, "unit": "Hz"},
         },
         "indistinguishable_from": [],
         "evidence": {"p": line.p, "outside_band": True},

@@ -8,6 +8,7 @@ from daq.motion_files import Rods
 from fitting.pipeline.results.stored_types import Json, Numbers, StoredHypothesis, StoredTerm, stored
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Candidate
+from fitting.residual.lines import Line
 from fitting.residual.terms import Term
 
 
@@ -42,19 +43,6 @@ class AcceptedTerm:
     rivals: tuple[Json, ...] = ()
     evidence: Json = field(default_factory=dict)
     probability: float | None = None
-
-
-@stored
-@dataclass(frozen=True)
-class SpectralLine:
-    """A periodic disturbance of one joint's effort; frequency (Hz) and amplitude with their deviations."""
-
-    joint: int
-    frequency: tuple[float, float]
-    amplitude: tuple[float, float]
-    p: float
-    in_band: bool
-    ripple: bool
 
 
 @stored
@@ -114,7 +102,7 @@ class Attributed:
     hypotheses: tuple[StoredHypothesis, ...] = ()
     nothing: float = 1.0
     unconfirmed: tuple[Json, ...] = ()
-    lines: tuple[SpectralLine, ...] = ()
+    lines: tuple[Line, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
     other_bands: tuple[OtherBand, ...] = ()
     next_experiment: Designed | None = None

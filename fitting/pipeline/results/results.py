@@ -12,11 +12,12 @@ from typing import Any
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.residual_loop import final_model
+from fitting.loop.refits import final_model
+from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Prepared, Session
 from fitting.pipeline.check_gate import for_report
 from fitting.pipeline.results.loop_content import loop_content
-from fitting.pipeline.results.loop_results import Attributed, SpectralLine
+from fitting.pipeline.results.loop_results import Attributed
 from fitting.pipeline.results.stage_results import (
     Checked,
     Cylinders,
@@ -38,6 +39,7 @@ from fitting.report.joint_words import in_words_of
 from fitting.report.languages import NAMES
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
+from fitting.residual.lines import Line
 from fitting.residual.terms import Model, Term
 
 #: What the joint refit's weights make it, and its deviations.
@@ -318,7 +320,8 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
             + ("at the beginning of" if change.time < 1.0 else f"{change.time:.1f} s into")
             + (" every recording" if change.recording is None else f" recording {change.recording + 1}")
         )
-    warnings += [_line_warning(session.machine, line) for line in results[Attributed].lines if not line.ripple]
+    lines = (line for line in results[Attributed].lines if not is_ripple(session.machine, line))
+    warnings += [_line_warning(session.machine, line) for line in lines]
     if session.plain.design.indices("operation"):
         warnings.append(statement(_tellings(session)))
     return warnings
@@ -352,12 +355,12 @@ def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
     return [f"{attached} {', '.join(own)}: {why}" for own, why in reasons if own]
 
 
-def _line_warning(machine: Machine, line: SpectralLine) -> str:
+def _line_warning(machine: Machine, line: Line) -> str:
     """What to do about a spectral line where no pump can have made it."""
     joint = machine.joints[line.joint]
     return (
-        f"{joint.name}: the effort oscillates at {line.frequency[0]:.4g} Hz with an amplitude of "
-        f"{line.amplitude[0]:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
+        f"{joint.name}: the effort oscillates at {line.frequency_hz:.4g} Hz with an amplitude of "
+        f"{line.amplitude:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
         "no ripple of a pump: look at the controller, the power supply and resonances"
     )
 

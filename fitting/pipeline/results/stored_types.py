@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, with_config
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.loop.residual_loop import term_from_json, term_to_json
+from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.residual.findings import Hypothesis
 from fitting.residual.terms import Term
 

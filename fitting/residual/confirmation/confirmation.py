@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from fitting.arrays import FloatArray
+from fitting.arrays import FloatArray, IntArray
 from fitting.regression.design import effort_errors, full_residual, moving_rows, whitened
 from fitting.regression.noise import Pairing
-from fitting.regression.solving import Fit
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.terms import Model
 
@@ -47,32 +46,14 @@ def overall_change(
         ``before``, ``after`` (in noise floors), ``change_percent`` and ``ci95_percent``.
     """
     pairs = [
-        (b - b.mean(), a - a.mean(), f)
+        ((b - b.mean()) / f, (a - a.mean()) / f)
         for b, a, f in zip(before, after, floor, strict=True)
         if len(b) and len(b) == len(a) and f > 0
     ]
     if not pairs:
         return {"before": None, "after": None, "change_percent": None, "ci95_percent": None}
-    first = _overall([np.mean(b**2) / f**2 for b, _, f in pairs])
-    second = _overall([np.mean(a**2) / f**2 for _, a, f in pairs])
-    block = max(2, round(_BLOCK_SECONDS * rate_hz))
-    draws_before = np.zeros((_DRAWS, len(pairs)))
-    draws_after = np.zeros((_DRAWS, len(pairs)))
-    for column, (b, a, f) in enumerate(pairs):
-        starts = np.arange(0, max(len(b) - block, 0) + 1, max(1, block // 4))
-        sums_b = np.array([np.mean(b[s : s + block] ** 2) for s in starts]) / f**2
-        sums_a = np.array([np.mean(a[s : s + block] ** 2) for s in starts]) / f**2
-        picks = rng.integers(0, len(starts), size=(_DRAWS, max(1, len(b) // block)))
-        draws_before[:, column] = sums_b[picks].mean(axis=1)
-        draws_after[:, column] = sums_a[picks].mean(axis=1)
-    changes = 100 * (np.sqrt(draws_after.mean(axis=1) / draws_before.mean(axis=1)) - 1)
-    low, high = np.quantile(changes, [0.025, 0.975])
-    return {
-        "before": first,
-        "after": second,
-        "change_percent": 100 * (second / first - 1),
-        "ci95_percent": [float(low), float(high)],
-    }
+    first, second, *interval = _changed(pairs, rate_hz, rng)
+    return {"before": first, "after": second, "change_percent": _percent(first, second), "ci95_percent": interval}
 
 
 def error_change(
@@ -92,22 +73,34 @@ def error_change(
     pairs = [(b, a) for b, a in zip(before, after, strict=True) if len(b) and len(b) == len(a) and np.any(b)]
     if not pairs:
         return 0.0, 0.0, 0.0
-    block = max(2, round(_BLOCK_SECONDS * rate_hz))
-    drawn, squares = [], []
-    for b, a in pairs:
-        size = float(np.mean(b**2))
-        starts = np.arange(0, max(len(b) - block, 0) + 1, max(1, block // 4))
-        sums = np.array([[np.mean(e[s : s + block] ** 2) / size for e in (b, a)] for s in starts])
-        picks = rng.integers(0, len(starts), size=(_DRAWS, max(1, len(b) // block)))
-        drawn.append(sums[picks].mean(axis=1))
-        squares.append(float(np.mean(a**2)) / size)
-    first, second = np.mean(drawn, axis=0).T
-    low, high = np.quantile(100 * (np.sqrt(second / first) - 1), [0.025, 0.975])
-    return 100 * (float(np.sqrt(np.mean(squares))) - 1), float(low), float(high)
+    sizes = [float(np.sqrt(np.mean(b**2))) for b, _ in pairs]
+    units = [(b / size, a / size) for (b, a), size in zip(pairs, sizes, strict=True)]
+    first, second, low, high = _changed(units, rate_hz, rng)
+    return _percent(first, second), low, high
 
 
-def _overall(squares: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(squares)))
+def _changed(
+    pairs: Sequence[tuple[FloatArray, FloatArray]], rate_hz: float, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
+    """Root mean squares before and after over joints of equal weight, and the 95 % interval of the change in percent.
+
+    ``pairs`` are unit errors (M_j,) before and after; both have the same blocks, which each joint draws for itself.
+    """
+    block, drawn = max(2, round(_BLOCK_SECONDS * rate_hz)), list[FloatArray]()
+    for pair in pairs:
+        rows = len(pair[0])
+        starts = np.arange(0, max(rows - block, 0) + 1, max(1, block // 4))
+        squares = np.array([[np.mean(e[s : s + block] ** 2) for e in pair] for s in starts])
+        picks = rng.integers(0, len(starts), size=(_DRAWS, max(1, rows // block)))
+        drawn.append(squares[picks].mean(axis=1))
+    first, second = (float(np.sqrt(np.mean([np.mean(pair[k] ** 2) for pair in pairs]))) for k in (0, 1))
+    low, high = np.quantile(_percent(*np.sqrt(np.mean(drawn, axis=0).T)), [0.025, 0.975])
+    return first, second, float(low), float(high)
+
+
+def _percent(before: Any, after: Any) -> Any:
+    """Change in percent, of numbers or arrays."""
+    return 100 * (after / before - 1)
 
 
 @dataclass(frozen=True)
@@ -227,7 +220,7 @@ def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValid
 def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: Sequence[int]) -> OnValidate:
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
     start, entered = len(before.fit.theta), False
-    densities = [_Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
+    densities = [Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
     for joint in joints:
         residuals = [[_white_residual(model, index, joint) for index in validate] for model in (before, after)]
         old, new = (np.concatenate(parts) for parts in residuals)
@@ -250,30 +243,34 @@ def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: S
     spread = 2.0 * float(np.sqrt(own + seen @ after.fit.covariance @ seen))
     predicted = gain
     if np.isfinite(expected):
-        predicted = 2.0 * (densities[1].log(after.fit) - densities[0].log(before.fit))
+        logs = [
+            own.log(m.fit.covariance, np.flatnonzero(m.fit.told))
+            for own, m in zip(densities, (before, after), strict=True)
+        ]
+        predicted = 2.0 * (logs[1] - logs[0])
     return OnValidate(gain, expected, spread, predicted, entered)
 
 
 @dataclass(frozen=True)
-class _Density:
+class Density:
     """Density ``N(0, s^2 + A C A')`` of what a model leaves of some rows: ``A'r``, ``A'A`` and ``r'r`` over ``s^2``."""
 
     shadow: FloatArray
     own: FloatArray | float = 0.0
     squares: float = 0.0
 
-    def with_rows(self, A: FloatArray, residual: FloatArray, scale: float) -> _Density:
-        return _Density(
+    def with_rows(self, A: FloatArray, residual: FloatArray, scale: float) -> Density:
+        """The same of more rows: columns (M, p), what is left of them (M,), and ``s^2``."""
+        return Density(
             self.shadow + A.T @ residual / scale,
             self.own + A.T @ A / scale,
             self.squares + float(residual @ residual) / scale,
         )
 
-    def log(self, fit: Fit) -> float:
-        """Its logarithm, but for a constant, with the covariance ``C`` of a fit's parameters."""
-        told = np.flatnonzero(fit.told)
-        std = fit.std[told]
-        unit = fit.covariance[np.ix_(told, told)] / np.outer(std, std)
+    def log(self, covariance: FloatArray, told: IntArray) -> float:
+        """Its logarithm, but for a constant, with the ``covariance`` (p, p) of the parameters that are ``told``."""
+        std = np.sqrt(np.diag(covariance)[told])
+        unit = covariance[np.ix_(told, told)] / np.outer(std, std)
         root = std[:, None] * np.linalg.cholesky(unit + 1e-12 * np.eye(len(told)))
         own = np.eye(len(told)) + root.T @ np.asarray(self.own)[np.ix_(told, told)] @ root
         shadow = root.T @ self.shadow[told]
@@ -282,15 +279,12 @@ class _Density:
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
     """Chi-square by which the whitened residual of the validation segments falls from one model to another."""
-    return _validate_chi_square(before, validate) - _validate_chi_square(after, validate)
-
-
-def _validate_chi_square(model: Model, validate: Sequence[int]) -> float:
-    return sum(_joint_chi_square(model, validate, joint) for joint in range(len(model.design.machine.joints)))
-
-
-def _joint_chi_square(model: Model, validate: Sequence[int], joint: int) -> float:
-    return float(sum(np.sum(_white_residual(model, index, joint) ** 2) for index in validate))
+    joints = range(len(before.design.machine.joints))
+    left = [
+        sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)
+        for model in (before, after)
+    ]
+    return left[0] - left[1]
 
 
 def _white_residual(model: Model, index: int, joint: int) -> FloatArray:

@@ -62,12 +62,7 @@ class Leftover:
         residual = dict(enumerate(model.fit.residual))
         if shown is not None:
             residual = {joint: residual[joint] - own for joint, own in shown.items()}
-        sections = {}
-        for joint in residual:
-            counts = [int(np.count_nonzero(model.design.kept(model.noise, joint, index))) for index in model.fitted]
-            ends = np.cumsum(counts).tolist()
-            sections[joint] = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-        return cls(residual, sections)
+        return cls(residual, {joint: [part for _, part in model.sections(joint)] for joint in residual})
 
     def inflation(self, shown: Mapping[int, FloatArray]) -> float:
         """``phi`` of contributions (R_j,) by joint."""

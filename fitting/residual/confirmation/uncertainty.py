@@ -34,7 +34,7 @@ from fitting.regression.design import Extra
 from fitting.regression.freedom import coverage_factors, degrees_of_freedom
 from fitting.regression.solving import WhiteRows
 from fitting.residual.laws import Law
-from fitting.residual.terms import Model, Term, extra_columns
+from fitting.residual.terms import Model, Term, beside, extra_columns
 from fitting.signals.filters import FilterBank
 
 #: Relative step of a shape's numerical derivative, and what is known of a shape beforehand, relative.
@@ -77,9 +77,7 @@ def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     for joint, (own, residual) in enumerate(zip(rows, model.fit.residual, strict=True)):
         if not own.sections or not (joint in named or is_refused(own, residual, model.design.bank)):
             continue
-        start = 0
-        for _, kept in own.sections:
-            part = slice(start, start := start + int(np.count_nonzero(kept)))
+        for _, part in model.sections(joint):
             A, e = own.A[part], residual[part]
             if len(e):
                 more += series_scores(A, e, "hac", rng) - A.T @ A
@@ -139,7 +137,7 @@ def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
 
 def shape_columns(model: Model) -> Extra | None:
     """Full-rate columns of how terms change with the logarithm of each of their shapes; None without any shape."""
-    names, parts = list[str](), list[list[list[FloatArray | None]]]()
+    slopes = list[Extra]()
     for number, term in enumerate(model.terms):
         if not isinstance(term.content, Effect) or term.rebuilt:
             continue
@@ -150,12 +148,8 @@ def shape_columns(model: Model) -> Extra | None:
             slope = _slope(model, term, key, values)
             found = [c for joint in slope for c in joint if c is not None]
             if all(np.isfinite(c).all() for c in found) and any(c.any() for c in found):
-                names.append(f"{term.id}.{key}")
-                parts.append(slope)
-    if not names:
-        return None
-    joints, segments = range(len(model.design.machine.joints)), range(len(model.design.segments))
-    return Extra(tuple(names), [[_stacked([part[j][i] for part in parts]) for i in segments] for j in joints])
+                slopes.append(Extra((f"{term.id}.{key}",), slope))
+    return beside(slopes) if slopes else None
 
 
 def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
@@ -175,27 +169,15 @@ def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[
     ]
 
 
-def _stacked(columns: Sequence[FloatArray | None]) -> FloatArray | None:
-    """Columns (N, 1) side by side, zero where there is none."""
-    there = next((c for c in columns if c is not None), None)
-    if there is None:
-        return None
-    return np.hstack([np.zeros_like(there) if c is None else c for c in columns])
-
-
 def _white(model: Model, extra: Extra) -> FloatArray:
     """Whitened columns in the rows of all joints, in the order of the fit's (a prior's row is 0)."""
-    parts = []
-    for joint in range(len(model.design.machine.joints)):
-        rows = np.zeros((len(model.fit.residual[joint]), len(extra.names)))
-        start = 0
-        for index in model.fitted:
-            kept, own = model.design.kept(model.noise, joint, index), extra.columns[joint][index]
-            count = int(np.count_nonzero(kept))
+    parts, bank = [], model.design.bank
+    for joint, residual in enumerate(model.fit.residual):
+        rows = np.zeros((len(residual), len(extra.names)))
+        for index, part in model.sections(joint):
+            own = extra.columns[joint][index]
             if own is not None:
-                whiten = model.noise.of(joint, model.design.segments[index].loaded)
-                rows[start : start + count] = whiten(model.design.bank.reduce(own))[kept]
-            start += count
+                rows[part] = model.design.white(model.noise, joint, index, bank.reduce(own))
         parts.append(rows)
     return np.vstack(parts)
 

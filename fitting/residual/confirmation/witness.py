@@ -97,18 +97,8 @@ def witness(
     halves = [np.where(mask[:, None], columns, 0.0) for mask in (unloaded, ~unloaded)]
     split = np.hstack(halves)
     inside = orthonormal.T @ split
-    return witness_of_gram(split.T @ split - inside.T @ inside, split.T @ residual, np.einsum("ij,ij->j", split, split))
-
-
-def witness_of_gram(gram: FloatArray, score: FloatArray, squares: FloatArray) -> Witness:
-    """The same from Gram quantities.
-
-    Parameters
-    ----------
-    gram : (2k, 2k) of the projected columns, the unloaded half first
-    score : (2k,) products of the columns with the residual
-    squares : (2k,) squared norms before the projection: what is left of a column is compared with them
-    """
+    gram, score = split.T @ split - inside.T @ inside, split.T @ residual
+    squares = np.einsum("ij,ij->j", split, split)  # what is left of a column is compared with these
     k = len(score) // 2
     left = np.diag(gram)
     alive = left > np.maximum(_DEAD**2 * squares, 1e-300)
@@ -172,18 +162,12 @@ def _verdict(z_u: float, z_l: float, expected_u: float, expected_l: float, diffe
     return "both" if heard and difference < APART else "different" if heard else "silent"
 
 
-def objection(level: Level, own: Witness, twin: Witness | None = None) -> str:
+def objection(level: Level, own: Witness) -> str:
     """Why an effect of this level cannot be what is seen; empty if there is nothing against it.
 
     Parameters
     ----------
     level : of the effect. What sits in the cylinder or in the pressure sensors is there with and without a load
     own : witness of the effect's own columns
-    twin : for an effect of the joint, whose columns are zero when unloaded: witness of a law of the corresponding
-        signal of the cylinder (a spline of the piston's position for a hose's spring), which can be seen in both
     """
-    if level != "joint":
-        return own.words if own.verdict == "gone_unloaded" else ""
-    if twin is not None and twin.verdict in ("both", "different", "only_unloaded"):
-        return f"it would be gone when unloaded, and is not: {twin.words}"
-    return ""
+    return own.words if level != "joint" and own.verdict == "gone_unloaded" else ""

@@ -106,6 +106,12 @@ class Curve:
     breaks: FloatArray
     pieces: FloatArray
 
+    def at(self, x: float) -> float:
+        """Its value."""
+        inside = float(np.clip(x, self.breaks[0], self.breaks[-1]))
+        piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, len(self.pieces) - 1)
+        return float(np.polyval(self.pieces[piece], inside - self.breaks[piece]))
+
 
 def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
     """A cubic spline as pieces."""
@@ -141,6 +147,8 @@ class Graph:
 
     def curve(self, x: Any, curve: Curve) -> Node:
         """A piecewise cubic of ``x``."""
+        if self.of(x).operation == "number":
+            return self.number(curve.at(float(self.of(x))))
         key = (curve.breaks.tobytes(), curve.pieces.tobytes())
         if key not in self._numbers:
             self._numbers[key] = len(self.curves)

@@ -1,0 +1,39 @@
+"""Terms as plain JSON: between stages, and in the file of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from fitting.effects import effect
+from fitting.effects.base import Effect
+from fitting.residual.laws import Law
+from fitting.residual.surfaces import Surface
+from fitting.residual.terms import Term
+
+
+def term_to_json(term: Term) -> dict[str, Any]:
+    """A term as plain JSON; :func:`term_from_json` reads it back."""
+    law = asdict(term.content) if isinstance(term.content, Law) else None
+    return {
+        "effect": None if isinstance(term.content, Law) else term.content.id,
+        "law": law and {key: list(value) if isinstance(value, tuple) else value for key, value in law.items()},
+        "joint": term.joint,
+        "shape": dict(term.shape),
+        "rebuilt": list(term.rebuilt),
+        "resampled": term.resampled,
+        "held": list(term.held),
+    }
+
+
+def term_from_json(value: Mapping[str, Any]) -> Term:
+    """Inverse of :func:`term_to_json`."""
+    content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
+    applied = tuple(value["rebuilt"]), value.get("resampled", False), tuple(value.get("held", ()))
+    return Term(content, value["joint"], dict(value["shape"]), *applied)
+
+
+def _law_from_json(law: Mapping[str, Any]) -> Law:
+    own: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in law.items()}
+    return (Surface if "second" in own else Law)(**own)
