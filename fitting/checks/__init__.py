@@ -7,7 +7,7 @@ findings                  what is said
 reading                   recordings as far as they can be read
 signal_faults, time_axis  one channel, one clock alone
 magnitudes                numbers that no machine has
-motions, beginning        recordings against one another, and their first seconds
+motions                   recordings against one another, and their first seconds
 two_sensors               joint against piston position
 samples, physical         the best arm that could exist, and what it leaves unexplained
 trials, areas, clocks     what would explain it if it were taken back

@@ -19,14 +19,11 @@ from daq.machine.machine_file import Machine
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.beginning import beginning_findings
 from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding, finding_of
-from fitting.checks.inertias import inertia_findings
-from fitting.checks.machine_numbers import machine_findings
-from fitting.checks.magnitudes import magnitude_findings
+from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
-from fitting.checks.mistakes.clocks import Clock, clock_of
+from fitting.checks.mistakes.clocks import Clock, clock_of, inertia_findings
 from fitting.checks.mistakes.factors import gains
 from fitting.checks.mistakes.hypothesis import CLEAR
 from fitting.checks.mistakes.other_causes import with_couplings, with_payload
@@ -34,13 +31,12 @@ from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search
 from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
-from fitting.checks.motions import motion_findings
+from fitting.checks.motions import beginning_findings, motion_findings
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
-from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
 from fitting.checks.signal_faults import signal_findings
-from fitting.checks.time_axis import repeated_findings
+from fitting.checks.time_axis import repeated_findings, speed_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)

@@ -1,21 +1,25 @@
-"""Numbers that no machine has: pressures of a hundredth of a bar, joints that turn through ten times their limits.
+"""Numbers that no machine has: degrees or millimetres in the machine file, joints at ten times their limits.
 
 The bounds are those of physics and of the machine file, each with a wide margin: nothing here asks for more than an
-order of magnitude except where the file itself states a limit.
+order of magnitude except where the file itself states a limit. The warnings of ``hilfit machine check`` are mistakes
+here where the number enters an identification, and notes where it does not (limits, ranges).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from daq.machine.machine_file import Channel, Machine
+from daq.machine.machine_file import Channel, Machine, machine_content
+from daq.machine.plausible import Doubt, doubts
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.factors import RARE, gains
+from fitting.checks.places import Places
 from fitting.signals.filters import white_noise_of
 
 #: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
@@ -272,3 +276,41 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
 
 def _quantity(machine: Machine, name: str) -> str:
     return next(c.quantity for c in machine.channels if c.name == name)
+
+
+#: Last key of a number that enters an identification, and what the mistake is called.
+_ENTER = {
+    "gravity": "gravity",
+    "a": "length",
+    "d": "length",
+    "alpha": "axis",
+    "theta": "offset",
+    "bore": "bore",
+    "rod": "rod",
+}
+#: Above the misfits' strengths: nothing that efforts tell is worth a word while the file itself cannot be right.
+_STRENGTH = 9.5
+
+
+def machine_findings(machine: Machine, places: Places) -> list[Finding]:
+    """Findings on the machine file alone."""
+    content = machine_content(machine)
+    found = list(doubts(content))
+    bores = {doubt.place[:-1] for doubt in found if doubt.place[-1] == "bore"}
+    # A rod is only compared with its bore.
+    kept = [doubt for doubt in found if doubt.place[-1] != "rod" or doubt.place[:-1] not in bores]
+    return [_finding(content, doubt, places) for doubt in kept]
+
+
+def _finding(content: dict[str, Any], doubt: Doubt, places: Places) -> Finding:
+    code = "linkage" if "linkage" in doubt.place else _ENTER.get(str(doubt.place[-1]))
+    joint = content["joints"][doubt.place[1]]["name"] if doubt.place[0] == "joints" else None
+    key = ".".join(str(part) for part in doubt.place if part != "joints" and not isinstance(part, int))
+    return Finding(
+        code or "machine_file",
+        f"{joint + ': ' if joint else ''}{key}: {doubt.text}",
+        doubt.cure + places.key(doubt.place),
+        joint=joint,
+        severity="mistake" if code and not doubt.slight else "note",
+        strength=_STRENGTH if code and not doubt.slight else 0.0,
+    )

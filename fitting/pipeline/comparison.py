@@ -5,6 +5,8 @@ loaded recordings, the one-shot regression that also has the unloaded ones (so t
 not get mixed up), and the joint refit (generalised least squares of everything). Measured: how well each is
 conditioned, what each leaves on a motion that none was fitted on, and how large each parameter's deviation is. Errors
 of parameters need a truth, which no recording holds: ``benchmarks/stages.py`` measures those on simulated arms.
+
+Beside it the weights that were tried: what each leaves, and why one is handed out.
 """
 
 from __future__ import annotations
@@ -17,10 +19,14 @@ import numpy.typing as npt
 
 from fitting.arm.base_parameters import condition_number
 from fitting.arrays import BoolArray, FloatArray
-from fitting.pipeline.results.stage_results import Stacked
+from fitting.loop.session import Session
+from fitting.loop.weighting import MOST_LOST, Weighed
+from fitting.pipeline.results.stage_results import RigidBody, Stacked
 from fitting.regression.design import Design, effort_errors
+from fitting.regression.error_sizes import errors_of
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.regression.solving import Fit
+from fitting.report.languages import NAMES
 from fitting.residual.confirmation.confirmation import overall_change
 
 
@@ -163,3 +169,54 @@ def _reason(way: str | None, other: str | None) -> str:
 def stage_condition(cylinders: Mapping[str, float], rigid_body: float) -> float:
     """Condition number of the hierarchical way: the worst of all its regressions."""
     return max((*cylinders.values(), rigid_body))
+
+
+def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[str, Any]:
+    """The table of ways, of the base model on the uncorrected recordings.
+
+    Parameters
+    ----------
+    session, stage_two : with what the second stage found
+    final : the fit with everything that was found
+
+    Returns
+    -------
+    dict
+        ``chosen``: the weights of base and final model, decided on the latter; ``ratio`` and ``final_ratio`` of the two
+        (:mod:`fitting.loop.weighting`); ``tried``: per way ``name``, ``what``, ``training_error`` and
+        ``held_out_error`` (relative: norm of the error over that of the effort; null without a validation motion),
+        ``why`` in words.
+    """
+    base, design = session.handed_base, session.plain.design
+    ways: dict[str, FloatArray] = dict(base.tried)
+    ways |= {"one_shot": stage_two.one_shot.theta, "two_stage": stage_two.two_stage.theta}
+    tried = []
+    for name, what in NAMES["ways"].items():
+        if name not in ways:
+            continue
+        relative = errors_of(design, ways[name])[2]
+        tried.append(
+            {"name": name, "what": what, "training_error": relative["train"], "held_out_error": relative["validate"]}
+        )
+    return {
+        "chosen": final.weights,
+        "ratio": base.ratio,
+        "final_ratio": final.ratio,
+        "tried": tried,
+        "why": why(final),
+    }
+
+
+def why(final: Weighed) -> str:
+    """One sentence that says which weights the parameters have, and why."""
+    percent = 100 * (final.ratio - 1)
+    if final.weights == "whitened":
+        return (
+            "Rows are weighted by the measured noise: on the training motions that costs "
+            f"{max(percent, 0.0):.1f} % of error against plain least squares, and the parameters are the most certain."
+        )
+    return (
+        "All efforts count alike: weights by the measured noise would raise the error on the training "
+        f"motions by {percent:.0f} %, more than the {100 * (MOST_LOST - 1):.0f} % that a right model allows, so what "
+        "is left is an error of the model and not noise."
+    )

@@ -30,8 +30,8 @@ from fitting.model.handover import hand_over
 from fitting.model.motion import indefinite
 from fitting.pipeline.attribution_stage import attribution, found_corrections
 from fitting.pipeline.check_gate import checked, with_explanation
+from fitting.pipeline.comparison import estimation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
-from fitting.pipeline.estimation import estimation
 from fitting.pipeline.plausibility import physics
 from fitting.pipeline.results.loop_content import kinematic, position_law
 from fitting.pipeline.results.loop_results import Attributed, Program

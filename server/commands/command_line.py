@@ -55,11 +55,6 @@ PARTS = (
             "predict": "Predict the efforts in a recording by a model.",
             "compare": "Two models on one recording: which predicts it better.",
             "model": "Look at a model, and export it.",
-        },
-    ),
-    Part(
-        "fitting.model.uses.cli",
-        {
             "feedforward": "Efforts and pressures that a motion takes, for the arm's controller.",
             "energy": "Work of the drives in a motion or a recording.",
             "overload": "Collisions and overloads in a recording.",

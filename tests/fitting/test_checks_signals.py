@@ -22,9 +22,8 @@ from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
-from fitting.checks.recorded_speeds import speed_findings
 from fitting.checks.signal_faults import signal_findings
-from fitting.checks.time_axis import repaired_time, repeated_findings, time_findings
+from fitting.checks.time_axis import repaired_time, repeated_findings, speed_findings, time_findings
 
 MACHINE = planar_machine(2)
 SOUND = make_recordings(MACHINE, truth(2), [("train", 2), ("validate", 3)])

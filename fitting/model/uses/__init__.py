@@ -5,6 +5,5 @@
 ``energy``         work that the drives do in a motion, and what friction takes of it
 ``overload``       collisions and overloads: the residual of now against its band
 ``payload``        the mass at the tip as a signal with its standard deviation
-``cli``            the commands
 =================  =====================================================================
 """

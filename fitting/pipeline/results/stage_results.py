@@ -168,7 +168,7 @@ class Refitted:
     chosen : base parameters by the estimator that was asked for; None where that is the joint fit
     comparison : hierarchical against one-shot (:func:`fitting.pipeline.comparison.compare`)
     weights : ``whitened`` or ``equal``
-    estimation : the ways that were tried (:func:`fitting.pipeline.estimation.estimation`)
+    estimation : the ways that were tried (:func:`fitting.pipeline.comparison.estimation`)
     joint : parameters of the joint refit with what was found
     before, after : those that are handed out, without and with what was found
     parameter_error : what uncertain parameters make of the error shown, in noise floors

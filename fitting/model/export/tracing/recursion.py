@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from fitting.arm.geometry import Geometry
 from fitting.arrays import FloatArray
-from fitting.model.export.tracing.graph import Graph, Node
+from fitting.model.export.tracing.graph import Graph, Node, Value
 
-#: A number or a node.
-Value = Any
 Vector = tuple[Value, Value, Value]
 
 
