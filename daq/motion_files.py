@@ -42,14 +42,10 @@ class Motion:
 
     Attributes
     ----------
-    machine
-        Name of the machine that it was made for.
-    rods
-        ``pinned``: the columns are joint positions; ``unpinned``: piston positions of free cylinders.
-    time
-        Shape (N,), s, from 0.
-    columns
-        Per joint name, positions of shape (N,): rad (m) of the joint, or m of its piston.
+    machine : name of the machine that it was made for
+    rods : ``pinned``: the columns are joint positions; ``unpinned``: piston positions of free cylinders
+    time : shape (N,), s, from 0
+    columns : per joint name, positions of shape (N,): rad (m) of the joint, or m of its piston
     """
 
     machine: str

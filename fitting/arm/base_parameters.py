@@ -56,26 +56,17 @@ class BaseParameters:
 
     Attributes
     ----------
-    independent
-        Shape (nb,), indices of the kept columns among the ``p`` standard ones, link by link.
-    regrouping
-        Shape (nb, p): ``base = regrouping @ pi``. The identity at the kept columns.
-    names
-        Name of each base parameter: that of its kept column (``ZZ2``).
-    expressions
-        What each one is: ``ZZ2 + 0.5824 (m3 + m4)``. Coefficients in SI, four digits; ``regrouping`` has them
-        all.
-    units
-        Unit of each base parameter.
-    standard_names
-        Names of the ``p`` standard parameters (``ZZ2``, ``f_c2``, ...).
-    standard_count
-        How many standard parameters the machine has: 13 per joint, or 10 where only inertial ones were asked
-        for.
-    vanished
-        Names of the standard parameters that no motion tells.
-    gap
-        Largest remainder that was taken for round-off, and smallest that was taken for independence.
+    independent : shape (nb,), indices of the kept columns among the ``p`` standard ones, link by link
+    regrouping : shape (nb, p): ``base = regrouping @ pi``. The identity at the kept columns
+    names : name of each base parameter: that of its kept column (``ZZ2``)
+    expressions : what each one is: ``ZZ2 + 0.5824 (m3 + m4)``. Coefficients in SI, four digits; ``regrouping`` has them
+        all
+    units : unit of each base parameter
+    standard_names : names of the ``p`` standard parameters (``ZZ2``, ``f_c2``, ...)
+    standard_count : how many standard parameters the machine has: 13 per joint, or 10 where only inertial ones were
+        asked for
+    vanished : names of the standard parameters that no motion tells
+    gap : largest remainder that was taken for round-off, and smallest that was taken for independence
     """
 
     independent: IntArray
@@ -177,13 +168,11 @@ def reduce_parameters(
 
     Parameters
     ----------
-    machine
-        Arm of ``n`` joints.
-    friction_by_stage_1
-        True: friction and drive inertia are known from the cylinders, and ``p = 10 n`` inertial parameters
-        are reduced. False: all ``p = 13 n``. Three more for every motor that turns with several joints, in both.
-    seed
-        Of the random states.
+    machine : arm of ``n`` joints
+    friction_by_stage_1 : True: friction and drive inertia are known from the cylinders, and ``p = 10 n`` inertial
+        parameters are reduced. False: all ``p = 13 n``. Three more for every motor that turns with several joints, in
+        both
+    seed : of the random states
     """
     geometry = geometry_of(machine).squared_up()
     n = geometry.joints
@@ -331,14 +320,10 @@ def unidentifiable(W: FloatArray, base: BaseParameters | Sequence[str], *, rtol:
 
     Parameters
     ----------
-    W
-        Observation matrix of the motion, shape (rows, nb), or a triangular factor ``R`` of it with the same
-        columns.
-    base
-        The base parameters, or just names for the columns.
-    rtol
-        Singular values of the column-scaled ``W`` below ``rtol`` times the largest count as zero. For
-        measured motions take the noise's share of the signals instead of round-off's (1e-3, say).
+    W : observation matrix of the motion, shape (rows, nb), or a triangular factor ``R`` of it with the same columns
+    base : the base parameters, or just names for the columns
+    rtol : singular values of the column-scaled ``W`` below ``rtol`` times the largest count as zero. For measured
+        motions take the noise's share of the signals instead of round-off's (1e-3, say)
 
     Returns
     -------

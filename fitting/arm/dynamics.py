@@ -71,16 +71,11 @@ def rigid_body_regressor(
 
     Parameters
     ----------
-    machine
-        Arm of ``n`` joints.
-    q, qd, qdd
-        Joint positions, speeds and accelerations, shape (N, n); rad or m, per second, per second squared.
-    columns
-        Which of the ``10 n`` columns to compute (the independent ones of a base-parameter set, say); all if
-        None.
-    gravity
-        Acceleration of gravity in the base frame instead of the machine's, m/s^2; shape (3,), or (N, 3) where
-        the base tilts while it moves.
+    machine : arm of ``n`` joints
+    q, qd, qdd : joint positions, speeds and accelerations, shape (N, n); rad or m, per second, per second squared
+    columns : which of the ``10 n`` columns to compute (the independent ones of a base-parameter set, say); all if None
+    gravity : acceleration of gravity in the base frame instead of the machine's, m/s^2; shape (3,), or (N, 3) where the
+        base tilts while it moves
 
     Returns
     -------
@@ -163,12 +158,9 @@ def coupled_regressor(
 
     Parameters
     ----------
-    machine
-        Arm of ``n`` joints, ``c`` of whose motors are coupled to other joints.
-    qd, qdd
-        Joint speeds and accelerations, (N, n); or expressions in their place.
-    speed_noise
-        Standard deviation of every joint's speed, (n,): the sign is then its expectation.
+    machine : arm of ``n`` joints, ``c`` of whose motors are coupled to other joints
+    qd, qdd : joint speeds and accelerations, (N, n); or expressions in their place
+    speed_noise : standard deviation of every joint's speed, (n,): the sign is then its expectation
     """
     geometry = geometry_of(machine)
     speed, acceleration = np.asanyarray(qd), np.asanyarray(qdd)

@@ -33,23 +33,15 @@ class Geometry:
 
     Attributes
     ----------
-    revolute
-        Shape (n,), True for a revolute and False for a prismatic joint.
-    a, alpha, d, theta
-        Shape (n,), the constant part of the table, in m and rad.
-    gravity
-        Shape (3,), acceleration of gravity in the base frame, m/s^2.
-    position_limits
-        Shape (n, 2), rad or m.
-    velocity_limits, acceleration_limits
-        Shape (n,), rad/s or m/s, and per second more.
-    names
-        Joint names.
-    coupled
-        Numbers of the joints whose motor turns with other joints too, ``c`` of them.
-    coupling
-        Shape (c, n), speed of each such motor, referred to its own joint, per unit of every joint's speed: 1 at the
-        own joint.
+    revolute : shape (n,), True for a revolute and False for a prismatic joint
+    a, alpha, d, theta : shape (n,), the constant part of the table, in m and rad
+    gravity : shape (3,), acceleration of gravity in the base frame, m/s^2
+    position_limits : shape (n, 2), rad or m
+    velocity_limits, acceleration_limits : shape (n,), rad/s or m/s, and per second more
+    names : joint names
+    coupled : numbers of the joints whose motor turns with other joints too, ``c`` of them
+    coupling : shape (c, n), speed of each such motor, referred to its own joint, per unit of every joint's speed: 1 at
+        the own joint
     """
 
     revolute: BoolArray
@@ -168,10 +160,8 @@ def link_frames(machine: Machine | Geometry, q: npt.ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    machine
-        Arm of ``n`` joints.
-    q
-        Joint positions, shape (..., n), rad or m.
+    machine : arm of ``n`` joints
+    q : joint positions, shape (..., n), rad or m
 
     Returns
     -------

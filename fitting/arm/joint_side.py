@@ -26,11 +26,9 @@ def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machin
 
     Parameters
     ----------
-    machine
-        As the machine file has it.
-    recordings
-        Of that machine; what a joint channel measures is kept, what only motors tell is computed. A row in which one
-        of the motors is missing is missing at every joint that the motor turns with.
+    machine : as the machine file has it
+    recordings : of that machine; what a joint channel measures is kept, what only motors tell is computed. A row in
+        which one of the motors is missing is missing at every joint that the motor turns with
 
     Returns
     -------

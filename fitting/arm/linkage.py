@@ -33,10 +33,8 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    linkage
-        Linkage of the machine file.
-    q
-        Joint positions in rad (m), any shape; or expressions in their place, here and in all that follows.
+    linkage : linkage of the machine file
+    q : joint positions in rad (m), any shape; or expressions in their place, here and in all that follows
 
     Returns
     -------
@@ -142,11 +140,9 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
 
     Parameters
     ----------
-    joint
-        Joint with a cylinder.
-    x
-        Piston positions in m, any shape. Positions that the linkage cannot reach (measurement noise beyond a
-        stretched linkage, say) give the nearest joint position that it can; NaN stays NaN.
+    joint : joint with a cylinder
+    x : piston positions in m, any shape. Positions that the linkage cannot reach (measurement noise beyond a stretched
+        linkage, say) give the nearest joint position that it can; NaN stays NaN
 
     Returns
     -------

@@ -41,21 +41,14 @@ class CylinderOptions:
 
     Attributes
     ----------
-    seconds
-        Duration of the whole motion.
-    staircase
-        Share of it given to the staircase, 0 to 0.8.
-    levels
-        Speeds of the staircase, from 3 % of the top speed up in equal ratios; fewer where there are less than
-        3.75 s for each.
-    max_frequency
-        Highest frequency of the band-limited part, Hz.
-    harmonics
-        Its number of harmonics.
-    use
-        Share of every limit that may be used.
-    starts
-        How many times the band-limited part is optimised.
+    seconds : duration of the whole motion
+    staircase : share of it given to the staircase, 0 to 0.8
+    levels : speeds of the staircase, from 3 % of the top speed up in equal ratios; fewer where there are less than 3.75
+        s for each
+    max_frequency : highest frequency of the band-limited part, Hz
+    harmonics : its number of harmonics
+    use : share of every limit that may be used
+    starts : how many times the band-limited part is optimised
     """
 
     seconds: float = 60.0
@@ -92,14 +85,10 @@ class CylinderExcitation:
 
     Attributes
     ----------
-    motion
-        The motion program, ``rods=unpinned``.
-    speed, acceleration
-        Per joint, shape (N,), m/s and m/s^2.
-    condition_numbers
-        Per joint, of the column-scaled stage-1 regressor of the whole motion.
-    limits
-        How much of stroke, speed and acceleration is used.
+    motion : the motion program, ``rods=unpinned``
+    speed, acceleration : per joint, shape (N,), m/s and m/s^2
+    condition_numbers : per joint, of the column-scaled stage-1 regressor of the whole motion
+    limits : how much of stroke, speed and acceleration is used
     """
 
     motion: Motion
@@ -139,18 +128,12 @@ def design_cylinder_motion(
 
     Parameters
     ----------
-    machine
-        The arm.
-    seed
-        Random seed of the starts.
-    options
-        Shape of the signals.
-    joints
-        Names of the joints whose cylinders move; all that have one if None.
-    flow
-        Supply flow for all of them together, m^3/s: they move as much slower as it takes.
-    progress
-        Called with the share done and the worst condition number so far.
+    machine : the arm
+    seed : random seed of the starts
+    options : shape of the signals
+    joints : names of the joints whose cylinders move; all that have one if None
+    flow : supply flow for all of them together, m^3/s: they move as much slower as it takes
+    progress : called with the share done and the worst condition number so far
 
     Raises
     ------

@@ -47,20 +47,13 @@ class Excitation:
 
     Attributes
     ----------
-    motion
-        The motion program, at the machine's rate.
-    speed, acceleration
-        Shape (N, n), of all joints at the samples of the motion.
-    condition_number
-        Of the column-scaled observation matrix of this motion together with what was gathered before.
-    own_condition_number
-        Of this motion alone (infinite if it cannot tell all parameters).
-    information
-        ``W'W`` of this motion at the machine's rate, shape (nb, nb); sum these to pass on what is gathered.
-    limits
-        How much of each limit is used.
-    not_told
-        Names of base parameters that neither this motion nor what was gathered before can tell.
+    motion : the motion program, at the machine's rate
+    speed, acceleration : shape (N, n), of all joints at the samples of the motion
+    condition_number : of the column-scaled observation matrix of this motion together with what was gathered before
+    own_condition_number : of this motion alone (infinite if it cannot tell all parameters)
+    information : ``W'W`` of this motion at the machine's rate, shape (nb, nb); sum these to pass on what is gathered
+    limits : how much of each limit is used
+    not_told : names of base parameters that neither this motion nor what was gathered before can tell
     """
 
     motion: Motion
@@ -88,23 +81,14 @@ def design_motion(
 
     Parameters
     ----------
-    machine
-        The arm, with its limits.
-    base
-        Its inertial base parameters (``friction_by_stage_1=True``).
-    seed
-        Random seed of the starts.
-    options
-        How to search.
-    joints
-        Names of the joints that move; all if None. The others hold mid-range.
-    gathered
-        Information ``W'W`` (nb, nb) of the motions already recorded or designed: the new one complements
-        them.
-    hydraulic
-        Supply flow and chamber pressure, where they count.
-    progress
-        Called with the share done (0 to 1) and the best condition number so far.
+    machine : the arm, with its limits
+    base : its inertial base parameters (``friction_by_stage_1=True``)
+    seed : random seed of the starts
+    options : how to search
+    joints : names of the joints that move; all if None. The others hold mid-range
+    gathered : information ``W'W`` (nb, nb) of the motions already recorded or designed: the new one complements them
+    hydraulic : supply flow and chamber pressure, where they count
+    progress : called with the share done (0 to 1) and the best condition number so far
 
     Raises
     ------

@@ -50,12 +50,9 @@ class Experiment:
 
     Attributes
     ----------
-    kind
-        One of :data:`KINDS`, or what a caller adds (``designed``, ``again``).
-    text
-        What is done, in plain words.
-    motion
-        The motion program.
+    kind : one of :data:`KINDS`, or what a caller adds (``designed``, ``again``)
+    text : what is done, in plain words
+    motion : the motion program
     """
 
     kind: str
@@ -83,21 +80,14 @@ class Arm:
 
     Attributes
     ----------
-    machine
-        The arm.
-    joint
-        Number of the joint.
-    seconds
-        Length of each motion.
-    use
-        Share of every limit that may be used.
-    holding
-        Drive efforts that hold the arm, for the choice of two poses; without it they are the ends of the ranges.
-    hydraulic
-        Supply flow and chamber pressure. A motion that asks for too much flow is run slower; one that asks for too
-        much pressure is not possible.
-    base
-        The base parameters that ``hydraulic`` has values of; those of the machine if None.
+    machine : the arm
+    joint : number of the joint
+    seconds : length of each motion
+    use : share of every limit that may be used
+    holding : drive efforts that hold the arm, for the choice of two poses; without it they are the ends of the ranges
+    hydraulic : supply flow and chamber pressure. A motion that asks for too much flow is run slower; one that asks for
+        too much pressure is not possible
+    base : the base parameters that ``hydraulic`` has values of; those of the machine if None
     """
 
     machine: Machine

@@ -30,13 +30,10 @@ class FourierBasis:
 
     Attributes
     ----------
-    time
-        Shape (N,), s.
-    position, speed, acceleration
-        Shape (N, c): the basis functions and their derivatives; a motion is ``home + position @
-        coefficients``.
-    harmonics
-        Whole multiples of ``1 / T`` in the series.
+    time : shape (N,), s
+    position, speed, acceleration : shape (N, c): the basis functions and their derivatives; a motion is ``home +
+        position @ coefficients``
+    harmonics : whole multiples of ``1 / T`` in the series
     """
 
     time: FloatArray

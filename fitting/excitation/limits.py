@@ -20,16 +20,11 @@ class LimitUse:
 
     Attributes
     ----------
-    joint
-        Joint name; None for the supply, which all cylinders share.
-    quantity
-        ``position``, ``velocity``, ``acceleration``, ``stroke``, ``pressure`` or ``flow``.
-    used
-        Share of the limit, 0 to 1. Of positions and strokes: of the way from mid-range to the nearer end.
-    reached, limit
-        The extreme value and the limit that it is nearest to, in ``unit``.
-    unit
-        SI unit of both.
+    joint : joint name; None for the supply, which all cylinders share
+    quantity : ``position``, ``velocity``, ``acceleration``, ``stroke``, ``pressure`` or ``flow``
+    used : share of the limit, 0 to 1. Of positions and strokes: of the way from mid-range to the nearer end
+    reached, limit : the extreme value and the limit that it is nearest to, in ``unit``
+    unit : SI unit of both
     """
 
     joint: str | None
@@ -46,17 +41,13 @@ class HydraulicLimits:
 
     Attributes
     ----------
-    flow
-        Flow that the pump delivers to all cylinders together, m^3/s. Demand is ``sum A |x'|`` with the area
-        of the chamber that is being filled.
-    pressure
-        Highest chamber pressure, Pa. It needs a guess of the arm's parameters.
-    back_pressure
-        Pressure in the chamber that is being emptied, Pa.
-    base_parameters
-        Guess of the base parameters (nb,), from an earlier identification or from drawings, for the efforts.
-    friction
-        Guess of each cylinder's friction force (n,) in N, added to the load; zero if None.
+    flow : flow that the pump delivers to all cylinders together, m^3/s. Demand is ``sum A |x'|`` with the area of the
+        chamber that is being filled
+    pressure : highest chamber pressure, Pa. It needs a guess of the arm's parameters
+    back_pressure : pressure in the chamber that is being emptied, Pa
+    base_parameters : guess of the base parameters (nb,), from an earlier identification or from drawings, for the
+        efforts
+    friction : guess of each cylinder's friction force (n,) in N, added to the load; zero if None
     """
 
     flow: float | None = None
@@ -82,13 +73,10 @@ def limits_of_machine(
 
     Parameters
     ----------
-    machine
-        ``hydraulics.pump_flow``, ``supply_pressure`` and ``tank_pressure`` are looked at; a machine without cylinders
-        has no such limits.
-    base_parameters, friction
-        As in :class:`HydraulicLimits`.
-    flow, pressure
-        In place of the file's, m^3/s and Pa.
+    machine : ``hydraulics.pump_flow``, ``supply_pressure`` and ``tank_pressure`` are looked at; a machine without
+        cylinders has no such limits
+    base_parameters, friction : as in :class:`HydraulicLimits`
+    flow, pressure : in place of the file's, m^3/s and Pa
     """
     if all(joint.cylinder is None for joint in machine.joints):
         return HydraulicLimits()

@@ -61,14 +61,10 @@ def spectral_objective(
 
     Parameters
     ----------
-    G
-        Information, shape (nb, nb). Vanishing eigenvalues count as 1e-14 of the largest.
-    criterion
-        ``condition`` or ``determinant``.
-    power
-        ``p`` of the smooth condition number.
-    signal_share
-        Share of the mean logarithm of the columns' sizes that is subtracted (``condition`` only).
+    G : information, shape (nb, nb). Vanishing eigenvalues count as 1e-14 of the largest
+    criterion : ``condition`` or ``determinant``
+    power : ``p`` of the smooth condition number
+    signal_share : share of the mean logarithm of the columns' sizes that is subtracted (``condition`` only)
     """
     size = len(G)
     scale = np.sqrt(np.maximum(np.diag(G), np.finfo(float).tiny))
@@ -97,8 +93,7 @@ class Probed:
 
     Attributes
     ----------
-    Y
-        The regressor, shape (N, n, nb).
+    Y : the regressor, shape (N, n, nb)
     """
 
     Y: FloatArray
@@ -110,8 +105,7 @@ class Probed:
 
         Parameters
         ----------
-        weight
-            Shape (N, n, nb).
+        weight : shape (N, n, nb)
 
         Returns
         -------
@@ -141,14 +135,10 @@ def probed_regressor(
 
     Parameters
     ----------
-    geometry
-        Arm of ``n`` joints.
-    columns
-        The ``nb`` columns that are wanted.
-    q, qd, qdd
-        Shape (N, n).
-    moved
-        Joints whose derivatives are wanted, ``m`` of them.
+    geometry : arm of ``n`` joints
+    columns : the ``nb`` columns that are wanted
+    q, qd, qdd : shape (N, n)
+    moved : joints whose derivatives are wanted, ``m`` of them
     """
     samples = q.shape[0]
     states = np.tile(np.stack([q, qd, qdd]), (1, 1 + len(moved) * len(_PROBES), 1))

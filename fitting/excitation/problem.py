@@ -35,26 +35,16 @@ class ExcitationOptions:
 
     Attributes
     ----------
-    seconds
-        Duration of a motion.
-    max_frequency
-        Highest frequency of the series in Hz. Hydraulic arms and 50 Hz acquisition want less than 1 Hz.
-    harmonics
-        Harmonics per joint, at most all up to ``max_frequency``. Fewer are no faster, and end no better.
-    starts
-        How many optimisations are begun, each from the best of twelve random series; the best sixth is finished.
-    iterations
-        Iterations of the optimiser for a start that goes all the way.
-    samples
-        States of the motion that the criterion is evaluated at while searching.
-    use
-        Share of every limit that the motion may use, below 1 to leave the controller room for overshoot.
-    criterion
-        ``condition`` (of the column-scaled observation matrix) or ``determinant`` (D-optimality).
-    signal_share
-        How much the size of the signals counts beside the condition number: 0 not at all (slow motions), 1
-        about as much. 0.1 costs 2 % in condition number and gains 10 to 20 % in the parameters' standard
-        deviations.
+    seconds : duration of a motion
+    max_frequency : highest frequency of the series in Hz. Hydraulic arms and 50 Hz acquisition want less than 1 Hz
+    harmonics : harmonics per joint, at most all up to ``max_frequency``. Fewer are no faster, and end no better
+    starts : how many optimisations are begun, each from the best of twelve random series; the best sixth is finished
+    iterations : iterations of the optimiser for a start that goes all the way
+    samples : states of the motion that the criterion is evaluated at while searching
+    use : share of every limit that the motion may use, below 1 to leave the controller room for overshoot
+    criterion : ``condition`` (of the column-scaled observation matrix) or ``determinant`` (D-optimality)
+    signal_share : how much the size of the signals counts beside the condition number: 0 not at all (slow motions), 1
+        about as much. 0.1 costs 2 % in condition number and gains 10 to 20 % in the parameters' standard deviations
     """
 
     seconds: float = 30.0
@@ -202,10 +192,8 @@ def states(
 
     Parameters
     ----------
-    problem, coefficients
-        The problem and a point.
-    norm_power
-        ``p`` of the norm that keeps the limits: the larger, the nearer the motion gets to them.
+    problem, coefficients : the problem and a point
+    norm_power : ``p`` of the norm that keeps the limits: the larger, the nearer the motion gets to them
 
     Returns
     -------

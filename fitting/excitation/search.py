@@ -30,18 +30,12 @@ class Stage:
 
     Attributes
     ----------
-    power
-        ``p`` of the smooth condition number.
-    norm_power
-        ``p`` of the norm that keeps the kinematic limits.
-    penalty
-        Weight of a mean squared relative excess of flow or pressure.
-    samples
-        Share of the samples that is used: a coarse look is enough to begin with.
-    share
-        Of all iterations.
-    survivors
-        Share of the starts that take part.
+    power : ``p`` of the smooth condition number
+    norm_power : ``p`` of the norm that keeps the kinematic limits
+    penalty : weight of a mean squared relative excess of flow or pressure
+    samples : share of the samples that is used: a coarse look is enough to begin with
+    share : of all iterations
+    survivors : share of the starts that take part
     """
 
     power: int
@@ -93,12 +87,9 @@ def search(
 
     Parameters
     ----------
-    problem, rng
-        What to solve, and where starts come from.
-    report
-        Gets the share done and the best condition number so far.
-    condition
-        Condition number of the finished motion at a point: what the last of the starts are judged by.
+    problem, rng : what to solve, and where starts come from
+    report : gets the share done and the best condition number so far
+    condition : condition number of the finished motion at a point: what the last of the starts are judged by
     """
     options = problem.options
     coarse = resampled(problem, _samples(options, STAGES[0]))

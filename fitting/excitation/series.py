@@ -23,16 +23,11 @@ class Series:
 
     Attributes
     ----------
-    seconds
-        Duration.
-    harmonics
-        Per joint, multiples of ``1 / seconds``.
-    coefficients
-        Per joint, of the series; only their proportions count.
-    amplitude
-        Shape (n,), share of what the limits allow about the home, 0 to 1; 0 holds still.
-    home
-        Shape (n,), -1 to 1: from one end of the joint's range to the other.
+    seconds : duration
+    harmonics : per joint, multiples of ``1 / seconds``
+    coefficients : per joint, of the series; only their proportions count
+    amplitude : shape (n,), share of what the limits allow about the home, 0 to 1; 0 holds still
+    home : shape (n,), -1 to 1: from one end of the joint's range to the other
     """
 
     seconds: float

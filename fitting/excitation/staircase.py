@@ -34,18 +34,12 @@ def staircase(
 
     Parameters
     ----------
-    time
-        Shape (N,), s from the start of the staircase.
-    seconds
-        What it may last; it ends at rest in the middle, where it started.
-    levels
-        Number of speeds, in equal ratios.
-    half
-        Way from the middle to either end, rad or m.
-    top_speed, top_acceleration
-        Limits, per second and per second squared.
-    slowest
-        Slowest speed over ``top_speed``.
+    time : shape (N,), s from the start of the staircase
+    seconds : what it may last; it ends at rest in the middle, where it started
+    levels : number of speeds, in equal ratios
+    half : way from the middle to either end, rad or m
+    top_speed, top_acceleration : limits, per second and per second squared
+    slowest : slowest speed over ``top_speed``
 
     Returns
     -------

@@ -47,14 +47,10 @@ class Forecast:
 
     Attributes
     ----------
-    visibilities
-        Of every effect on every joint, in one shape of its grid.
-    choices
-        For each, the number of shapes and neighbours that a search will choose from.
-    tellings
-        Of every parameter.
-    joints
-        Names of the joints.
+    visibilities : of every effect on every joint, in one shape of its grid
+    choices : for each, the number of shapes and neighbours that a search will choose from
+    tellings : of every parameter
+    joints : names of the joints
     """
 
     visibilities: tuple[Visibility, ...]

@@ -37,16 +37,12 @@ class Guess:
 
     Attributes
     ----------
-    base
-        Base parameters (nb,).
-    drive
-        Per joint, the values of :func:`fitting.regression.drive.drive_names` in that order.
-    noise
-        Shape (n,), standard deviation of the drive effort's noise in the identification band, N (or the joint's unit).
-    statement
-        Where it comes from, in a sentence.
-    measured
-        True where it comes from an identification of this machine.
+    base : base parameters (nb,)
+    drive : per joint, the values of :func:`fitting.regression.drive.drive_names` in that order
+    noise : shape (n,), standard deviation of the drive effort's noise in the identification band, N (or the joint's
+        unit)
+    statement : where it comes from, in a sentence
+    measured : True where it comes from an identification of this machine
     """
 
     base: FloatArray

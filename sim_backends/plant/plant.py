@@ -57,8 +57,7 @@ class Plant:
 
     Parameters
     ----------
-    machine, truth
-        What is declared, and what is true.
+    machine, truth : what is declared, and what is true
     undeclared : sequence of EffectSpec
         Effects that the machine file does not know.
     quality : SensorQuality
@@ -341,8 +340,8 @@ def record(
 
     Parameters
     ----------
-    machine, truth, undeclared, quality, rng, shapes
-        As for :class:`Plant`; an effect may be a tuple ``(id, joint, size)``.
+    machine, truth, undeclared, quality, rng, shapes : as for :class:`Plant`; an effect may be a tuple ``(id, joint,
+        size)``
     motion : Motion
     rods : {"pinned", "unpinned"}, optional
         Checked against the motion's own.

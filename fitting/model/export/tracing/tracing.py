@@ -26,9 +26,9 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import BodyColumn, DriveView, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import beyond, segment_of, without
-from fitting.model.export.tracing.graph import Graph, Node, sign, spline_curve, traced
+from fitting.model.export.tracing.graph import Graph, Node, Value, sign, spline_curve, traced
 from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
-from fitting.model.export.tracing.recursion import State, Value, newton_euler
+from fitting.model.export.tracing.recursion import State, newton_euler
 from fitting.model.export.words import refitted
 from fitting.model.motion import heated
 from fitting.regression.design import Design
