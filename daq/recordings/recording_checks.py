@@ -73,6 +73,14 @@ def runs(inside: BoolArray, joined: BoolArray | None = None) -> tuple[slice, ...
     return tuple(slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True))
 
 
+def long_runs(inside: BoolArray, least: float) -> BoolArray:
+    """Of the true rows those in runs of ``least`` or more."""
+    result = np.zeros_like(inside)
+    for run in runs(inside):
+        result[run] = run.stop - run.start >= least
+    return result
+
+
 def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, role: str) -> None:
     """The schema is known, the machine is this one, and an unloaded recording is used as one."""
     schema = metadata.get("hilfit.schema")

@@ -173,7 +173,7 @@ def check_recordings(
     if known and not any(f.code in ("time_unit", "wrong_rate", "out_of_range") for f in result):
         try:
             result += _together(machine, usable, places)
-        except (HilfitError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+        except (HilfitError, ValueError, ArithmeticError) as error:
             _log.warning("the efforts could not be checked: %s", error)
     return _ordered(machine, result, places)
 

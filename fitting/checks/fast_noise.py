@@ -9,6 +9,7 @@ with the root mean square of the others': single wrong values accuse nobody.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         ]
         conversion = machine.conversion(channel)
         own_step = abs(conversion.factor) * (channel.resolution or 0.0)
-        said = None
+        said: tuple[float, float, str] | None = None
         if noise > least and sisters and noise > _TIMES * (usual := float(np.median(sisters))) > 0:
             said = (noise, usual, "that of the other sensors of its kind")
         elif noise > least and own_step and noise > _TIMES * own_step:
@@ -56,7 +57,10 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         elif (apart := _apart(heard[channel.name], least)) is not None:
             said = (*apart, "that of its other stretches")
         if said is not None:
-            found.append(_finding(machine, channel, *said))
+            before, after, what = said
+            who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "unit": machine.si_unit(channel)}
+            times = before / after
+            found.append(finding_of("noisy", times=times, what=what, before=before, after=after, strength=3.0, **who))
     return found
 
 
@@ -85,18 +89,3 @@ def _apart(noise: FloatArray, least: float) -> tuple[float, float] | None:
         return None
     loud, quiet = float(np.sort(noise[:, 0])[-count]), float(np.sort(noise[:, 1])[count - 1])
     return (loud, quiet) if loud > least and loud > _TIMES * quiet > 0 else None
-
-
-def _finding(machine: Machine, channel: Channel, noise: float, usual: float, what: str) -> Finding:
-    unit = machine.si_unit(channel)
-    return finding_of(
-        "noisy",
-        times=noise / usual,
-        what=what,
-        joint=channel.joint,
-        channel=channel.name,
-        before=noise,
-        after=usual,
-        unit=unit,
-        strength=3.0,
-    )

@@ -151,10 +151,7 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
             if not _USUAL_RANGE[0] < top * gain < _USUAL_RANGE[1] or _USUAL_RANGE[0] < top < _USUAL_RANGE[1]:
                 continue
             found.append((float(np.abs(away + np.log(gain)).sum()), channel, unit, top))
-    best: dict[str, tuple[float, Channel, str, float]] = {}
-    for item in found:
-        if item[1].name not in best or item[0] < best[item[1].name][0]:
-            best[item[1].name] = item
+    best = {item[1].name: item for item in sorted(found, key=lambda item: -item[0])}
     # Two channels alone cannot say which of them is odd: the one whose values no cylinder has.
     return [
         finding_of(

@@ -28,8 +28,8 @@ from fitting.estimators.least_squares import solve
 from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.regression.design import Design, Extra
 from fitting.regression.plausible_arm import ALONE
-from fitting.regression.prior import Prior, data_share, with_prior
-from fitting.regression.solving import Factor, Fit, WhiteRows, factor
+from fitting.regression.prior import Prior, data_share, rows_of_prior
+from fitting.regression.solving import Factor, Fit, factor
 from fitting.regression.streamed import triangle
 
 #: Standard errors by which least squares has to be better on positions left out, and the rise of the training error up
@@ -159,9 +159,7 @@ class EffortRows:
 
     def _prior_rows(self, prior: Prior) -> FloatArray:
         """Rows ``[A b]`` (R, p + 1) of unit noise of what is known beforehand."""
-        nothing = [WhiteRows(np.zeros((0, self.columns)), np.zeros(0), ()) for _ in self._joints]
-        closing = with_prior(nothing, self._design.parameters, prior.without_delays())
-        return np.vstack([np.column_stack([own.A, own.b]) for own in closing])
+        return np.column_stack(rows_of_prior(self._design.parameters, prior.without_delays(), self.columns))
 
     def settled(self, prior: Prior) -> Prior:
         """The prior at the point that these rows ask for; refused where they refuse the plausible arm."""

@@ -103,9 +103,9 @@ def _identify(
     forgetting: float,
     needed: Callable[[], InSitu] | None,
 ) -> CylinderEstimate:
-    drive = design.parameters.drive_slice(joint)
+    drive, name = design.parameters.drive_slice(joint), design.machine.joints[joint].name
     names = design.parameters.drive[joint]
-    unloaded = design.indices("unloaded")
+    count, unloaded = len(names), design.indices("unloaded")
     rows = whitened_joint(design, noise, joint, unloaded)
     in_situ = len(rows.b) < LEAST_ROWS
     used, loaded = unloaded, None
@@ -116,10 +116,7 @@ def _identify(
         rows = whitened_joint(design, noise, joint, used)
     A, b = rows.A, rows.b
     if len(b) == 0:  # it never moved: nothing is known, and nothing is made up
-        nothing = np.zeros(len(names))
-        return CylinderEstimate(
-            design.machine.joints[joint].name, names, nothing, np.full(len(names), np.inf), 0.0, in_situ, 0
-        )
+        return CylinderEstimate(name, names, np.zeros(count), np.full(count, np.inf), 0.0, in_situ, 0)
     if in_situ and prior.refused and loaded is not None:
         return _from_joint_fit(design, joint, loaded.joint_fit, used, len(b))
     places = np.arange(drive.start, drive.stop)
@@ -130,24 +127,15 @@ def _identify(
     theta, covariance = _recursively(own, b, known_A[:, places], known_b, forgetting)
     if loaded is not None and loaded.coloured:
         covariance = _coloured(own, b, theta, known_A[:, places])
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     full = np.zeros(len(design.parameters))
-    full[drive] = theta[: len(names)]
+    full[drive] = theta[:count]
     if in_situ:
         residual = float(np.std(b - own @ theta)) * noise.std[joint]
     else:
         residual = _left(design, full, joint, used)
-    own_covariance = covariance[: len(names), : len(names)]
-    return CylinderEstimate(
-        design.machine.joints[joint].name,
-        names,
-        theta[: len(names)],
-        std[: len(names)],
-        residual,
-        in_situ,
-        len(b),
-        own_covariance,
-    )
+    covariance = covariance[:count, :count]
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return CylinderEstimate(name, names, theta[:count], std, residual, in_situ, len(b), covariance)
 
 
 def _known_rows(design: Design, prior: Prior, joint: int, in_situ: bool) -> tuple[FloatArray, FloatArray]:
@@ -193,17 +181,9 @@ def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...],
     """The joint fit's values in the place of an estimate that was refused."""
     drive = design.parameters.drive_slice(joint)
     theta = fit.theta[: len(design.parameters)]
-    return CylinderEstimate(
-        design.machine.joints[joint].name,
-        design.parameters.drive[joint],
-        theta[drive].copy(),
-        fit.std[drive].copy(),
-        _left(design, theta, joint, used),
-        True,
-        rows,
-        fit.covariance[drive, drive].copy(),
-        True,
-    )
+    values = theta[drive].copy(), fit.std[drive].copy(), _left(design, theta, joint, used)
+    name, names = design.machine.joints[joint].name, design.parameters.drive[joint]
+    return CylinderEstimate(name, names, *values, True, rows, fit.covariance[drive, drive].copy(), refused=True)
 
 
 def _left(design: Design, theta: FloatArray, joint: int, used: Sequence[int]) -> float:

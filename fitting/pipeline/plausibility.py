@@ -56,8 +56,8 @@ class Violation:
     parameter : its name, or ``f(v)``
     value, std, unit : of the estimate
     sigmas : deviations beyond what is possible
-    possible : value in the nearest possible set
     text, cause : for people
+    possible : value in the nearest possible set
     """
 
     kind: str
@@ -67,9 +67,9 @@ class Violation:
     std: float
     unit: str
     sigmas: float
-    possible: float | None
     text: str
     cause: str
+    possible: float | None = None
 
 
 @dataclass(frozen=True)
@@ -118,21 +118,9 @@ def _drives(model: Model, most: float) -> list[Violation]:
             value, std = float(fit.theta[start + number]), float(fit.std[start + number])
             if parameter not in ("m", "K", "J") or not fit.told[start + number] or not value < -most * std:
                 continue
-            unit = _units(model, joint)[parameter]
-            found.append(
-                Violation(
-                    "drive",
-                    name,
-                    parameter,
-                    value,
-                    std,
-                    unit,
-                    -value / std if std else np.inf,
-                    None,
-                    f"the {NAMES['parameters'][parameter]} of {name} is negative",
-                    NAMES["causes"][parameter],
-                )
-            )
+            unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
+            said = f"the {NAMES['parameters'][parameter]} of {name} is negative", NAMES["causes"][parameter]
+            found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *said))
     return found
 
 
@@ -146,20 +134,9 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
         joint = model.design.machine.joints[own.joint]
         straight = joint.cylinder is not None or joint.type == "prismatic"
         unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
-        found.append(
-            Violation(
-                "friction",
-                joint.name,
-                "f(v)",
-                worst.force,
-                worst.std,
-                unit,
-                worst.sigmas,
-                None,
-                f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it",
-                NAMES["causes"]["friction"],
-            )
-        )
+        said = f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it"
+        sizes = worst.force, worst.std, unit, worst.sigmas
+        found.append(Violation("friction", joint.name, "f(v)", *sizes, said, NAMES["causes"]["friction"]))
     return found
 
 
@@ -179,34 +156,18 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
     std = model.fit.std[part]
     moved = np.where(told & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
     worst = int(np.argmax(np.abs(moved)))
-    return [
-        Violation(
-            "link",
-            None,
-            base.names[worst],
-            float(model.fit.theta[part][worst]),
-            float(std[worst]),
-            base.units[worst],
-            float(np.sqrt(distance)),
-            None,
-            f"no links that can exist have {base.names[worst]} = "
-            f"{model.fit.theta[part][worst]:.3g} {base.units[worst]} together with the other base parameters",
-            NAMES["causes"]["link"],
-        )
-    ]
+    name, value, unit = base.names[worst], float(model.fit.theta[part][worst]), base.units[worst]
+    said = f"no links that can exist have {name} = {value:.3g} {unit} together with the other base parameters"
+    sizes = value, float(std[worst]), unit, float(np.sqrt(distance))
+    return [Violation("link", None, name, *sizes, said, NAMES["causes"]["link"])]
 
 
 def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
     """The violation with the value that its parameter has in the nearest possible set."""
     parameters = model.design.parameters
-    if found.kind == "link":
-        place = parameters.base_slice.start + parameters.base.names.index(found.parameter)
-    elif found.kind == "drive" and found.joint is not None:
-        joint = parameters.joints.index(found.joint)
-        place = parameters.drive_slice(joint).start + parameters.drive[joint].index(found.parameter)
-    else:
-        return found
-    return replace(found, possible=float(nearest[place]))
+    names = [*parameters.names[: parameters.drive_count], *parameters.base.names]
+    own = found.parameter if found.joint is None else f"{found.joint}.{found.parameter}"
+    return replace(found, possible=float(nearest[names.index(own)])) if own in names else found
 
 
 def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:

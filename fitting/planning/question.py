@@ -116,11 +116,8 @@ class Question:
         design = self.model.design
         return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
 
-    def gathered(self, segments: Sequence[Segment]) -> list[FloatArray]:
-        """What each segment would add to the products; columns are of one segment at a time."""
-        return [self._products(segment) for segment in segments]
-
     def _products(self, segment: Segment) -> FloatArray:
+        """What a segment would add to the products."""
         known = self.model.design
         design = build_design(known.machine, known.parameters.base, known.bank, known.noise, [segment])
         like = self.model.views[self.model.fitted[0]][0]
@@ -129,7 +126,7 @@ class Question:
 
     def separations(self, segments: Sequence[Segment]) -> list[Separation]:
         """Separation by all data with each of the segments added."""
-        return [self._separation(self.recorded + more) for more in self.gathered(segments)] if segments else []
+        return [self._separation(self.recorded + self._products(segment)) for segment in segments]
 
     def again(self, seconds: float) -> Separation:
         """Separation with ``seconds`` more of the training motions."""
@@ -137,5 +134,5 @@ class Question:
 
     def repeated(self, motion: Motion, times: Iterable[int]) -> Iterator[Separation]:
         """Separations with a motion recorded so many times each."""
-        (more,) = self.gathered([self.segment(motion)])
+        more = self._products(self.segment(motion))
         return (self._separation(self.recorded + number * more) for number in times)

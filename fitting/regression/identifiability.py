@@ -24,8 +24,7 @@ from scipy import linalg
 
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel, whitened
-from fitting.regression.prior import Prior, with_prior
-from fitting.regression.solving import WhiteRows
+from fitting.regression.prior import Prior, rows_of_prior
 
 Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
@@ -85,8 +84,8 @@ def tellings(
         measured += sum(own.A.T @ own.A for own in whitened(design, noise, (index,)))
     both = measured
     if prior is not None:
-        nothing = [WhiteRows(np.zeros((0, size)), np.zeros(0), ())] * len(design.blocks)
-        both = measured + sum(own.A.T @ own.A for own in with_prior(nothing, design.parameters, prior))
+        known, _ = rows_of_prior(design.parameters, prior, size)
+        both = measured + known.T @ known
     alone, together = np.sqrt(_variances(measured)), np.sqrt(_variances(both))
     sizes = parameter_sizes(design, indices, theta)
     result = []

@@ -145,10 +145,16 @@ def data_share(covariance: FloatArray, parameters: Parameters, prior: Prior) -> 
     covariance : (p, p) ``H^-1``, of rows of unit noise and the prior's together
     prior : whose rows have the information ``L``
     """
-    width = len(covariance)
-    nothing = [WhiteRows(np.zeros((0, width)), np.zeros(0), ()) for _ in parameters.joints]
-    known = sum(own.A.T @ own.A for own in with_prior(nothing, parameters, prior))
+    A, _ = rows_of_prior(parameters, prior, len(covariance))
+    known = A.T @ A
     return np.asarray(np.clip(1.0 - np.einsum("ij,ji->i", known, covariance), 0.0, 1.0))
+
+
+def rows_of_prior(parameters: Parameters, prior: Prior, width: int) -> tuple[FloatArray, FloatArray]:
+    """What is known beforehand as rows of unit noise, (R, width) and (R,)."""
+    nothing = [WhiteRows(np.zeros((0, width)), np.zeros(0), ()) for _ in parameters.joints]
+    rows = with_prior(nothing, parameters, prior)
+    return np.vstack([own.A for own in rows]), np.concatenate([own.b for own in rows])
 
 
 def with_prior(

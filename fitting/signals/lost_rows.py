@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 
 from daq.recordings.recording import Recording
-from daq.recordings.recording_checks import lost_between, runs
+from daq.recordings.recording_checks import long_runs, lost_between, runs
 from daq.scratch import ScratchColumns
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank
@@ -52,9 +52,7 @@ def repeated_rows(recording: Recording) -> BoolArray:
     again, most = np.count_nonzero(alike), max(1, round(_REPEATED_S * recording.rate_hz))
     if not 0 < again <= _MOST * count or count * np.prod((np.array(own) - again + 1.0) / (count - again)) > _CHANCE:
         return np.zeros(len(recording), dtype=bool)
-    for run in runs(alike):
-        alike[run] = run.stop - run.start <= most
-    return np.concatenate([[False], alike])
+    return np.concatenate([[False], alike & ~long_runs(alike, most + 1)])
 
 
 def with_lost_rows(recording: Recording) -> Recording:
@@ -159,11 +157,7 @@ def _weights(near: tuple[int, ...], length: int, closely: bool) -> FloatArray:
 
 def hidden(made_up: BoolArray, most: int) -> BoolArray:
     """Of the rows that were made up (N,) those in runs of more than ``most``: what such a gap hides is not known."""
-    result = np.zeros(len(made_up), dtype=bool)
-    for run in runs(made_up):
-        if run.stop - run.start > most:
-            result[run] = True
-    return result
+    return long_runs(made_up, most + 1)
 
 
 def _shelf(columns: Mapping[str, FloatArray]) -> MutableMapping[str, FloatArray]:

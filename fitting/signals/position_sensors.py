@@ -8,7 +8,7 @@ import numpy as np
 
 from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
-from daq.recordings.recording_checks import runs
+from daq.recordings.recording_checks import long_runs, runs
 from fitting.arm.linkage import joint_position, lever_arm
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, white_noise_of
@@ -126,8 +126,6 @@ def rounded_noise(position: FloatArray, error: tuple[float, float], rng: np.rand
 
 def held(values: FloatArray, rate_hz: float) -> BoolArray:
     """Rows (N,) in which a value stays the same for longer than a reversal takes: an encoder that stands is silent."""
-    result = np.zeros(len(values), dtype=bool)
-    for run in runs(np.diff(values) == 0):
-        if run.stop - run.start >= REST_SECONDS * rate_hz:
-            result[run.start : run.stop + 1] = True
-    return result
+    same = long_runs(np.diff(values, prepend=np.nan) == 0, REST_SECONDS * rate_hz)
+    same[:-1] |= same[1:]  # and the row that the first of a run is the same as
+    return same

@@ -19,7 +19,7 @@ from scipy import ndimage
 from daq.errors import RecordingError
 from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
-from daq.recordings.recording_checks import runs
+from daq.recordings.recording_checks import long_runs, runs
 from fitting.arm.linkage import joint_motion, joint_position, lever_arm, piston_motion
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, advanced
@@ -269,50 +269,37 @@ def _segment(
 ) -> Segment:
     """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
     part = slice(0, len(recording))
-    loaded, rate = recording.role != "unloaded", bank.rate_hz
-    columns: dict[str, list[FloatArray]] = {
-        key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "y", "p1", "p2", "gap")
+    columns: dict[str, list[Any]] = {
+        key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "effort", "p1", "p2", "gap", "rest", "lead")
     }
-    rest, lead = [], []
     before = _with_start(machine, recording, bank)
     for number, joint in enumerate(machine.joints):
         error = position_error.get(joint.name)
         own = play.get(joint.name)
         weight, share = weights[number], shares[number]
         motion, gap = _motion(machine, joint, recording, part, bank, weight, share, error, own)
-        lead.append(_motion(machine, joint, *before, bank, weight, share, error, own)[0][2])
+        columns["lead"].append(_motion(machine, joint, *before, bank, weight, share, error, own)[0][2])
         for key, value in zip(("q", "qd", "qdd", "x", "v", "a"), motion, strict=True):
             columns[key].append(value)
         columns["gap"].append(gap)
         linkage = joint.cylinder.linkage if joint.cylinder else None
         columns["r"].append(np.ones_like(motion[0]) if linkage is None else lever_arm(linkage, motion[0]))
         measured = _effort(machine, joint, recording, part, bank, 0.0, columns["r"][-1])
-        for key, value in zip(("y", "p1", "p2"), measured, strict=True):
+        for key, value in zip(("effort", "p1", "p2"), measured, strict=True):
             columns[key].append(value)
-        rest.append(_rest(motion[3], motion[4], noise[number].speed, reach(joint, joint.cylinder is not None), rate))
-    stacked = {key: np.stack(value, axis=1) for key, value in columns.items()}
+        way = reach(joint, joint.cylinder is not None)
+        columns["rest"].append(_rest(motion[3], motion[4], noise[number].speed, way, bank.rate_hz))
+    stacked: dict[str, Any] = {key: np.stack(value, axis=1) for key, value in columns.items()}
     return Segment(
         recording=index,
         role=recording.role,
         start=start + bank.margin,
         t=bank.trimmed(recording.time[part]),
-        q=stacked["q"],
-        qd=stacked["qd"],
-        qdd=stacked["qdd"],
-        x=stacked["x"],
-        v=stacked["v"],
-        a=stacked["a"],
-        r=stacked["r"],
-        effort=stacked["y"],
-        p1=stacked["p1"],
-        p2=stacked["p2"],
-        rest=np.stack(rest, axis=1),
-        loaded=loaded,
+        loaded=recording.role != "unloaded",
         temperature=_temperature(machine, recording, part, bank),
-        gap=stacked["gap"],
         external=_external(machine, recording, part, bank),
-        lead=np.stack(lead, axis=1),
         bridged=None if recording.bridged is None else recording.bridged[bank.margin : len(recording) - bank.margin],
+        **stacked,
     )
 
 
@@ -516,8 +503,4 @@ def reach(joint: Joint, piston: bool) -> float:
 
 def long_rests(slow: BoolArray, rate_hz: float) -> BoolArray:
     """Of the samples (N,) at which an element is slow those that are no mere reversal."""
-    rest = np.zeros_like(slow)
-    for run in runs(slow):
-        if run.stop - run.start >= REST_SECONDS * rate_hz:
-            rest[run] = True
-    return rest
+    return long_runs(slow, REST_SECONDS * rate_hz)

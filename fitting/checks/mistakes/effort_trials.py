@@ -65,14 +65,12 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
                     *worded("unit/like", says=unit), (j,),
                     _weighted(j, lambda w, g=gain: {k: g * v for k, v in w.items()}), (measured,), factor=gain,  # type: ignore[misc]
                 )  # fmt: skip
-        for other in range(n) if exchanges else ():
-            if other == j:
-                continue
+        for other in range(j + 1, n) if exchanges else ():
             yield from _exchanges(trial, j, other)
 
 
 def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
-    """Channels of two joints exchanged: the whole effort, or one chamber; or one that is connected twice."""
+    """Channels of two joints exchanged: the whole effort, or one chamber."""
     machine, samples = trial.machine, trial.samples
     own, theirs = declared(machine, samples, j), declared(machine, samples, other)
     names = machine.joints[j].name, machine.joints[other].name
@@ -95,14 +93,12 @@ def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
 
         return build
 
-    if j < other:
-        for chosen in sets:
-            what = " and ".join(q.replace("_", " ") for q in chosen)
-            yield Hypothesis(
-                *worded("exchanged_channels", what=what, first=names[0], second=names[1]), (j, other),
-                build_of(chosen), chosen, price=1.1,
-                exact=True,
-            )  # fmt: skip
+    for chosen in sets:
+        what = " and ".join(q.replace("_", " ") for q in chosen)
+        yield Hypothesis(
+            *worded("exchanged_channels", what=what, first=names[0], second=names[1]), (j, other),
+            build_of(chosen), chosen, price=1.1, exact=True,
+        )  # fmt: skip
 
 
 def sizes(trial: Trial) -> Iterator[Hypothesis]:
