@@ -6,8 +6,9 @@ in the same recording. Nothing here knows the machine.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from daq.machine.machine_file import Channel, Joint, Machine
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps, runs
 from fitting.arrays import BoolArray, FloatArray
-from fitting.checks.findings import Finding, finding_of
+from fitting.checks.findings import Finding, Severity, finding_of
 from fitting.signals.position_sensors import position_channel
 from fitting.signals.preparation import parked, reach
 
@@ -41,8 +42,61 @@ _AT_SPEED = 0.5
 _HELD_ROWS, _SLOW_HZ = 4, 20.0
 
 
+@dataclass(frozen=True)
+class _Signal:
+    """One channel of a recording, SI.
+
+    Attributes
+    ----------
+    values, time : (N,) NaN where nothing was measured
+    joined : (N - 1,) which rows follow each other
+    travel : range of a position, 0 of an effort
+    other : (N,) the joint's other position sensor where rods are on
+    parked : whether the joint stands for much of the recording
+    """
+
+    channel: Channel
+    recording: Recording
+    values: FloatArray
+    joined: BoolArray
+    travel: float
+    other: FloatArray | None
+    parked: bool
+
+    @property
+    def position(self) -> bool:
+        """Whether it is a position, and no effort."""
+        return self.channel.quantity in POSITIONS
+
+    @property
+    def time(self) -> FloatArray:
+        """(N,) s."""
+        return self.recording.time
+
+    @cached_property
+    def known(self) -> FloatArray:
+        """Its measured values."""
+        return self.values[np.isfinite(self.values)]
+
+    @cached_property
+    def span(self) -> float:
+        """Its usual range, 1st to 99th percentile."""
+        return float(np.subtract(*np.percentile(self.known, [99, 1])))
+
+    @cached_property
+    def steps(self) -> FloatArray:
+        """(N - 1,) from row to row, 0 where one of both is not known."""
+        steps = np.diff(self.values)
+        return np.where(self.joined & np.isfinite(steps), steps, 0.0)
+
+    @property
+    def who(self) -> dict[str, Any]:
+        """Whose findings on it are."""
+        return {"channel": self.channel.name, "joint": self.channel.joint, "recording": self.recording.file}
+
+
 def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
-    """Findings on each channel of a joint; ``recording`` in SI, NaN where nothing was measured."""
+    """Findings on each channel of a joint, the most telling of it; ``recording`` in SI, NaN where nothing is."""
     found: list[Finding] = []
     joined = regular_steps(recording.time, recording.rate_hz) if len(recording) > 1 else np.zeros(0, bool)
     for channel in machine.channels:
@@ -50,57 +104,13 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
         if channel.joint is None or values is None or np.count_nonzero(np.isfinite(values)) < 50:
             continue
         joint = machine.joint(channel.joint)
-        travel = 0.0
-        if channel.quantity in POSITIONS:
-            travel = reach(joint, channel.quantity == "piston_position")
-        own = next(
-            _of_channel(
-                channel,
-                np.asarray(values),
-                joined,
-                recording,
-                travel,
-                _other(machine, recording, channel),
-                parked=_parked(machine, joint, recording),
-            ),
-            None,
-        )
-        if own is not None:
-            found.append(replace(own, joint=channel.joint, channel=channel.name, recording=recording.file))
+        travel = reach(joint, channel.quantity == "piston_position") if channel.quantity in POSITIONS else 0.0
+        other, parked = _other(machine, recording, channel), _parked(machine, joint, recording)
+        signal = _Signal(channel, recording, np.asarray(values), joined, travel, other, parked)
+        if signal.span > 0 and np.ptp(signal.known) > 0 and signal.steps.any():
+            checks = (_coarse, _dropouts, _held, _clipped, _frozen, _jumps)
+            found += [own for check in checks if (own := check(signal)) is not None][:1]
     return found + _same_channels(machine, recording)
-
-
-def _of_channel(
-    channel: Channel,
-    values: FloatArray,
-    joined: BoolArray,
-    recording: Recording,
-    travel: float,
-    other: FloatArray | None,
-    parked: bool,
-) -> Iterator[Finding]:
-    """What is wrong with a channel, the most telling first.
-
-    ``travel`` is the range of a position, 0 of an effort; ``other`` the joint's other position sensor; ``parked`` says
-    that the joint stands for much of the recording.
-    """
-    time, rate = recording.time, recording.rate_hz
-    known = np.isfinite(values)
-    span = float(np.subtract(*np.percentile(values[known], [99, 1])))
-    if span <= 0 or np.ptp(values[known]) <= 0:
-        return
-    steps = np.diff(values)
-    steps = np.where(joined & np.isfinite(steps), steps, 0.0)
-    changing = steps[steps != 0]
-    if len(changing) == 0:
-        return
-    if travel or not parked:  # an effort that only holds has few levels
-        yield from _coarse(channel, values[known], span, travel)
-    yield from _dropouts(channel, values, steps, span, time)
-    yield from _held(channel, steps, rate)
-    yield from _clipped(channel, values[known])
-    yield from _frozen(channel, values, steps, joined, time, rate, other)
-    yield from _jumps(channel, values, steps, span, time)
 
 
 def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
@@ -113,55 +123,46 @@ def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
     return float(np.mean(parked(x[np.isfinite(x)], own, recording.rate_hz))) > _STANDS
 
 
-def _coarse(channel: Channel, values: FloatArray, span: float, travel: float) -> Iterator[Finding]:
-    found = np.unique(values)
+def _coarse(own: _Signal) -> Finding | None:
+    if own.parked and not own.travel:
+        return None  # an effort that only holds has few levels
+    found = np.unique(own.known)
     levels = len(found)
-    if channel.quantity in POSITIONS and levels > 1:
+    if own.position and levels > 1:
         # Of all steps between neighbouring levels the least is the resolution; a fast motion leaves levels out.
-        levels = max(levels, round(float(span / np.diff(found).min())))
-    if levels < (_POSITION_LEVELS if channel.quantity in POSITIONS else _LEVELS) and span > _TRAVELS * travel:
-        yield finding_of("coarse", channel=channel.name, before=float(levels), strength=5.0)
+        levels = max(levels, round(float(own.span / np.diff(found).min())))
+    if levels < (_POSITION_LEVELS if own.position else _LEVELS) and own.span > _TRAVELS * own.travel:
+        return finding_of("coarse", before=float(levels), strength=5.0, **own.who)
+    return None
 
 
-def _held(channel: Channel, steps: FloatArray, rate: float) -> Iterator[Finding]:
+def _held(own: _Signal) -> Finding | None:
     """A slower signal whose values were repeated: it changes in every k-th row and in no other."""
-    places = np.flatnonzero(steps)
-    if len(places) < _LEAST_CHANGES:
-        return
+    places, rate = np.flatnonzero(own.steps), own.recording.rate_hz
     # Of two rows that follow each other one is out of step, and no row is in more than two such pairs.
-    if np.count_nonzero(np.diff(places) == 1) > 2 * (1 - _IN_STEP) * len(places) + 1:
-        return
+    most = 2 * (1 - _IN_STEP) * len(places) + 1
+    if len(places) < _LEAST_CHANGES or np.count_nonzero(np.diff(places) == 1) > most:
+        return None
     for every in range(_LONGEST_HOLD, 1, -1):
-        if len(places) < 0.2 * len(steps) / every or np.bincount(places % every).max() < _IN_STEP * len(places):
+        if len(places) < 0.2 * len(own.steps) / every or np.bincount(places % every).max() < _IN_STEP * len(places):
             continue
-        serious = every >= _HELD_ROWS and rate / every < _SLOW_HZ
-        yield finding_of(
-            "held",
-            channel=channel.name,
-            hz=rate / every,
-            rate=rate,
-            severity="mistake" if serious else "note",
-            before=float(every),
-            unit="rows",
-            strength=4.0,
-        )
-        return
+        severity: Severity = "mistake" if every >= _HELD_ROWS and rate / every < _SLOW_HZ else "note"
+        said: dict[str, Any] = {"hz": rate / every, "rate": rate, "before": float(every), "unit": "rows"}
+        return finding_of("held", severity=severity, strength=4.0, **said, **own.who)
+    return None
 
 
-def _least_jump(channel: Channel, steps: FloatArray, span: float, noise: float = _JUMP_NOISE) -> float:
+def _least_jump(own: _Signal, noise: float = _JUMP_NOISE) -> float:
     """Size from which a step is a jump: far beyond the noise, the ordinary steps, and a share of the range."""
-    position = channel.quantity in POSITIONS
-    ordinary = max(float(np.percentile(np.abs(steps), 98)), 1e-300)
-    local = 1.4826 * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6) + 1e-300
-    share, times = (_JUMP, _STEPS) if position else (_SPIKE_EFFORT, _EFFORT_STEPS)
-    return float(max(times * ordinary, noise * local, share * span))
+    ordinary = max(float(np.percentile(np.abs(own.steps), 98)), 1e-300)
+    local = 1.4826 * float(np.median(np.abs(np.diff(own.steps)))) / np.sqrt(6) + 1e-300
+    share, times = (_JUMP, _STEPS) if own.position else (_SPIKE_EFFORT, _EFFORT_STEPS)
+    return float(max(times * ordinary, noise * local, share * own.span))
 
 
-def _dropouts(
-    channel: Channel, values: FloatArray, steps: FloatArray, span: float, time: FloatArray
-) -> Iterator[Finding]:
+def _dropouts(own: _Signal) -> Finding | None:
     """One and the same value again and again, reached and left by a jump: a loose cable, a failing supply."""
-    least = _least_jump(channel, steps, span)
+    values, steps, least = own.values, own.steps, _least_jump(own)
     entered = np.flatnonzero(np.abs(steps) > least) + 1
     for value in np.unique(values[entered]) if len(entered) < 0.05 * len(values) else ():
         there = [(run.start, run.stop) for run in runs(values == value) if run.stop - run.start > 1]
@@ -169,99 +170,68 @@ def _dropouts(
             a for a, b in there
             if a > 0 and b < len(values) and abs(steps[a - 1]) > least and abs(steps[b - 1]) > least
         ]  # fmt: skip
-        if len(jumps) < 2 or len(jumps) < 0.5 * len(there):
-            continue
-        yield finding_of(
-            "dropouts", channel=channel.name, value=value, at=time[jumps[0]], before=float(len(jumps)), strength=5.5
-        )
-        return
+        if len(jumps) >= 2 and len(jumps) >= 0.5 * len(there):
+            return finding_of(
+                "dropouts", value=value, at=own.time[jumps[0]], before=float(len(jumps)), strength=5.5, **own.who
+            )
+    return None
 
 
-def _jumps(channel: Channel, values: FloatArray, steps: FloatArray, span: float, time: FloatArray) -> Iterator[Finding]:
+def _jumps(own: _Signal) -> Finding | None:
     """Single wrong values, wraps, and steps of a position's zero."""
-    position = channel.quantity in POSITIONS
-    size = np.abs(steps)
-    least = _least_jump(channel, steps, span, _SPIKE_NOISE)
-    large = np.flatnonzero(size > least)
+    steps, size, time = own.steps, np.abs(own.steps), own.time
+    large = np.flatnonzero(size > _least_jump(own, _SPIKE_NOISE))
     if len(large) == 0 or len(large) > 0.05 * len(size):
-        return
+        return None
     # A spike comes back at once: the next step undoes it.
     back = [k for k in large if k + 1 < len(steps) and abs(steps[k] + steps[k + 1]) < 0.2 * size[k]]
-    after = {k + 1 for k in back}
-    lasting = [k for k in large if k not in after and k not in back and size[k] > _least_jump(channel, steps, span)]
-    spike_size = max((float(size[k]) for k in back), default=0.0)
-    if back and spike_size > (_SPIKE_POSITION if position else _SPIKE_EFFORT) * span and (position or len(back) >= 3):
-        yield finding_of(
-            "outliers",
-            channel=channel.name,
-            at=time[back[0] + 1],
-            share=spike_size / span,
-            before=float(len(back)),
-            unit="rows",
-            strength=5.0,
-        )
-    if not position or not lasting:
-        return
-    sizes = size[lasting]
-    signs = np.sign(steps[lasting])
-    alike = float(np.ptp(sizes)) < 0.1 * float(np.median(sizes))
+    after, least = {k + 1 for k in back}, _least_jump(own)
+    lasting = [k for k in large if k not in after and k not in back and size[k] > least]
+    spike = max((float(size[k]) for k in back), default=0.0) / own.span
+    if back and spike > (_SPIKE_POSITION if own.position else _SPIKE_EFFORT) and (own.position or len(back) >= 3):
+        said: dict[str, Any] = {"at": time[back[0] + 1], "share": spike, "before": float(len(back)), "unit": "rows"}
+        return finding_of("outliers", strength=5.0, **said, **own.who)
+    if not own.position or not lasting:
+        return None
+    sizes, ways, first = size[lasting], np.sign(steps[lasting]), lasting[0]
     turn = float(np.median(sizes))
-    round_turn = channel.quantity != "piston_position" and min(abs(turn / t - 1) for t in (np.pi, 2 * np.pi)) < 0.05
-    if alike and ((len(lasting) >= 2 and np.any(signs > 0) and np.any(signs < 0)) or round_turn):
-        yield finding_of(
-            "wrap",
-            channel=channel.name,
-            times=len(lasting),
-            row=lasting[0] + 2,
-            at=time[lasting[0] + 1],
-            before=turn,
-            strength=6.0,
-        )
-    else:
-        yield finding_of(
-            "jump", channel=channel.name, step=steps[lasting[0]], at=time[lasting[0]], before=turn, strength=5.0
-        )
+    of_turns = min(abs(turn / t - 1) for t in (np.pi, 2 * np.pi)) < 0.05
+    round_turn = own.channel.quantity != "piston_position" and of_turns
+    if np.ptp(sizes) < 0.1 * turn and (np.ptp(ways) > 0 or round_turn):
+        said = {"times": len(lasting), "row": first + 2, "at": time[first + 1]}
+        return finding_of("wrap", before=turn, strength=6.0, **said, **own.who)
+    return finding_of("jump", step=steps[first], at=time[first], before=turn, strength=5.0, **own.who)
 
 
-def _frozen(
-    channel: Channel,
-    values: FloatArray,
-    steps: FloatArray,
-    joined: BoolArray,
-    time: FloatArray,
-    rate: float,
-    other: FloatArray | None,
-) -> Iterator[Finding]:
+def _frozen(own: _Signal) -> Finding | None:
     """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
-    equal = joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
+    values, steps, rate = own.values, own.steps, own.recording.rate_hz
+    equal = own.joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
     stretches = runs(equal)
     lengths = np.array([run.stop - run.start for run in stretches], dtype=np.intp)
+    usual, ordinary = (float(p) for p in np.percentile(np.abs(steps[steps != 0]), [50, 75]))
     for k in np.argsort(-lengths)[:5]:
         start, stop, length = stretches[k].start, stretches[k].stop, int(lengths[k])
         if length < max(8, _FROZEN_S * rate):
-            return
+            return None
         elsewhere = (np.count_nonzero(equal) - length) / max(len(equal) - length, 1)
         improbable = len(equal) * max(elsewhere, 1e-3) ** length < _CHANCE
-        ordinary = float(np.percentile(np.abs(steps[steps != 0]), 75))
         ends = [abs(steps[i]) for i in (start - 1, stop) if 0 <= i < len(steps)]
         catches_up = max(ends, default=0.0) > 10 * ordinary
-        if channel.quantity in POSITIONS:
+        if own.position:
             # A machine that stands has an encoder that stands; one that moves on comes back with a jump, or the joint's
             # other sensor has moved on, or the joint stops and starts at full speed from one row to the next.
-            usual = float(np.median(np.abs(steps[steps != 0])))
             # It may wake where the joint happens to be again: the first step counts, or the second.
             beside = [np.abs(steps[max(start - 2, 0) : start]), np.abs(steps[stop : stop + 2])]
-            abrupt = all(len(own) == 2 and own.max() > _AT_SPEED * usual for own in beside)
-            wrong = improbable and (catches_up or abrupt or _moved(other, start, stop))
+            abrupt = all(len(part) == 2 and part.max() > _AT_SPEED * usual for part in beside)
+            wrong = improbable and (catches_up or abrupt or _moved(own.other, start, stop))
         else:
             # Coarse steps in a quiet phase repeat too, but none so long alone, and none that ends with a jump.
             second = int(np.sort(lengths)[-2]) if len(lengths) > 1 else 1
             wrong = improbable and elsewhere < 0.3 and (catches_up or (length >= rate and length > 4 * second))
         if wrong:
-            yield finding_of(
-                "frozen", channel=channel.name, at=time[start], before=length / rate, unit="s", strength=5.0
-            )
-            return
+            return finding_of("frozen", at=own.time[start], before=length / rate, unit="s", strength=5.0, **own.who)
+    return None
 
 
 def _other(machine: Machine, recording: Recording, channel: Channel) -> FloatArray | None:
@@ -273,33 +243,28 @@ def _other(machine: Machine, recording: Recording, channel: Channel) -> FloatArr
 
 def _moved(other: FloatArray | None, start: int, stop: int) -> bool:
     """Whether a position changes by a tenth of its range or more between two rows."""
-    if other is None or not np.any(np.isfinite(other[start:stop])):
-        return False
-    return bool(
-        np.ptp(other[start:stop][np.isfinite(other[start:stop])]) > 0.1 * np.nanmax(np.abs(other - np.nanmedian(other)))
-    )
+    part = np.zeros(0) if other is None else other[start:stop][np.isfinite(other[start:stop])]
+    return other is not None and bool(len(part)) and np.ptp(part) > 0.1 * np.nanmax(np.abs(other - np.nanmedian(other)))
 
 
-def _clipped(channel: Channel, values: FloatArray) -> Iterator[Finding]:
+def _clipped(own: _Signal) -> Finding | None:
     """An effort that stops at one value: far more samples there than at any value near it."""
-    if channel.quantity in POSITIONS:
-        return
-    if len(np.unique(values)) < 4 * _LEVELS:
-        return
+    values = own.known
+    if own.position or len(np.unique(values)) < 4 * _LEVELS:
+        return None
     for extreme, side in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
         count = piled_up(values, extreme)
         # A fine sensor with little noise says one value wherever the signal rests.
         if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
-            yield finding_of(
-                "clipped",
-                channel=channel.name,
-                rows=len(values),
-                side=side,
-                extreme=extreme,
-                before=float(count),
-                unit="rows",
-                strength=4.0,
-            )
+            said: dict[str, Any] = {
+                "rows": len(values),
+                "side": side,
+                "extreme": extreme,
+                "before": float(count),
+                "unit": "rows",
+            }
+            return finding_of("clipped", strength=4.0, **said, **own.who)
+    return None
 
 
 def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
@@ -316,14 +281,6 @@ def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
         key = np.ascontiguousarray(known).tobytes()
         first = seen.setdefault(key, channel)
         if first is not channel:
-            found.append(
-                finding_of(
-                    "same_channel",
-                    first=first.name,
-                    joint=channel.joint,
-                    channel=channel.name,
-                    recording=recording.file,
-                    strength=8.0,
-                )
-            )
+            who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "recording": recording.file}
+            found.append(finding_of("same_channel", first=first.name, strength=8.0, **who))
     return found

@@ -261,7 +261,7 @@ EVENTS = tuple(
 )
 #: Where reports get their texts: reasons, warnings, motions, verdicts, estimates.
 REPORTED = (
-    *(f"fitting/pipeline/{name}.py" for name in ("verdict", "plausibility", "estimation", "comparison")),
+    *(f"fitting/pipeline/{name}.py" for name in ("verdict", "plausibility", "comparison")),
     *(f"fitting/pipeline/results/{name}.py" for name in ("results", "loop_content")),
     *(f"fitting/loop/{name}.py" for name in ("everything", "effort_confirmation", "residual_loop", "search_pieces")),
     *("fitting/selection", "fitting/residual/confirmation", "fitting/pipeline/attribution_stage.py"),
