@@ -97,18 +97,14 @@ def solve(A: FloatArray, b: FloatArray) -> Solution:
 
 
 def residual_std(rows: Rows, leverage: FloatArray, theta: FloatArray) -> FloatArray:
-    """:func:`group_std` of what parameters leave of the rows that count, in the target's unit, (g,)."""
-    counted = rows.weights > 0
-    plain = rows.b - rows.A @ theta
-    return group_std(plain[counted], leverage[counted], rows.group[counted], len(rows.labels))
+    """Standard deviation of what parameters leave of each group's rows that count, (g,), in the target's unit.
 
-
-def group_std(residual: FloatArray, leverage: FloatArray, group: IntArray, groups: int) -> FloatArray:
-    """Standard deviation of the residual in each group, (g,): ``sqrt(sum e^2 / (n_g - sum of leverages))``.
-
-    The fit takes degrees of freedom from a group in the measure of its rows' leverages; where it takes them all (as
-    many parameters as rows) nothing is left to estimate noise from, and the result is not a number.
+    ``sqrt(sum e^2 / (n_g - sum of leverages))``: the fit takes degrees of freedom from a group in the measure of its
+    rows' leverages; where it takes them all (as many parameters as rows) nothing is left to estimate noise from, and
+    the result is not a number.
     """
+    counted, groups = rows.weights > 0, len(rows.labels)
+    residual, group = (rows.b - rows.A @ theta)[counted], rows.group[counted]
     squares = np.bincount(group, residual**2, minlength=groups)
-    freedom = np.bincount(group, minlength=groups) - np.bincount(group, leverage, minlength=groups)
+    freedom = np.bincount(group, minlength=groups) - np.bincount(group, leverage[counted], minlength=groups)
     return np.sqrt(np.where(freedom > 1e-6, squares / np.maximum(freedom, 1e-6), np.nan))

@@ -47,14 +47,12 @@ class Evaluated:
 
     def drive_effort(self, index: int) -> FloatArray:
         """The drives' efforts (N, n) in a segment, N at a piston."""
-        return np.stack([self._predicted(joint, index) for joint in range(len(self.design.blocks))], axis=1)
+        design, theta, joints = self.design, self.model.theta, range(len(self.design.blocks))
+        return np.stack([predicted_effort(design, theta, joint, index, self.extra) for joint in joints], axis=1)
 
     def joint_effort(self, index: int) -> FloatArray:
         """The joints' efforts (N, n) in a segment, N m or N."""
         return np.asarray(self.design.segments[index].r * self.drive_effort(index))
-
-    def _predicted(self, joint: int, index: int) -> FloatArray:
-        return predicted_effort(self.design, self.model.theta, joint, index, self.extra)
 
     def parameter_std(self, index: int) -> FloatArray:
         """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""

@@ -116,10 +116,8 @@ def _seen(final: Model) -> Seen | None:
     design, bank, parts = final.design, final.design.bank, list[list[FloatArray]]()
     joints = range(len(design.blocks))
     for index in (i for i in design.indices("validate") if design.segments[i].loaded):
-        segment, place = (
-            design.segments[index],
-            slice(bank.half, len(design.segments[index]) - bank.half, bank.decimation),
-        )
+        segment = design.segments[index]
+        place = slice(bank.half, len(segment) - bank.half, bank.decimation)
         error = [effort_residual(design, final.fit.theta, joint, index, final.extra) for joint in joints]
         moved = [own[place] for own in (segment.q, segment.qd, segment.qdd)]
         parts.append([*moved, bank.reduce(segment.r * segment.effort), np.column_stack(error)])

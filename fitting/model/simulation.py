@@ -27,7 +27,6 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import indexed, moving_functions
 from fitting.model.export.printing import PYTHON
-from fitting.model.export.tracing.graph import Curve
 from fitting.model.export.tracing.tracing import Tracer
 
 #: Joint efforts (n,) at a time, position and speed.
@@ -230,7 +229,7 @@ def compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
         "at_least": lambda a, b: float(a >= b),
         "sign": lambda x: float((x > 0) - (x < 0)),
         "signed_power": _scalar_power,
-        "curve": _scalar_curve,
+        "curve": lambda x, own: own.at(x),
         "CURVES": {k: (own,) for k, own in enumerate(tracer.graph.curves)},
     }
     functions = moving_functions(tracer)
@@ -249,10 +248,3 @@ def _scalar_power(v: float, noise: float, p: float, factor: float) -> float:
     inverse = (noise / v) ** 2 if v else 0.0
     series = 1.0 + p * (p - 1.0) / 2.0 * inverse * (1.0 + (p - 2.0) * (p - 3.0) / 4.0 * inverse)
     return math.copysign(abs(v) ** p * series, v)
-
-
-def _scalar_curve(x: float, own: Curve) -> float:
-    inside = min(max(x, own.breaks[0]), own.breaks[-1])
-    k = min(max(int(np.searchsorted(own.breaks, inside, side="right")) - 1, 0), len(own.pieces) - 1)
-    d, c = inside - own.breaks[k], own.pieces[k]
-    return float(((c[0] * d + c[1]) * d + c[2]) * d + c[3])

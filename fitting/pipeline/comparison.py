@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.arm.base_parameters import condition_number
-from fitting.arrays import BoolArray, FloatArray
+from fitting.arrays import FloatArray
 from fitting.loop.session import Session
 from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.results.stage_results import RigidBody, Stacked
@@ -90,7 +90,7 @@ def compare(
                     joint: float(np.std(own)) if len(own) else None
                     for joint, own in zip(design.parameters.joints, errors[name], strict=True)
                 },
-                "flagged": int(np.count_nonzero(hardly_told(c.theta, c.std) & c.told)),
+                "flagged": int(np.count_nonzero((c.std > FLAG_PERCENT / 100.0 * np.abs(c.theta)) & c.told)),
                 "untold": int(np.count_nonzero(~c.told)),
             }
             for name, c in contenders.items()
@@ -113,11 +113,6 @@ def compare(
         ],
     }
     return result | {"said": said(result)}
-
-
-def hardly_told(theta: FloatArray, std: FloatArray) -> BoolArray:
-    """Where the standard deviation is above :data:`FLAG_PERCENT` of the value."""
-    return np.asarray(std > FLAG_PERCENT / 100.0 * np.abs(theta))
 
 
 def said(result: Mapping[str, Any]) -> str:

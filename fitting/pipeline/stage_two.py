@@ -147,8 +147,3 @@ def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[st
     if found.one_shot_with_unloaded is not None:
         contenders["one_shot_with_unloaded"] = found.one_shot_with_unloaded
     return compare(design, contenders | {"joint_refit": fit}, floor, np.random.default_rng(21))
-
-
-def std(errors: FloatArray) -> float | None:
-    """Standard deviation, None of nothing."""
-    return float(np.std(errors)) if len(errors) else None

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,6 @@ from daq.errors import HilfitError, InputError
 from daq.motion_files import Motion, write_motion
 from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
-from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
 from fitting.loop.kinematic_check import Kinematics, kinematics
 from fitting.loop.refits import final_model
@@ -50,7 +49,7 @@ from fitting.pipeline.results.stage_results import (
     to_json,
 )
 from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS, Progress, quiet
-from fitting.pipeline.stage_two import choice, comparison, handed, rigid_body_stage, std
+from fitting.pipeline.stage_two import choice, comparison, handed, rigid_body_stage
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
@@ -100,9 +99,10 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
 def residual(session: Session, results: StageResults, progress: Progress) -> Residual:
     """Noise floor, and what two position sensors say of each other."""
     prepared, model = session.plain, session.handed_base.model
-    floor = (
-        effort_floor(prepared.design, model.fit.theta, prepared.pairs) if prepared.pairs else _estimated_floor(session)
-    )
+    if prepared.pairs:
+        floor = effort_floor(prepared.design, model.fit.theta, prepared.pairs)
+    else:  # that of the noise model, at each joint's mean lever arm
+        floor = prepared.noise.std * mean_levers(prepared.design)
     left = np.nan_to_num(session.handed_base.errors[session.handed_base.weights])
     valid = (floor <= MOST_NOISE * left) | (left == 0)
     found = Kinematics(Corrections(session.machine))
@@ -117,11 +117,6 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
         laws=tuple(position_law(session.machine, law) for law in found.laws),
         hypotheses=found.hypotheses,
     )
-
-
-def _estimated_floor(session: Session) -> FloatArray:
-    """Noise floor in joint effort from the noise model, at each joint's mean lever arm."""
-    return np.asarray(session.plain.noise.std * mean_levers(session.plain.design))
 
 
 def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
@@ -157,7 +152,7 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
         independent_rows={role: independent_rows(found["after"][1][role]) for role in ("train", "validate")},
         plausibility=physics(prepared.design, model),
         condition_number=model.fit.condition_number,
-        drive_residual_std=tuple(std(e) for e in _drive_errors(prepared.design, model)),
+        drive_residual_std=tuple(_drive_std(prepared.design, model)),
         errors=errors,
         overall={**change, "role": shown, "unit": "noise floors", **overall_errors(found, floor, shown)},
     )
@@ -175,15 +170,15 @@ def _predicted(rows: EffortRows, fit: Fit, trained: Sequence[float | None]) -> t
     return tuple(float(np.hypot(own, left)) if left is not None and np.isfinite(own) else None for own, left in both)
 
 
-def _drive_errors(design: Design, model: Model) -> list[FloatArray]:
-    result = []
+def _drive_std(design: Design, model: Model) -> Iterator[float | None]:
+    """Standard deviation of each drive's error on the fitted rows; None without any."""
     for joint in range(len(design.machine.joints)):
         parts = [
             reduced_residual(design, model.fit.theta, joint, i, model.extra)[design.blocks[joint][i].keep]
             for i in model.fitted
         ]
-        result.append(np.concatenate(parts))
-    return result
+        errors = np.concatenate(parts)
+        yield float(np.std(errors)) if len(errors) else None
 
 
 #: The stages before the report, in order.

@@ -211,7 +211,9 @@ def design_next(
         options.append(designed)
     options.sort(key=lambda o: (o.motion is None, -o.expected.margin + (_SIMPLER if o.kind == "designed" else 0.0)))
     times, chance = _recordings(question, options[0], seconds)
-    return NextExperiment(tuple(rivals), question.now, tuple(options), times, chance, _by_hand(rivals))
+    effects = [term.content for term in rivals if isinstance(term.content, Effect)]
+    by_hand = tuple(dict.fromkeys(effect.experiment for effect in effects if not effect.by_motion))
+    return NextExperiment(tuple(rivals), question.now, tuple(options), times, chance, by_hand)
 
 
 def supply_of(model: Model) -> HydraulicLimits:
@@ -222,11 +224,6 @@ def supply_of(model: Model) -> HydraulicLimits:
     values = theta[parameters.base_slice]
     fitted = Guess(values, drive, np.zeros(len(drive)), "parameters as fitted", measured=True)
     return limits_of_machine(machine, values, worst_friction(machine, fitted))
-
-
-def _by_hand(rivals: Sequence[Term]) -> tuple[str, ...]:
-    effects = [term.content for term in rivals if isinstance(term.content, Effect)]
-    return tuple(dict.fromkeys(effect.experiment for effect in effects if not effect.by_motion))
 
 
 def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:

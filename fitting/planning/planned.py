@@ -65,25 +65,19 @@ def planned_segment(
         )
         for j, joint in enumerate(machine.joints)
     ]
-    return _segment(machine, bank, noise, _stacked(parked), recording, _stacked(driving), loaded=False)
+    return segment_of_states(machine, bank, noise, _stacked(parked), recording, _stacked(driving), loaded=False)
 
 
 def segment_of_states(
-    machine: Machine, bank: FilterBank, noise: Sequence[PositionNoise], states: States, recording: int = 0
-) -> Segment:
-    """As :func:`planned_segment`, from the states of all joints at the machine's rate, rods pinned."""
-    return _segment(machine, bank, noise, states, recording)
-
-
-def _segment(
     machine: Machine,
     bank: FilterBank,
     noise: Sequence[PositionNoise],
     turning: States,
-    recording: int,
+    recording: int = 0,
     driving: States | tuple[()] = (),
     loaded: bool = True,
 ) -> Segment:
+    """As :func:`planned_segment`, from the states of all joints at the machine's rate; of the pistons if given."""
     time = (bank.margin + np.arange(len(turning[0]))) / bank.rate_hz
     planned = {"recording": recording, "role": ROLE, "start": bank.margin, "loaded": loaded}
     moved = motion_segment(machine, time, turning, driving, **planned)

@@ -68,7 +68,7 @@ def write_report(
     InputError
         If there is no such language.
     """
-    pages = {PAGE: language_of(language)} | {page_name(code): language_of(code) for code in others}
+    pages = {PAGE: language_of(language)} | {f"report.{code}.html": language_of(code) for code in others}
     cleaned = validate_report(report)
     contents = {"report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
     contents |= {name: render_html(cleaned, figures, spoken) for name, spoken in pages.items()}
@@ -82,11 +82,6 @@ def write_report(
             f"{directory}: cannot write the report: {error.strerror}; choose another directory"
         ) from error
     return directory / "report.json", directory / PAGE
-
-
-def page_name(code: str) -> str:
-    """File of a page that is written in a further language: ``report.de.html``."""
-    return f"report.{code}.html"
 
 
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:

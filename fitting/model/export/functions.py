@@ -18,7 +18,7 @@ from daq.whole_files import replacing
 from fitting.arrays import FloatArray
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
-from fitting.model.export.printing import Dialect, curves_of, statements
+from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.recursion import State
 from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
@@ -124,7 +124,8 @@ class Program:
     @property
     def curves(self) -> list[dict[str, Any]]:
         """Piecewise cubics that they ask for: ``number``, ``breaks`` and ``pieces``."""
-        return [{"number": k, **vars(self.tracer.graph.curves[k])} for k in curves_of(self.nodes)]
+        used = sorted({int(str(node.value)) for node in self.nodes if node.operation == "curve"})
+        return [{"number": k, **vars(self.tracer.graph.curves[k])} for k in used]
 
     def sizes(self, own: Function) -> dict[str, int]:
         """Numbers of a function's arrays by name: as many as an output has, or a value per joint."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from scipy.special import gamma
@@ -113,8 +113,3 @@ def _signed_power(node: Node, speed: str, dialect: Dialect) -> str:
     numbers = ", ".join(dialect.number(value) for value in (noise, p, factor))
     power = dialect.functions["signed_power"]
     return f"{dialect.functions.get('signed_root', power) if p == 1 / 3 else power}({speed}, {numbers})"
-
-
-def curves_of(outputs: Sequence[Node]) -> list[int]:
-    """Numbers of the curves that some outputs use."""
-    return sorted({int(str(node.value)) for node in needed(outputs) if node.operation == "curve"})

@@ -181,49 +181,27 @@ def _told(share: float) -> dict[str, Any]:
 
 
 def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
-    base = session.base
-    part = session.plain.design.parameters.base_slice
+    base, first = session.base, session.plain.design.parameters.base_slice.start
     refit, two_stage = results[Refitted], results[RigidBody].two_stage
-    chosen = refit.chosen
-    final = refit.after
-    joint_refit = _values_of(refit.joint, part) if chosen else [{}] * len(base)
+    chosen, final, parameters = refit.chosen, refit.after, list[dict[str, Any]]()
+    for number, place in enumerate(range(first, first + len(base))):
+        own: dict[str, Any] = {"name": base.names[number], "expression": base.expressions[number]}
+        own |= _at(final, place) if final.told[place] else {"value": None, "std": None}
+        own |= {"unit": base.units[number], "stage_2": _at(two_stage, place)}
+        own |= {"joint_refit": _at(refit.joint, place)} if chosen else _told(float(final.share[place]))
+        parameters.append(own)
     return {
         "estimator": chosen.estimator if chosen else _ESTIMATORS[refit.weights],
         "covariance": session.options.covariance if chosen else _COVARIANCES[refit.weights],
         "condition_number": (chosen or refit).condition_number,
-        "parameters": [
-            {
-                "name": name,
-                "expression": expression,
-                "value": value if told else None,
-                "std": std if told else None,
-                "unit": unit,
-                "stage_2": {"value": first, "std": first_std},
-                **({"joint_refit": joint} if joint else {}),
-                **({} if chosen else _told(share)),
-            }
-            for name, expression, unit, value, std, told, first, first_std, joint, share in zip(
-                base.names,
-                base.expressions,
-                base.units,
-                final.theta[part].tolist(),
-                final.std[part].tolist(),
-                final.told[part],
-                two_stage.theta[part].tolist(),
-                two_stage.std[part].tolist(),
-                joint_refit,
-                refit.after.share[part].tolist(),
-                strict=True,
-            )
-        ],
+        "parameters": parameters,
         "stage_2": {"estimator": two_stage.estimator, "condition_number": two_stage.condition_number},
         **(_price(session, results, chosen) if chosen else {}),
     }
 
 
-def _values_of(fitted: Fitted, part: slice) -> list[dict[str, Any]]:
-    both = zip(fitted.theta[part].tolist(), fitted.std[part].tolist(), strict=True)
-    return [{"value": value, "std": std} for value, std in both]
+def _at(fitted: Fitted | Stacked, place: int) -> dict[str, Any]:
+    return {"value": float(fitted.theta[place]), "std": float(fitted.std[place])}
 
 
 def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str, Any]:

@@ -111,9 +111,10 @@ class Curve:
 
     def at(self, x: float) -> float:
         """Its value."""
-        inside = float(np.clip(x, self.breaks[0], self.breaks[-1]))
+        inside = min(max(x, self.breaks[0]), self.breaks[-1])
         piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, len(self.pieces) - 1)
-        return float(np.polyval(self.pieces[piece], inside - self.breaks[piece]))
+        d, c = inside - self.breaks[piece], self.pieces[piece]
+        return float(((c[0] * d + c[1]) * d + c[2]) * d + c[3])
 
 
 def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
