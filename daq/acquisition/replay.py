@@ -31,7 +31,6 @@ from daq.frames.events import EventLog
 from daq.frames.frame import Frame
 from daq.machine.machine_file import CanBus, CanopenBus, CanSignalsBus, Channel, Machine
 
-_NO_WAITING_S = 1e-12
 _LOOKED_AT = 5000  # frames of each bus by which the cycle's phase is chosen
 
 
@@ -116,7 +115,7 @@ def replay(machine: Machine, trace: Path) -> Replay:
     tape = _Tape(_files(trace, [bus.name for bus in buses]))
     period_s = 1.0 / machine.rate_hz
     events = EventLog(lambda: tape.now_ns, lambda: tape.now_ns)
-    context = DriverContext(period_s, 0.0, lambda: tape.now_ns, start_s=_NO_WAITING_S, events=events, can=tape)
+    context = DriverContext(period_s, 0.0, lambda: tape.now_ns, start_s=0.0, events=events, can=tape)
     drivers = [_driver(bus, grouped[bus.name], context) for bus in buses]
     leading = next((d for d in drivers if isinstance(d, ListeningDriver) and d.follows_sync), None)
     try:

@@ -57,6 +57,10 @@ class DriverContext:
     found: FoundSetups | None = None
     can: CanAccess | None = None
 
+    def at_start(self, usual_s: float) -> float:
+        """Seconds that a start waits for what usually takes ``usual_s`` at most."""
+        return usual_s if self.start_s is None else min(usual_s, self.start_s)
+
     @property
     def late_ns(self) -> float:
         """How long after its SYNC an answer may come: half a period; in lockstep no time passes, so nothing is late."""

@@ -101,7 +101,7 @@ class Listener(BusDriver):
         """Open the bus and wait a moment for every frame."""
         self.keeper.start()
         self.open()
-        deadline = self.context.monotonic_ns() + round(min(FIRST_S, self.context.start_s or FIRST_S) * NS)
+        deadline = self.context.monotonic_ns() + round(self.context.at_start(FIRST_S) * NS)
         while self.port is not None and (left := deadline - self.context.monotonic_ns()) > 0:
             self.decode(Answers(len(self._names)))
             known = all(stream.at_ns is not None and stream.pace.known for stream in self.streams)

@@ -37,7 +37,7 @@ class HandFed(CanAccess):
         self.bus = _Nothing()
         self.port: CanPort | None = None
         self.number = 0
-        self.driver = make(DriverContext(PERIOD, 0.0, lambda: self.now_ns, start_s=1e-12, can=self))  # no waiting
+        self.driver = make(DriverContext(PERIOD, 0.0, lambda: self.now_ns, start_s=0.0, can=self))  # no waiting
         self.problems = self.driver.start()
 
     def attach(self, port: CanPort, config: CanBus) -> Any:

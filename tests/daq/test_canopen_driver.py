@@ -102,6 +102,19 @@ def test_a_node_that_is_not_there_costs_only_itself(bench: Bench) -> None:
     bench.until(fresh)  # tried again by itself
 
 
+@pytest.mark.slow
+def test_who_stops_does_not_ask_a_silent_node_again(bench: Bench) -> None:
+    bench.angle.silent = True
+    bench.driver = bench.make(start_s=0.0)
+    asked: list[python_can.Message] = []
+    bench.driver.start()
+    while not asked:
+        asked = [m for m in bench.sent() if m.arbitration_id == 0x605]
+    bench.driver.stop()
+    asked += [m for m in bench.sent() if m.arbitration_id == 0x605]
+    assert [m.data[0] for m in asked] == [0x40, 0x80], "a request, and that its answer is no more waited for"
+
+
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [

@@ -259,6 +259,8 @@ class CanopenDriver(CanDriver):
 
     def stop(self) -> None:
         """Leave each node in the state in which its heartbeat found it, else pre-operational; close the bus."""
+        if (busy := self._lead.link) is not None:
+            busy.hurry()
         self.keeper.stop()
         for care in self._cares.values():
             care.keeper.stop()

@@ -54,6 +54,7 @@ class CanLink(CanPort):
         self._network = canopen.Network(self)
         self._sync = can.Message(arbitration_id=SYNC_ID, is_extended_id=False, data=b"")
         self._clients: dict[int, _Client] = {}  # by node
+        self._attempts = SDO_ATTEMPTS
         self.open()
 
     def permit(self, message: can.Message) -> None:
@@ -79,6 +80,12 @@ class CanLink(CanPort):
         for client in list(self._clients.values()):
             client.responses.put(b"")
 
+    def hurry(self) -> None:
+        """From now on ask a node that does not answer once only: who stops need not wait for it."""
+        self._attempts = 1
+        for client in list(self._clients.values()):
+            client.attempts = 1
+
     def send_sync(self) -> None:
         """Send SYNC; a failure marks the link as failed."""
         self._send(self._sync)
@@ -101,6 +108,7 @@ class CanLink(CanPort):
         """SDO access to a node."""
         if node not in self._clients:
             client = self._clients[node] = _Client(self._network, node, self._monotonic_ns)
+            client.attempts = self._attempts
             self.handlers[0x580 + node] = client.receive
         return Sdo(self._clients[node], f"{self.name} node {node}")
 
@@ -111,11 +119,13 @@ class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
     Attributes
     ----------
     surplus : answers that none of our requests of the last :data:`SDO_ANSWER_S` waits for
+    attempts : how often a transfer is begun, at most
     """
 
     RESPONSE_TIMEOUT = SDO_TIMEOUT_S
     left = SDO_SEGMENTS
     surplus = 0
+    attempts = SDO_ATTEMPTS
 
     def __init__(self, network: Any, node: int, monotonic_ns: Callable[[], int]) -> None:
         super().__init__(0x600 + node, 0x580 + node, canopen.ObjectDictionary())
@@ -196,8 +206,9 @@ class Sdo:
                 # What canopen makes of a frame that is too short, or whose fields contradict each other.
                 reason = "answers with frames that are no SDO"
             # A late answer would be taken for that of the next request: the next attempt starts from silence.
-            if attempt + 1 < SDO_ATTEMPTS:
-                time.sleep(0.05)
+            if attempt + 1 >= self._client.attempts:
+                break
+            time.sleep(0.05)
         raise NoAnswerError(f"{self._place}: {reason} ({what}); check its power, node-ID, bitrate and cable")
 
 

@@ -156,9 +156,8 @@ class ListeningDriver(Listener, CanDriver):
         problems = super().start()
         if not self._external or self.port is None:
             return problems
-        allowed = min(FIRST_S, self.context.start_s or FIRST_S)
         with self._sync_came:
-            self._sync_came.wait_for(lambda: len(self._syncs) == _SYNCS, allowed)
+            self._sync_came.wait_for(lambda: len(self._syncs) == _SYNCS, self.context.at_start(FIRST_S))
             self._judge_rate()
         line = self._wrong_rate
         if len(self._syncs) < 2:
