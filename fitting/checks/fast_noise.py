@@ -35,17 +35,17 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
     """Position sensors that are ten times noisier than they have to be; ``recordings`` in SI."""
     found = []
     stretches = {c.name: _stretches(c, recordings) for c in machine.channels if c.quantity in POSITIONS}
-    heard = {name: own for name, own in stretches.items() if len(own)}
+    moving = {name: own for name, own in stretches.items() if len(own)}
     for channel in machine.channels:
-        if channel.name not in heard:
+        if channel.name not in moving:
             continue
         joint = machine.joint(str(channel.joint))
         least = _OF_REACH * reach(joint, channel.quantity == "piston_position")
-        noise = float(np.median(heard[channel.name][:, 0]))
+        noise = float(np.median(moving[channel.name][:, 0]))
         sisters = [
-            float(np.median(heard[c.name][:, 1]))
+            float(np.median(moving[c.name][:, 1]))
             for c in machine.channels
-            if c.quantity == channel.quantity and c is not channel and c.name in heard
+            if c.quantity == channel.quantity and c is not channel and c.name in moving
         ]
         conversion = machine.conversion(channel)
         own_step = abs(conversion.factor) * (channel.resolution or 0.0)
@@ -54,7 +54,7 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
             said = (noise, usual, "that of the other sensors of its kind")
         elif noise > least and own_step and noise > _TIMES * own_step:
             said = (noise, own_step, "its resolution")
-        elif (apart := _apart(heard[channel.name], least)) is not None:
+        elif (apart := _apart(moving[channel.name], least)) is not None:
             said = (*apart, "that of its other stretches")
         if said is not None:
             before, after, what = said

@@ -32,7 +32,7 @@ _USUAL, _USUAL_RANGE = 1.2e7, (3.0e5, 6.0e7)
 _ALIKE = 8.0
 #: A position beyond its limits by this share of their width is no overshoot.
 _BEYOND = 0.5
-#: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be believed.
+#: Smallest share of the limits that a motion covers, in position and in speed, for its unit to be plausible.
 _TINY = 0.025
 
 
@@ -293,21 +293,21 @@ def machine_findings(machine: Machine, places: Places) -> list[Finding]:
     """Findings on the machine file alone."""
     content = machine_content(machine)
     found = list(doubts(content))
-    bores = {doubt.place[:-1] for doubt in found if doubt.place[-1] == "bore"}
+    bores = {warning.place[:-1] for warning in found if warning.place[-1] == "bore"}
     # A rod is only compared with its bore.
-    kept = [doubt for doubt in found if doubt.place[-1] != "rod" or doubt.place[:-1] not in bores]
-    return [_finding(content, doubt, places) for doubt in kept]
+    kept = [warning for warning in found if warning.place[-1] != "rod" or warning.place[:-1] not in bores]
+    return [_finding(content, warning, places) for warning in kept]
 
 
-def _finding(content: dict[str, Any], doubt: Doubt, places: Places) -> Finding:
-    code = "linkage" if "linkage" in doubt.place else _ENTER.get(str(doubt.place[-1]))
-    joint = content["joints"][doubt.place[1]]["name"] if doubt.place[0] == "joints" else None
-    key = ".".join(str(part) for part in doubt.place if part != "joints" and not isinstance(part, int))
+def _finding(content: dict[str, Any], warning: Doubt, places: Places) -> Finding:
+    code = "linkage" if "linkage" in warning.place else _ENTER.get(str(warning.place[-1]))
+    joint = content["joints"][warning.place[1]]["name"] if warning.place[0] == "joints" else None
+    key = ".".join(str(part) for part in warning.place if part != "joints" and not isinstance(part, int))
     return Finding(
         code or "machine_file",
-        f"{joint + ': ' if joint else ''}{key}: {doubt.text}",
-        doubt.cure + places.key(doubt.place),
+        f"{joint + ': ' if joint else ''}{key}: {warning.text}",
+        warning.cure + places.key(warning.place),
         joint=joint,
-        severity="mistake" if code and not doubt.slight else "note",
-        strength=_STRENGTH if code and not doubt.slight else 0.0,
+        severity="mistake" if code and not warning.slight else "note",
+        strength=_STRENGTH if code and not warning.slight else 0.0,
     )

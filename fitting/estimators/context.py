@@ -28,7 +28,7 @@ class StageTwo:
     geometry : the arm
     base : its base parameters, in the order of the columns
     colour : which covariance is asked for
-    prior : what is believed of the base parameters beforehand, or None
+    prior : of the base parameters, or None
     """
 
     geometry: Geometry

@@ -124,7 +124,7 @@ class EffortRows:
     @cached_property
     def spread(self) -> float:
         """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
-        freedom (:func:`noise_variance`), and of how much longer it hangs together than white noise (:func:`long_run`).
+        freedom (:func:`noise_variance`), and of how much longer it is correlated than white noise (:func:`long_run`).
         """
         variance, theta = noise_variance(self.triangles, int(self.rows.sum()))
         residual = self._residual(theta)
@@ -353,7 +353,7 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
     c = U.T @ whole[:, -1]
     beside, free = float(np.sum((whole[:, -1] - U @ c) ** 2)), max(rows - len(d), 0)
 
-    def doubt(log: FloatArray) -> FloatArray:
+    def improbability(log: FloatArray) -> FloatArray:
         """Twice the negative logarithm of the probability of logarithms (k,) of the variance."""
         variance = np.exp(log)
         total = d**2 + variance[:, None]
@@ -361,10 +361,10 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
 
     log = np.log(power / rows) + np.linspace(_QUIET, 0.0, _GRID)
     for _ in range(2):
-        found = doubt(log)
+        found = improbability(log)
         near = np.flatnonzero(found < found.min() + _IMPROBABLE)
         log = np.linspace(log[max(near[0] - 1, 0)], log[min(near[-1] + 1, _GRID - 1)], _GRID)
-    found = doubt(log)
+    found = improbability(log)
     chance = np.exp((found.min() - found) / 2)
     variance = float(chance @ np.exp(log) / chance.sum())
     return variance, largest * (V.T @ (d * c / (d**2 + variance)))

@@ -19,7 +19,7 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.least_squares import Solution, solve
 
 # Reciprocal condition above which no column can be near the rank tolerance.
-_NO_DOUBT = 1e-9
+_FULL_RANK = 1e-9
 
 
 class RecursiveLeastSquares:
@@ -119,10 +119,10 @@ class RecursiveLeastSquares:
         R, z = factor[:-1, :-1], factor[:-1, -1]
         norms = np.linalg.norm(R, axis=0)
         if norms.all():
-            # Live, this is read with every row: one triangular solve where the rank is in no doubt.
+            # Live, this is read with every row: one triangular solve where the rank is full beyond rounding.
             unit = R / norms
             certainty, _ = lapack.dtrcon(unit)
-            if certainty > _NO_DOUBT:
+            if certainty > _FULL_RANK:
                 return np.asarray(lapack.dtrtrs(unit, z)[0] / norms)
         return solve(R, z).theta
 

@@ -1,7 +1,7 @@
 """Optimal excitation: the motion of all joints that tells the base parameters best within their limits.
 
 Each joint follows a truncated Fourier series that starts and ends at rest (:mod:`fitting.excitation.fourier`), found by
-L-BFGS from random series that compete (:mod:`fitting.excitation.search`); the smooth criterion is sharpened towards the
+L-BFGS from random series that compete (:mod:`fitting.excitation.search`); the smooth criterion is brought towards the
 condition number itself (:mod:`fitting.excitation.objective`). At the end every joint is scaled to its limits by its
 true extremes on a fine grid, and the whole motion shrunk by the last per cent until supply flow and pressures hold.
 

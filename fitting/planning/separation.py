@@ -167,7 +167,7 @@ class Separation:
 
     @property
     def probability(self) -> float:
-        """Chance that the right one stands alone, whoever is right."""
+        """Chance that the right one alone is accepted, whichever is right."""
         return sum(pair.chance * float(ndtr(pair.margin)) for pair in self.pairs)
 
 

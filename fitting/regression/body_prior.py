@@ -1,4 +1,4 @@
-"""What is believed of the links before they are measured: from drawings (CAD), or from an earlier calibration.
+"""Prior of the links: from drawings (CAD), or from an earlier calibration.
 
 Two kinds of file are read. A *drawing* (YAML or JSON)::
 

@@ -33,7 +33,7 @@ _MAX_LAG_SECONDS = 4.0
 _ALIKE, _NEAR = 0.02, 0.15
 _PASSES = 2  # of a fit and the noise that it leaves
 _COARSE = 4  # samples: steps of the first search for a lag
-#: Training segments that a repeated one is laid upon at most, and segments that a noise is heard on at most, of hours
+#: Training segments that a repeated one is laid upon at most, and segments that a noise is estimated from at most, of hours
 #: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
 _MOST_LAID, _MOST_SEGMENTS = 20, 12
 
@@ -187,7 +187,7 @@ def noise_model(
     model = white_noise_model(joints) if start is None else start
     if design.stored:
         pairs = _spread(pairs)
-    loaded, unloaded = (_heard(design, fitted, there) for there in (True, False))
+    loaded, unloaded = (_noise_segments(design, fitted, there) for there in (True, False))
     for _ in range(_PASSES):
         theta = fit_rows(design, model, fitted)[0].theta
         found, free = [], []
@@ -208,8 +208,8 @@ def noise_model(
     return model
 
 
-def _heard(design: Design, fitted: Sequence[int], loaded: bool) -> Sequence[int]:
-    """Fitted segments in which the noise is heard, with the links or without."""
+def _noise_segments(design: Design, fitted: Sequence[int], loaded: bool) -> Sequence[int]:
+    """Fitted segments that the noise is estimated from, with the links or without."""
     own = [i for i in fitted if design.segments[i].loaded == loaded]
     return _spread(own) if design.stored else own
 

@@ -1,4 +1,4 @@
-"""A joint's two position sensors against each other through the linkage: no dynamics, so the sharpest test there is.
+"""A joint's two position sensors against each other through the linkage: no dynamics, so the most sensitive test.
 
 Nominal is ``x = L(q)``. An offset of either sensor, pins that are a centimetre off and play are effects of the
 catalogue: up to some per cent of the stroke. What is more has to be explained by one trial after another (another unit,

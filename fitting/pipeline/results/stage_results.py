@@ -1,4 +1,4 @@
-"""What every stage hands on: one frozen dataclass each, and the one codec that keeps them as JSON.
+"""Result of every stage: one frozen dataclass each, and the one codec that keeps them as JSON.
 
 A stage gets a :class:`StageResults` with what was found before it and gives its own result. Between processes results
 are files: :func:`to_json` writes one, :func:`from_json` reads it back, equal in every number.
@@ -208,7 +208,7 @@ class Written:
     page: str
 
 
-#: Stage to the type of what it hands on.
+#: Stage to the type of its result.
 RESULTS: Mapping[str, type[Any]] = {
     "check": Checked,
     "cylinder_stage": Cylinders,
