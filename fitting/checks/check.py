@@ -50,51 +50,25 @@ _AS_WELL = 1.2
 _BRIDGED_S = 0.1
 #: Findings of a recording's own file that make its values useless for what follows.
 _SPOILS = (
-    "time_jump",
-    "saturated",
-    "outliers",
-    "dropouts",
-    "wrap",
-    "jump",
-    "frozen",
-    "clipped",
-    "held",
-    "same_channel",
+    "time_jump", "saturated", "outliers", "dropouts", "wrap", "jump", "frozen", "clipped", "held", "same_channel",
     "coarse",
-)
+)  # fmt: skip
 #: What a refusal of the strict reader is a consequence of.
 _CONSEQUENCES = {
-    "saturated": ("clipped", "dropouts", "frozen", "unit", "held", "same_channel"),
-    "constant": ("frozen", "dropouts", "wrong_role", "parked", "unit"),
-    "positions_disagree": (
-        "unit",
-        "sign",
-        "linkage",
-        "exchanged_channels",
-        "wrong_role",
-        "other_machine",
-        "wrap",
-        "jump",
-    ),
-    "clipped": ("no_pressure",),
-    "too_short": ("lost_rows", "time_jump", "time_unit", "wrong_rate"),
-    "out_of_range": ("sign", "unit", "wrap", "exchanged_channels", "outliers", "jump"),
-    "columns": ("other_machine",),
-    "no_repeat": (
-        "dropouts",
-        "jump",
-        "wrap",
-        "outliers",
-        "frozen",
-        "wrong_rate",
-        "time_unit",
-        "time_jump",
-        "other_machine",
-        "wrong_role",
-    ),
-    "frozen": ("held",),
-    "noisy": ("unit", "scale", "outliers", "dropouts", "jump", "wrap", "held", "coarse", "frozen"),
-    "same_motion": ("same_recording",),
+    code: tuple(causes.split())
+    for code, causes in {
+        "saturated": "clipped dropouts frozen unit held same_channel",
+        "constant": "frozen dropouts wrong_role parked unit",
+        "positions_disagree": "unit sign linkage exchanged_channels wrong_role other_machine wrap jump",
+        "clipped": "no_pressure",
+        "too_short": "lost_rows time_jump time_unit wrong_rate",
+        "out_of_range": "sign unit wrap exchanged_channels outliers jump",
+        "columns": "other_machine",
+        "no_repeat": "dropouts jump wrap outliers frozen wrong_rate time_unit time_jump other_machine wrong_role",
+        "frozen": "held",
+        "noisy": "unit scale outliers dropouts jump wrap held coarse frozen",
+        "same_motion": "same_recording",
+    }.items()
 }
 
 

@@ -353,7 +353,7 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
     c = U.T @ whole[:, -1]
     beside, free = float(np.sum((whole[:, -1] - U @ c) ** 2)), max(rows - len(d), 0)
 
-    def improbability(log: FloatArray) -> FloatArray:
+    def deviance(log: FloatArray) -> FloatArray:
         """Twice the negative logarithm of the probability of logarithms (k,) of the variance."""
         variance = np.exp(log)
         total = d**2 + variance[:, None]
@@ -361,10 +361,10 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
 
     log = np.log(power / rows) + np.linspace(_QUIET, 0.0, _GRID)
     for _ in range(2):
-        found = improbability(log)
+        found = deviance(log)
         near = np.flatnonzero(found < found.min() + _IMPROBABLE)
         log = np.linspace(log[max(near[0] - 1, 0)], log[min(near[-1] + 1, _GRID - 1)], _GRID)
-    found = improbability(log)
+    found = deviance(log)
     chance = np.exp((found.min() - found) / 2)
     variance = float(chance @ np.exp(log) / chance.sum())
     return variance, largest * (V.T @ (d * c / (d**2 + variance)))

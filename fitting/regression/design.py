@@ -405,12 +405,15 @@ def effort_errors(
     design: Design, theta: FloatArray, indices: Sequence[int], extra: Extra | None = None
 ) -> tuple[FloatArray, ...]:
     """Per joint the filtered joint-effort error (N m or N) over the rows that move, all segments in a row."""
+    return moving_efforts(design, indices, lambda joint, index: effort_residual(design, theta, joint, index, extra))
+
+
+def moving_efforts(
+    design: Design, indices: Sequence[int], of: Callable[[int, int], FloatArray]
+) -> tuple[FloatArray, ...]:
+    """Per joint what ``of`` gives of it and of each loaded segment, (M,), over the rows that move, all in a row."""
     result = []
-    for joint in range(len(design.machine.joints)):
-        parts = []
-        for index in indices:
-            if design.segments[index].loaded:
-                keep = design.blocks[joint][index].keep
-                parts.append(effort_residual(design, theta, joint, index, extra)[keep])
+    for joint, blocks in enumerate(design.blocks):
+        parts = [of(joint, index)[blocks[index].keep] for index in indices if design.segments[index].loaded]
         result.append(np.concatenate(parts) if parts else np.zeros(0))
     return tuple(result)

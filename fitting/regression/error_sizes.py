@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.arrays import FloatArray
-from fitting.regression.design import Design, Extra, effort_errors
+from fitting.regression.design import Design, Extra, effort_errors, moving_efforts
 
 #: Which recordings each column of a report's errors is of.
 ROLES = {"train": ("train", "operation"), "validate": ("validate",)}
@@ -29,21 +29,13 @@ Sizes = dict[str, list[float | None]]
 def measured_efforts(design: Design, indices: Sequence[int]) -> tuple[FloatArray, ...]:
     """Per joint the filtered measured joint effort (N m or N) on the rows of
     :func:`fitting.regression.design.effort_errors`.
-
-    Parameters
-    ----------
-    indices : segments of the design; those of free drives carry no joint effort and are left out
     """
-    result = []
-    for joint in range(len(design.machine.joints)):
-        parts = []
-        for index in indices:
-            segment = design.segments[index]
-            if segment.loaded:
-                effort = design.bank.reduce(segment.r[:, joint] * segment.effort[:, joint])
-                parts.append(effort[design.blocks[joint][index].keep])
-        result.append(np.concatenate(parts) if parts else np.zeros(0))
-    return tuple(result)
+
+    def measured(joint: int, index: int) -> FloatArray:
+        segment = design.segments[index]
+        return design.bank.reduce(segment.r[:, joint] * segment.effort[:, joint])
+
+    return moving_efforts(design, indices, measured)
 
 
 def sizes(role: str, errors: Sequence[FloatArray], efforts: Sequence[FloatArray]) -> Sizes:

@@ -33,8 +33,8 @@ _MAX_LAG_SECONDS = 4.0
 _ALIKE, _NEAR = 0.02, 0.15
 _PASSES = 2  # of a fit and the noise that it leaves
 _COARSE = 4  # samples: steps of the first search for a lag
-#: Training segments that a repeated one is laid upon at most, and segments that a noise is estimated from at most, of hours
-#: cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
+#: Training segments that a repeated one is laid upon at most, and segments that a noise is estimated from at most, of
+#: hours cut into pieces of minutes: its spectrum has six coefficients, which an hour tells. Fitted are all samples.
 _MOST_LAID, _MOST_SEGMENTS = 20, 12
 
 
