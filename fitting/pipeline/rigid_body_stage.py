@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fitting.arm.geometry import geometry_of
-from fitting.arrays import BoolArray, FloatArray, IntArray
+from fitting.arrays import FloatArray, IntArray
 from fitting.estimators import Colour, Estimate, Estimator, OrdinaryLeastSquares, StageTwo, within
 from fitting.estimators.effort_fit import EffortRows
 from fitting.estimators.least_squares import solve
@@ -22,27 +21,13 @@ ROLES = ("train", "operation")
 
 
 @dataclass(frozen=True)
-class StackedEstimate:
-    """Parameters of the whole arm from one stacked regression of joint efforts.
+class StackedEstimate(Estimate):
+    """Parameters of the whole arm from one stacked regression of joint efforts, in the design's order.
 
-    Attributes
-    ----------
-    theta : (p,) all parameters in the design's order
-    std : (p,) standard deviations; of stage 2 the drive parameters' are those of what was frozen
-    condition_number : of the column-scaled regressor
-    told : (p,) False where this motion says nothing of the parameter
-    estimator : id of the estimator
-    details : what else the estimator had to say
-    covariance : (p, p), None of the one-shot regression
+    Of stage 2 the drive parameters' deviations are those of what was frozen: 0 where stage 1 has none.
     """
 
-    theta: FloatArray
-    std: FloatArray
-    condition_number: float
-    told: BoolArray
     estimator: str = "ols"
-    details: Mapping[str, Any] = field(default_factory=dict)
-    covariance: FloatArray | None = field(default=None, repr=False)
 
 
 def identify_rigid_body(
@@ -73,12 +58,8 @@ def identify_rigid_body(
     for joint, cylinder in enumerate(cylinders):
         part = parameters.drive_slice(joint)
         frozen[part], covariance[part, part] = cylinder.theta, _known(cylinder)
-    found = refit_rigid_body(
-        design, frozen, covariance, estimator or OrdinaryLeastSquares(), colour=colour, prior=prior
-    )
-    std = found.std.copy()
-    std[: parameters.drive_count] = np.concatenate([cylinder.std for cylinder in cylinders])
-    return replace(found, std=std)
+    by = estimator or OrdinaryLeastSquares()
+    return refit_rigid_body(design, frozen, covariance, by, colour=colour, prior=prior)
 
 
 def refit_rigid_body(
@@ -119,8 +100,8 @@ def refit_rigid_body(
     found, told = theta.copy(), np.ones(len(theta), dtype=bool)
     found[base], told[base] = estimate.theta, estimate.told
     whole = _covariance(A, D, covariance[np.ix_(others, others)], estimate, groups, (base, others))
-    std, condition = np.sqrt(np.diag(whole)), float(estimate.condition_number)
-    return StackedEstimate(found, std, condition, told, estimator.name, estimate.details, whole)
+    made = replace(estimate, theta=found, covariance=whole, told=told)
+    return StackedEstimate(**vars(made), estimator=estimator.name)
 
 
 def _known(cylinder: CylinderEstimate) -> FloatArray:
@@ -169,5 +150,4 @@ def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour 
     """
     rows = EffortRows(design, design.indices(*ROLES, *(("unloaded",) if unloaded else ())), posed=True)
     everything = np.arange(len(design.parameters))
-    estimate = rows.ordinary(everything, np.zeros(len(everything)), colour)
-    return StackedEstimate(estimate.theta, estimate.std, float(estimate.condition_number), estimate.told)
+    return StackedEstimate(**vars(rows.ordinary(everything, np.zeros(len(everything)), colour)))

@@ -100,14 +100,13 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
 def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
     """An estimate with its errors per role and joint in the joint's effort unit."""
     errors, _, relative = errors_of(design, estimate.theta, extra)
-    deviations = np.where(np.isfinite(estimate.std), estimate.std, 0.0)
     return Stacked(
         estimator=estimate.estimator,
         details=dict(estimate.details),
         theta=estimate.theta,
-        std=deviations,
+        std=np.where(np.isfinite(estimate.std), estimate.std, 0.0),
         told=estimate.told,
-        condition_number=estimate.condition_number,
+        condition_number=float(estimate.condition_number),
         errors=errors,
         relative=relative,
     )
@@ -130,7 +129,6 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
         colour=asked.colour,
         prior=asked.prior,
     )
-    assert estimate.covariance is not None
     fit = replace(model.fit, theta=estimate.theta, covariance=estimate.covariance, told=estimate.told, share=None)
     return replace(model, fit=fit), stacked(model.design, estimate, model.extra)
 
