@@ -158,7 +158,7 @@ def _separation_to_json(value: Separation) -> dict[str, float]:
         "chi_square": value.chi_square,
         "standard_deviations": value.standard_deviations,
         "own_share": value.share,
-        "needed": 2.0 * value.worst.asked,  # in chi-square, as the odds that are asked for
+        "needed": value.needed,
         "probability": value.probability,
     }
 

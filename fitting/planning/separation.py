@@ -141,6 +141,11 @@ class Separation:
         return self.worst.chi_square
 
     @property
+    def needed(self) -> float:
+        """Lead in chi-square that goes with the odds that are asked for, of the worst pair."""
+        return 2.0 * self.worst.asked
+
+    @property
     def share(self) -> float:
         """What part of the effect is its own, ``1 - rho^2``, 0 to 1, of the worst pair."""
         return self.chi_square / self.worst.size if self.worst.size > 0 else 0.0
