@@ -176,9 +176,10 @@ def in_channels(
     result: dict[str, Any] = {}
     units: dict[str, str] = {}
     used: set[str] = set()
+    there = {*names, *(_split(name)[0] for name in names)}  # a column is known without its unit, too
     for channel in ("time", *(channel.name for channel in machine.channels)):
         source = mapped.get(channel)
-        if source is not None and not (all_known or _has(names, source.column)):
+        if source is not None and not (all_known or source.column in there):
             continue  # in another of the file's tables
         if source is not None:
             assert columns is not None
@@ -229,11 +230,6 @@ def _is_seconds(table: Table) -> bool:
         return False
     time = table.columns["time"]
     return time.dtype.kind in "iuf" and not abs(float(time[0])) >= 1e8
-
-
-def _has(names: Sequence[str], column: str) -> bool:
-    """Whether a column is there, under its name or under its name and a unit."""
-    return column in names or any(_split(name)[0] == column for name in names)
 
 
 def mapped_columns_are_there(path: Path, columns: ColumnMap | None, names: Sequence[str]) -> None:

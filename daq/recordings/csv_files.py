@@ -161,7 +161,8 @@ def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
         raise RecordingError(f"{path}: {_NO_TABLE}")
     row = _cells(lines[skipped], separator) if skipped < len(lines) else []
     units: tuple[str, ...] = ()
-    if len(row) == len(names) and any(row) and not any(_has_value(cell) for cell in row):
+    valued = any(_is_number(cell.replace(",", ".")) or looks_like_moment(cell) for cell in row)
+    if len(row) == len(names) and any(row) and not valued:
         units, skipped = tuple(cell.strip("[]() ") for cell in row), skipped + 1
         row = _cells(lines[skipped], separator) if skipped < len(lines) else []
     moments = tuple(number for number, cell in enumerate(row[: len(names)]) if looks_like_moment(cell))
@@ -286,11 +287,6 @@ def _cells(line: str, separator: str) -> list[str]:
     except csv.Error:
         row = line.split(separator)
     return [cell.strip().strip('"').strip() for cell in row]
-
-
-def _has_value(cell: str) -> bool:
-    """Whether a cell is a number, in either decimal sign, or a moment."""
-    return _is_number(cell.replace(",", ".")) or looks_like_moment(cell)
 
 
 def _is_number(text: str) -> bool:
