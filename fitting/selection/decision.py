@@ -95,6 +95,6 @@ def decided(rated: Sequence[Rated]) -> Rated:
         return head
     near = believed(rated)
     laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
-    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.NAMED):
+    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.SAID):
         return laws[0][0]
     return head

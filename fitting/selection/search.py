@@ -148,7 +148,7 @@ class Search:
         """
         if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
             return choice
-        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.NAMED_ODDS
+        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.SAID_ODDS
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
         half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
         for first in [r for r in names if r.score.gain > half][:WIDTH]:
