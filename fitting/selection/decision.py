@@ -89,7 +89,7 @@ def _same_place(one: Term, other: Term) -> bool:
 
 
 def decided(rated: Sequence[Rated], wanted: float = priors.SAID) -> Rated:
-    """What is to be said of explanations of one place: the best name, if names have the ``wanted`` probability there."""
+    """What is to be said of explanations of one place: the best name if names have the ``wanted`` probability."""
     head = rated[0]
     if isinstance(head.term.content, Law):
         return head
