@@ -63,6 +63,7 @@ const FORMATS: [string, string][] = [
   ["c", "C"],
   ["python", "Python"],
   ["csv", "CSV"],
+  ["fmu", "FMU"],
 ];
 
 function ForTheController({ id, machine, movable }: { id: string; machine: string; movable: boolean }) {
