@@ -21,6 +21,9 @@ import numpy as np
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 
+#: Lower and upper bounds, (k,) each.
+Bounds = tuple[FloatArray, FloatArray]
+
 
 @dataclass(frozen=True)
 class Inside:
@@ -38,16 +41,16 @@ class Inside:
     held: tuple[int, ...]
 
 
-def inside(effect: Effect, gram: FloatArray, products: FloatArray, free: FloatArray) -> Inside | None:
+def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatArray) -> Inside | None:
     """The best values inside an effect's bounds; None where they are the ``free`` ones (k,).
 
     Parameters
     ----------
-    effect : whose parameters these are
+    bounds : lower and upper ones (k,) of an effect's parameters, or of the first of them (:func:`limits`)
     gram, products : (k, k) and (k,), what the base explains taken off
     free : (k,) least-squares values without bounds
     """
-    low, high = limits(effect)
+    low, high = bounds
     if np.all((free >= low) & (free <= high)):
         return None
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
@@ -66,6 +69,6 @@ def inside(effect: Effect, gram: FloatArray, products: FloatArray, free: FloatAr
 
 
 @cache
-def limits(effect: Effect) -> tuple[FloatArray, FloatArray]:
+def limits(effect: Effect) -> Bounds:
     """Lower and upper bounds (k,) of an effect's parameters."""
     return np.array([p.low for p in effect.parameters]), np.array([p.high for p in effect.parameters])

@@ -23,16 +23,16 @@ class HoseStiffness(Effect):
     parity = Parity.EVEN
     dependence = "even in v, function of the own angle"
     parameters = (
-        Parameter("k_1", "N m/rad"),
+        Parameter("k_1", "N m/rad", low=0.0),
         Parameter("k_0", "N m"),
         Parameter("k_2", "N m/rad^2"),
-        Parameter("k_3", "N m/rad^3"),
+        Parameter("k_3", "N m/rad^3", low=0.0),
     )
     confounders = ("gas_spring", "linkage_geometry")
     experiment = "take the harness off and repeat"
     by_motion = False
     look_at = "hoses and cable harness across the joint: how they are led and where they are clamped"
-    source = "polynomial of the joint angle; k_0 because nobody knows where the hoses rest"
+    source = "polynomial of the joint angle, which a spring stiffens; k_0 because nobody knows where the hoses rest"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
         """Values that the formula counts from; see :class:`Effect`."""

@@ -28,7 +28,7 @@ from scipy.special import ndtr
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.effects.bounds import inside
+from fitting.effects.bounds import inside, limits
 from fitting.regression.solving import WhiteRows, inverse_root
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
@@ -192,17 +192,18 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
         information = apart[place, place]
         root = whitened_parts(information)
         inverse = root @ root.T
-        values = inverse @ made[place]
+        free = values = inverse @ made[place]
         gain, live = float(np.sum((root.T @ made[place]) ** 2)), root.shape[1]
-        bounded = inside(term.content, information, made[place], values) if isinstance(term.content, Effect) else None
+        content = term.content
+        bounded = inside(limits(content), information, made[place], free) if isinstance(content, Effect) else None
         if bounded is not None:
             values, gain = bounded.values, bounded.gain
         stds = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-        score = Score(term, gain, live, tuple(values), tuple(stds), True, 1.0, information)
+        score = Score(term, gain, live, tuple(values), tuple(stds), True, 1.0, information, tuple(free))
         series = np.array(orders(score))
         gains.append(gain)
-        limits = np.full(len(series), USUAL_EFFORT)
-        found.append(float(log_mean(averaged(series[:, 0], series[:, 1], limits))) + score.log_inside)
+        largest = np.full(len(series), USUAL_EFFORT)
+        found.append(float(log_mean(averaged(series[:, 0], series[:, 1], largest))) + score.log_inside)
     return max(gains), float(log_mean(found))
 
 

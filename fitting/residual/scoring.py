@@ -23,7 +23,7 @@ import numpy.typing as npt
 from daq.scratch import ScratchArrays
 from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect
-from fitting.effects.bounds import inside
+from fitting.effects.bounds import inside, limits
 from fitting.residual.laws import laws
 from fitting.residual.null import BIAS_SHARE, Null
 from fitting.residual.terms import Model, Term
@@ -81,7 +81,7 @@ class Score:
         if not isinstance(self.term.content, Effect):
             return replace(self, null=null)
         free = np.asarray(self.free or self.values) - BIAS_SHARE * null.bias
-        held = inside(self.term.content, self.information, self.information @ free, free)
+        held = inside(limits(self.term.content), self.information, self.information @ free, free)
         moved = free if held is None else held.values
         gain = float(moved @ self.information @ moved)
         if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
@@ -391,7 +391,8 @@ def _scored(
         free, errors, gain = values[number], tuple(stds[number].tolist()), float(gains[number])
         own = tuple(free.tolist())
         if isinstance(term.content, Effect):
-            bounded = inside(term.content, information[number], np.where(told[number], products[number], 0.0), free)
+            told_of = np.where(told[number], products[number], 0.0)
+            bounded = inside(limits(term.content), information[number], told_of, free)
             if bounded is not None:
                 own, gain, count = tuple(bounded.values.tolist()), bounded.gain, max(1, count - len(bounded.held))
         yield (

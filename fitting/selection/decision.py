@@ -88,13 +88,13 @@ def _same_place(one: Term, other: Term) -> bool:
     return one.joint == other.joint or one.everywhere or other.everywhere
 
 
-def decided(rated: Sequence[Rated]) -> Rated:
-    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names."""
+def decided(rated: Sequence[Rated], wanted: float = priors.SAID) -> Rated:
+    """What is to be said of explanations of one place: the best name if names have the ``wanted`` probability."""
     head = rated[0]
     if isinstance(head.term.content, Law):
         return head
     near = believed(rated)
     laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
-    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - priors.NAMED):
+    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - wanted):
         return laws[0][0]
     return head

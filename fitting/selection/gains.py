@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fitting.arrays import FloatArray
+from fitting.effects.bounds import inside, limits
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
@@ -30,12 +31,15 @@ def orders(score: Score) -> list[tuple[float, int]]:
     whole = (score.gain, score.live)
     if isinstance(effect, Law) or not effect.series or score.live < 2:
         return [whole]
-    products = score.information @ np.asarray(score.values)
+    products = score.information @ np.asarray(score.free or score.values)
+    low, high = limits(effect)
     result = []
     for order in range(1, len(score.values)):
-        root = whitened_parts(score.information[:order, :order])
+        gram, own = score.information[:order, :order], products[:order]
+        root = whitened_parts(gram)
         if root.shape[1]:
-            result.append((float(np.sum((root.T @ products[:order]) ** 2)), root.shape[1]))
+            bounded = inside((low[:order], high[:order]), gram, own, root @ (root.T @ own))
+            result.append((float(np.sum((root.T @ own) ** 2)) if bounded is None else bounded.gain, root.shape[1]))
     return [*result, whole]
 
 

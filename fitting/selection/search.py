@@ -148,7 +148,7 @@ class Search:
         """
         if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
             return choice
-        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.NAMED_ODDS
+        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.SAID_ODDS
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
         half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
         for first in [r for r in names if r.score.gain > half][:WIDTH]:
@@ -384,7 +384,8 @@ class Search:
         rated = self._at_best_shapes(rated)
         slot = Slot.of(item, rated)
         self.accepted = all_
-        choice = decided(rated) if rated and slot.nothing <= 1 - priors.SAID else None
+        wanted = priors.NAMED if isinstance(content, Effect) else priors.SAID
+        choice = decided(rated, wanted) if rated and slot.nothing <= 1 - priors.SAID else None
         instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
         if final or (choice is not None and (family(choice.term) == own or instead in self.held)):
             return slot

@@ -32,6 +32,7 @@ ONE_SIDED = {
     "counterbalance_valve": ("b_0", "b_1"),
     "end_cushion": ("k", "d"),
     "gas_spring": ("f_g",),
+    "hose_stiffness": ("k_1", "k_3"),
     "load_dependent_friction": ("mu",),
     "lubricant_film_lag": ("b",),
     "presliding_hysteresis": ("f_c",),
@@ -64,7 +65,7 @@ def test_the_gain_inside_is_that_of_bounded_least_squares(seed: int) -> None:
     free = np.linalg.solve(gram, products)
     low, high = limits(Bounded())
     oracle = optimize.lsq_linear(C, e, (low, high), method="bvls", tol=1e-12)
-    found = inside(Bounded(), gram, products, free)
+    found = inside(limits(Bounded()), gram, products, free)
     values = free if found is None else found.values
     gain = 2 * products @ values - values @ gram @ values
     assert gain == pytest.approx(e @ e - 2.0 * oracle.cost, rel=1e-6, abs=1e-9)
