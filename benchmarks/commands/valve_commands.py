@@ -26,9 +26,14 @@ def valve(
     ] = None,
     closed_loop: Annotated[int, typer.Option(help="Healthy machines that follow a path by their inverse.", min=0)] = 6,
     healthy: Annotated[bool, typer.Option("--healthy", help="Leave the cases with an effect out.")] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Instead: the monitor on healthy machines, and after changes.")
+    ] = False,
 ) -> Outcome:
     """Edges, delay, effects and inverse of valves on a bench, a crane and an excavator, drawn at random."""
     one_blas_thread()
+    if watch:
+        return _watched(cases, seed, output, show)
     from tempfile import TemporaryDirectory
 
     import numpy as np
@@ -71,3 +76,20 @@ def valve(
         figure("processor time of an identification, mean", float(np.mean([x["seconds"] for x in lines])), "{:.1f} s")
     )
     return Outcome(tuple(result), ("",), {"cases": lines})
+
+
+def _watched(cases: int, seed: int, output: Path | None, show: Show) -> Outcome:
+    from tempfile import TemporaryDirectory
+
+    from benchmarks.valve.drawing import ValveKey
+    from benchmarks.valve.watching import checks, watched
+
+    found = list[dict[str, Any]]()
+    for number in range(cases):
+        with TemporaryDirectory() as temporary:
+            found.append(watched(Path(temporary), ValveKey(number, "null", seed)))
+        if output is not None:
+            with output.open("a", encoding="utf-8") as file:
+                file.write(json_text.dumps(found[-1]) + "\n")
+        checks(found[-1:], show)
+    return Outcome(tuple(checks(found, lambda line: None)), ("",), {"machines": found})

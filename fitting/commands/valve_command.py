@@ -34,7 +34,8 @@ def valve(
         bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
     ] = False,
     to: Annotated[
-        list[str] | None, typer.Option(help="Write the inverse, too: c, csv, python or st; may be given several times.")
+        list[str] | None,
+        typer.Option(help="Write the inverse, too: c, csv, fmu, python or st; may be given several times."),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print valve.json on standard output.")] = False,
 ) -> None:

@@ -9,9 +9,9 @@
 ``unknown``     laws of one variable, where no name fits
 ``choose``      laws, curves and effects by what another motion says
 ``peers``       a line, an autoregression, a static curve
-``controller``  the dead band that a controller compensates already
-``checks``      mistakes in what was recorded
+``checks``      mistakes in what was recorded, and the dead band that a controller compensates already
 ``inverse``     the model that is handed out: the command for a speed
 ``identify``    the whole, and its report
+``drift``       what a fit leaves of newer motion, and which of its numbers moved
 ==============  ====================================================================================================
 """

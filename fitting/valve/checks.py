@@ -1,4 +1,7 @@
-"""Mistakes in what was recorded of a valve: another axis' command, its sign, before the dead band's compensation."""
+"""Mistakes in what was recorded of a valve: another axis' command, its sign, before the dead band's compensation.
+
+And what recorded commands tell by themselves: the dead band that the controller in front of the valve compensates.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray, IntArray
 from fitting.valve.fit import Fit, fitted
 from fitting.valve.model import DELAY, WAYS, Structure
 from fitting.valve.rows import Axis
@@ -20,6 +24,10 @@ _TURNED, _NOTHING = 0.5, 0.8
 _NO_EDGE = 0.01
 #: Largest command that leaves much of a valve unseen.
 _FAR = 0.6
+#: Share of full command: less is no dead band, and an axis that is never told more stays where it is.
+_REST = 0.01
+#: Natural logarithm of the odds of 95 %.
+_SURE = float(np.log(19.0))
 
 
 def moves(axis: Axis) -> bool:
@@ -103,3 +111,34 @@ def _moves(fit: Fit, way: str) -> bool:
     if fit.axis.largest[WAYS.index(way)] <= fit.shape[f"edge.{way}"]:
         return False  # a spool that swings beyond its middle is no command
     return any(gain > 0 for name, gain in fit.gains.items() if name.startswith(f"gain.{way}"))
+
+
+def compensated_edge(u: FloatArray, first: IntArray) -> float | None:
+    """The edge that a controller jumps to, as share of full command; None where it does not, or nobody can tell.
+
+    One that compensates a dead band sends nothing between rest and its own edge. One that does not, and an operator's
+    lever, pass through these commands whenever the axis sets off. So of each run of commands to one side the smallest
+    one counts, runs being independent: where ``n`` of them lie between an edge and twice the edge and none below it,
+    an even spread between both is ``2^n`` times less likely.
+
+    Parameters
+    ----------
+    u : (N,) commands, positive to the side that is asked for, as share of full
+    first : (N,) place of the first sample of the stretch that each sample is in
+    """
+    told = u > 0.0
+    starts = np.flatnonzero(told & ~(np.r_[False, told[:-1]] & (first == np.r_[-1, first[:-1]])))
+    if not len(starts):
+        return None
+    runs = np.minimum.reduceat(np.where(told, u, np.inf), starts)
+    least = np.sort(runs[np.maximum.reduceat(u, starts) > _REST])
+    if not len(least):
+        return None
+    below = np.searchsorted(least, least, side="left")
+    above = np.searchsorted(least, 2.0 * least, side="right") - below
+    both = np.maximum(below + above, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        odds = np.where(below > 0, below * np.log(2.0 * below / both), 0.0) + above * np.log(2.0 * above / both)
+    odds = np.where((above > below) & (least > _REST), odds, 0.0)
+    best = int(np.argmax(odds))
+    return float(least[best]) if odds[best] > _SURE else None

@@ -1,4 +1,4 @@
-"""The inverse of a valve's model for a controller: C99, Python, Structured Text, and a table.
+"""The inverse of a valve's model for a controller: C99, Python, Structured Text, functional mock-up units, and a table.
 
 The formula (:func:`fitting.valve.inverse.inverse_graph`) is printed by the dialects of the model's own export. Each
 file has beside it what a graph cannot say: numbers that are none give the neutral command, missing pressures the
@@ -12,6 +12,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ import numpy as np
 
 from daq.errors import InputError
 from fitting.model.export.formats.c import dialect_of as c_words
+from fitting.model.export.formats.fmu import Unit, Variable, write_units
 from fitting.model.export.formats.st import dialect_of as st_words
 from fitting.model.export.functions import rendered, written
 from fitting.model.export.printing import PYTHON, Dialect, statements
@@ -37,15 +39,20 @@ SAFETY = (
 )
 
 
-def formats() -> dict[str, Callable[[ValveModel], dict[str, str]]]:
-    """What writes each format: files by name."""
-    return {"c": _c, "csv": _csv, "python": _python, "st": _st}
+def formats() -> dict[str, Callable[[ValveModel, Path], Written]]:
+    """What writes each format in a folder."""
+    texts = {"c": _c, "csv": _csv, "python": _python, "st": _st}
+
+    def writing(of: Callable[[ValveModel], dict[str, str]]) -> Callable[[ValveModel, Path], Written]:
+        return lambda model, folder: written(folder, of(model), model.left_out)
+
+    return {name: writing(of) for name, of in texts.items()} | {"fmu": _fmu}
 
 
 def require_formats(names: Iterable[str]) -> None:
     """Refuse what is none of :func:`formats` (InputError)."""
     for name in set(names) - set(formats()):
-        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(formats())}")
+        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(sorted(formats()))}")
 
 
 def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
@@ -60,7 +67,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     require_folder(folder)
     if not model.moves:
         raise InputError(f"{model.joint}: its valve was never seen to move it; there is nothing to export")
-    return written(folder, formats()[to](model), model.left_out)
+    return formats()[to](model, folder)
 
 
 def said_of(model: ValveModel) -> list[str]:
@@ -114,19 +121,23 @@ def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
     }
 
 
-def self_test_rows(model: ValveModel) -> list[tuple[float, ...]]:
-    """Speed, head, rod, supply, tank, moving before, and what :meth:`ValveModel.command` says: command and flags."""
+def self_test_rows(model: ValveModel, *, chained: bool = False) -> list[tuple[float, ...]]:
+    """Speed, head, rod, supply, tank, moving before, and what :meth:`ValveModel.command` says: command and flags.
+
+    ``chained``: an axis moves before a row if it did in the row before, and at first it does not.
+    """
     rng = np.random.default_rng(0)
     fastest = max(own.fastest for own in model.directions)
-    rows = list[tuple[float, ...]]()
+    rows, went = list[tuple[float, ...]](), False
     for number in range(_ROWS):
         speed = float(rng.uniform(-1.3, 1.3) * fastest * (0.02 if number % 4 == 0 else 1.0))
         head, rod, supply, tank = (float(rng.uniform(*own)) for own in ((0, 2e7), (0, 2e7), (1e7, 2.2e7), (0, 5e5)))
         head = np.nan if number % 12 == 5 else head
         speed = np.nan if number % 16 == 7 else speed
-        moving = bool(rng.integers(0, 2))
+        moving = went if chained else bool(rng.integers(0, 2))
         found = model.command(speed, moving=moving, head=head, rod=rod, supply=supply, tank=tank)
         rows.append((speed, head, rod, supply, tank, float(moving), found.command, float(found.flags)))
+        went = found.share != 0.0
     return rows
 
 
@@ -136,6 +147,33 @@ def _c(model: ValveModel) -> dict[str, str]:
     rows = [["NAN" if np.isnan(own) else repr(own) for own in row] for row in self_test_rows(model)]
     words |= {"rows": rows, "tolerance": TOLERANCE * model.full}
     return {f"{name}{end}": rendered(f"valve{end}.j2", **words) for end in (".h", ".c", "_selftest.c")}
+
+
+#: Inputs and outputs of a unit.
+_INPUTS = (
+    ("speed", "m/s", "wanted speed of the rod, positive extends"),
+    *((name, "Pa", f"{name} pressure; what is no number is not known") for name in GIVEN[1:5]),
+)
+_ROW = (*(name for name, _, _ in _INPUTS), "moving before", "command", "flags")
+
+
+def _fmu(model: ValveModel, folder: Path) -> Written:
+    """Units of the C; whether the axis moved is kept from one communication point, or accepted step, to the next."""
+    name, sources, held = _name(model), _c(model), io.StringIO()
+    del sources[f"{name}_selftest.c"]
+    csv.writer(held, lineterminator="\n").writerows([_ROW, *self_test_rows(model, chained=True)])
+    variables = [Variable(own, unit, says, "input") for own, unit, says in _INPUTS]
+    variables.append(Variable("command", model.unit, "command as it is sent", "output"))
+    variables.append(Variable("flags", "1", "flags, bits", "output"))
+    given = ", ".join(f"in[{place}]" for place in range(len(_INPUTS)))
+    call = f"int moving = arm->memory[0] > 0.5, flags; out[0] = {name}_command({given}, &moving, &flags);"
+    call += " out[1] = flags; arm->memory[0] = moving;"
+    calls = {"init": f"arm->memory[0] = 0; {{ {call} }}", "step": f"{{ {call} }}"}
+    words = {"calls": calls, "memory": 1, "moving": 0}
+    kinds = ("ModelExchange", "CoSimulation")
+    resources = {f"{name}_selftest.csv": held.getvalue()}
+    unit = Unit(name, model.joint, repr(model.to_json()), kinds, tuple(variables), sources, words, None, resources)
+    return write_units(folder, [unit], model.left_out, lambda lines: said_of(replace(model, left_out=tuple(lines))))
 
 
 def _python(model: ValveModel) -> dict[str, str]:

@@ -16,9 +16,9 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.regression.freedom import SIGMAS
-from fitting.valve.checks import axis_checks, moves
+from fitting.valve.checks import axis_checks, compensated_edge, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
-from fitting.valve.controller import compensated_edge
+from fitting.valve.drift import Kept
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, predicted, profile, relative
 from fitting.valve.inverse import ValveModel, direction_of, model_of
@@ -170,6 +170,7 @@ def _of_axis(
         "checks": axis_checks(machine, axis, picked.fits[-1]),
         "largest_recorded": {way: own.largest for way, own in zip(WAYS, model.directions, strict=True)},
         "model": model.to_json(),
+        "fit": Kept.of(fit).to_json(),
         "figures": _figures(fit, model, judged or axis),
     }
     return content, model

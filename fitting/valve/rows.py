@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -84,6 +85,15 @@ class Signals:
     def warm(self) -> bool:
         """Whether the oil's temperature is known all along."""
         return bool(np.isfinite(self.temperature).all())
+
+
+class Counted(Protocol):
+    """What says which drops gains are given at and to which commands curves are counted: an axis, as fitted."""
+
+    @property
+    def drops(self) -> FloatArray: ...
+    @property
+    def largest(self) -> tuple[float, float]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +170,7 @@ def axis_of(
     recordings: Sequence[Recording],
     *,
     bandwidth_hz: float | None = None,
-    like: Axis | None = None,
+    like: Counted | None = None,
 ) -> Axis:
     """Rows of one joint's valve.
 

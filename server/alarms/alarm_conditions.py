@@ -34,6 +34,7 @@ KINDS: dict[str, AlarmKind] = {
     "disk_full": AlarmKind(on_delay_s=0.0, off_delay_s=10.0),
     "clock_jumped": AlarmKind(),
     "residual_drift": AlarmKind(),
+    "valve_drift": AlarmKind(),
     "overload": AlarmKind(),
     "residual_grew": AlarmKind(),
     "recalibration_failed": AlarmKind(),

@@ -72,5 +72,36 @@ def _parameters(report: Mapping[str, Any]) -> Iterator[Parameter]:
             yield _parameter(f"{place}.{name}", entry)
 
 
+def content_of_valves(report: Mapping[str, Any]) -> Content:
+    """The content that a report on valves stands for (schema ``hilfit/valve/1``), of all axes."""
+    axes: Mapping[str, Any] = report["axes"]
+    verdicts = {own["verdict"] for own in axes.values()}
+    return Content(
+        verdict=next(word for word in VERDICTS if word in verdicts),
+        overall={},
+        errors={joint: _speed_errors(own["errors"]) for joint, own in axes.items()},
+        parameters=[parameter for joint, own in axes.items() for parameter in _of_axis(joint, own)],
+        model={"schema": SUMMARY_SCHEMA, "machine": report["machine"], "created": report["created"]}
+        | {"software": report["software"], "axes": {joint: own["model"] for joint, own in axes.items()}},
+    )
+
+
+#: Of several axes the first of these counts.
+VERDICTS = ("unexplained", "ambiguous", "effect_added", "nothing_missing")
+
+
+def _speed_errors(errors: Mapping[str, Any]) -> dict[str, Any]:
+    role = errors["role"]
+    return {"unit": errors["unit"], "before": {role: errors["before"]}, "after": {role: errors["handed_out"]}}
+
+
+def _of_axis(joint: str, axis: Mapping[str, Any]) -> Iterator[Parameter]:
+    yield _parameter(f"{joint}.delay", axis["delay"])
+    for way, own in axis["directions"].items():
+        for name in ("edge_at_2_percent", "gain", "speed_at_largest") if own["moves"] else ():
+            if name in own:
+                yield _parameter(f"{joint}.{way}.{name}", own[name])
+
+
 def _parameter(name: str, entry: Mapping[str, Any]) -> Parameter:
     return Parameter(name=name, value=entry["value"], std=entry.get("std"), unit=entry.get("unit"))

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from fitting.pipeline.stage_names import VALVE_REPORT
 from server.audit.audit_log import Audit
-from server.calibrations.calibration_content import content_of
-from server.calibrations.calibration_store import Calibration, CalibrationStore
-from server.identifications.identification_results import MODEL_FILE, IdentificationResults
-from server.identifications.identification_store import Identifications
-from server.jobs.job_store import Jobs
+from server.calibrations.calibration_content import content_of, content_of_valves
+from server.calibrations.calibration_store import Calibration, CalibrationStore, Of
+from server.identifications.identification_results import MODEL_FILE, FitResults, IdentificationResults
 from server.platform.authorization.principals import SERVICE, Principal
 from server.platform.database.engine import Database
-from server.platform.errors import ConflictError, InvalidError, NotFoundError
+from server.platform.errors import InvalidError, NotFoundError
 from server.platform.files import DataDirectory
+from server.valves.valve_fits import ValveResults
 
 
 class Calibrations(CalibrationStore):
@@ -23,12 +24,15 @@ class Calibrations(CalibrationStore):
 
     def __init__(self, database: Database, files: DataDirectory, approves_own: bool = True) -> None:
         super().__init__(database, approves_own)
-        self._results = IdentificationResults(database, files)
-        self._identifications = Identifications(database)
-        self._jobs = Jobs(database)
+        self._results: Mapping[Of, FitResults] = {
+            "identification": IdentificationResults(database, files),
+            "valves": ValveResults(database, files),
+        }
 
-    def propose(self, identification: str, label: str, by: Principal = SERVICE) -> tuple[Calibration, bool]:
-        """Propose an identification; the calibration that it is already, and False, if it was proposed before.
+    def propose(
+        self, source: str, label: str, by: Principal = SERVICE, of: Of = "identification"
+    ) -> tuple[Calibration, bool]:
+        """Propose an identification, or one of valves; the calibration that it is already, and False, if it is one.
 
         Raises
         ------
@@ -39,16 +43,13 @@ class Calibrations(CalibrationStore):
         InvalidError
             If its report cannot be read.
         """
-        source = self._identifications.get(identification)
-        state = self._jobs.get(source.job).state
-        path = self._results.directory(identification) / "report.json"
-        if state != "done" or not path.is_file():
-            raise ConflictError(f"identification '{identification}' has no report: its job {source.job} is {state}")
+        name, read = ("report.json", content_of) if of == "identification" else (VALVE_REPORT, content_of_valves)
+        path = self._results[of].written(source, name)
         try:
-            content = content_of(json.loads(path.read_text()))
+            content = read(json.loads(path.read_text()))
         except (ValueError, KeyError, TypeError) as error:
-            raise InvalidError(f"report.json of '{identification}' cannot be read ({error!r}); fit it again") from None
-        return self.add(source, label, content, by)
+            raise InvalidError(f"{name} of '{source}' cannot be read ({error!r}); fit it again") from None
+        return self.add(self._results[of].get(source), label, content, by, of)
 
     def model_file(self, id: str) -> dict[str, Any]:
         """``model.json`` of a calibration: that of its identification, with the calibration in its provenance.
@@ -58,12 +59,14 @@ class Calibrations(CalibrationStore):
         """
         found = self.get(id)
         try:
-            text = (self._results.directory(found.identification) / MODEL_FILE).read_text(encoding="utf-8")
-            content: dict[str, Any] = json.loads(text)
+            if found.identification is None:
+                raise KeyError("of valves: what the calibration keeps is all of it")
+            place = self._results["identification"].directory(found.identification)
+            content: dict[str, Any] = json.loads((place / MODEL_FILE).read_text(encoding="utf-8"))
             content["provenance"]["calibration"] = id
         except (OSError, ValueError, KeyError, TypeError, NotFoundError):
             content = dict(found.model)
-        return content | {"calibration": id, "identification": found.identification, "state": found.state}
+        return content | {"calibration": id, found.kind: found.source, "state": found.state}
 
 
 class ByPolicy:
@@ -73,9 +76,9 @@ class ByPolicy:
         self._calibrations = calibrations
         self._audit = audit
 
-    def active(self, machine: str) -> Calibration | None:
+    def active(self, machine: str, of: Of = "identification") -> Calibration | None:
         """The one in use."""
-        return self._calibrations.active(machine)
+        return self._calibrations.active(machine, of)
 
     def propose(self, identification: str, label: str, by: tuple[str, str] | None = None) -> Calibration:
         """Propose an identification; the same calibration if it was proposed already.

@@ -6,14 +6,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, Field, model_validator
 
 from server.calibrations.calibration_comparison import ShiftResource, compare_errors, compare_parameters
 from server.calibrations.calibration_desk import Calibrations
-from server.calibrations.calibration_store import Calibration, State
+from server.calibrations.calibration_store import Calibration, Of, State
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.named_things import IdentificationId, Names
+from server.platform.authorization.named_things import IdentificationId, Names, ValvesId
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import ConflictError
 from server.platform.http.bodies import Body, Label, Listed
@@ -29,10 +29,17 @@ from server.platform.http.route_parameters import (
 class Proposal(
     Body, json_schema_extra={"examples": [{"identification": "idf-0123456789abcdef", "label": "after the new seal"}]}
 ):
-    """Propose an identification as a calibration; without a label it has the identification's."""
+    """Propose an identification, or one of ``valves``, as a calibration; without a label it has that one's."""
 
-    identification: IdentificationId
+    identification: IdentificationId | None = None
+    valves: ValvesId | None = None
     label: Label = ""
+
+    @model_validator(mode="after")
+    def _one(self) -> Proposal:
+        if (self.identification is None) == (self.valves is None):
+            raise ValueError("give identification or valves, one of both")
+        return self
 
 
 class Decision(Body, json_schema_extra={"examples": [{"note": "fits better than the one in use at every joint"}]}):
@@ -94,7 +101,9 @@ READ, OPERATE, ENGINEER = [require("read")], [require("operate")], [require("eng
 )
 def propose(body: Proposal, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
     """Propose an identification that is done; one that was proposed before is answered with 200 as it is."""
-    calibration, made = service[Calibrations].propose(body.identification, body.label, principal)
+    of: Of = "valves" if body.identification is None else "identification"
+    source = str(body.identification or body.valves)
+    calibration, made = service[Calibrations].propose(source, body.label, principal, of)
     response.status_code = 201 if made else 200
     response.headers["Location"] = f"/api/v1/calibrations/{calibration.id}"
     return _tagged(calibration, response)
@@ -114,6 +123,8 @@ def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
     first, second = service[Calibrations].get(a), service[Calibrations].get(b)
     if first.machine != second.machine:
         raise ConflictError(f"'{a}' is of machine '{first.machine}', '{b}' of '{second.machine}'; take one machine")
+    if first.kind != second.kind:
+        raise ConflictError(f"'{a}' and '{b}' are not of the same: one is of valves; take two of a kind")
     return ComparisonResource.of(first, second)
 
 
@@ -189,10 +200,12 @@ def deactivate(
 
 
 @machine_router.post("/{name}/calibrations/rollback", responses=problems(404, 409, 422), dependencies=ENGINEER)
-def roll_back(name: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> CalibrationResource:
-    """Use the calibration again that was in use before the active one."""
+def roll_back(
+    name: str, response: Response, service: ServiceDep, principal: PrincipalDep, of: Of = "identification"
+) -> CalibrationResource:
+    """Use the calibration again that was in use before the active one, of the mechanics or of the valves."""
     service[Machines].get(name)
-    return _tagged(service[Calibrations].roll_back(name, principal), response)
+    return _tagged(service[Calibrations].roll_back(name, principal, of), response)
 
 
 def _tagged(calibration: Calibration, response: Response) -> CalibrationResource:

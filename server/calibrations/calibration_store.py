@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 import sqlalchemy as sa
 
 from server.calibrations.calibration_content import Content, Parameter
-from server.identifications.identification_store import Identification
+from server.identifications.identification_store import Fit
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
 from server.platform.database.repository import Repository
@@ -28,6 +28,8 @@ from server.platform.http.route_parameters import Tags
 #: Notes of steps that undo an activation, by which a page can tell what rolling back leads to.
 ROLLED_BACK, OUT_OF_USE = "rolled back to", "taken out of use"
 State = Literal["proposed", "approved", "rejected", "active", "retired"]
+#: What a calibration is of, and the column that says which: the arm's mechanics or its valves. One of each is in use.
+Of = Literal["identification", "valves"]
 
 
 class StepResource(Stored, table="calibration_steps"):
@@ -42,12 +44,16 @@ class StepResource(Stored, table="calibration_steps"):
 
 
 class Calibration(Stored, table="calibrations", noun="calibration"):
-    """One calibration; ``revision`` counts its changes, ``history`` has them, oldest first."""
+    """One calibration, of an identification or of valves.
+
+    ``revision`` counts its changes, ``history`` has them, oldest first.
+    """
 
     id: Id
     revision: Revision
     machine: OfMachine
-    identification: Annotated[str, Kept(references="identifications.id", unique=True)]
+    identification: Annotated[str | None, Kept(references="identifications.id", unique=True)] = None
+    valves: Annotated[str | None, Kept(unique=True)] = None
     label: str
     state: State
     proposed_by: str
@@ -62,6 +68,16 @@ class Calibration(Stored, table="calibrations", noun="calibration"):
     model: Annotated[dict[str, Any], HIDDEN]
     note: str
     history: Annotated[tuple[StepResource, ...], BESIDE] = ()
+
+    @property
+    def kind(self) -> Of:
+        """What it is of."""
+        return "valves" if self.identification is None else "identification"
+
+    @property
+    def source(self) -> str:
+        """Id of that."""
+        return str(self.identification or self.valves)
 
 
 calibrations, calibration_steps = Calibration.table, StepResource.table
@@ -91,17 +107,18 @@ class CalibrationStore(Repository[Calibration]):
         super().__init__(database)
         self._approves_own = approves_own
 
-    def add(self, source: Identification, label: str, content: Content, by: Principal) -> tuple[Calibration, bool]:
-        """Propose; the one that is there already, and False, if this identification was proposed before."""
+    def add(
+        self, source: Fit, label: str, content: Content, by: Principal, of: Of = "identification"
+    ) -> tuple[Calibration, bool]:
+        """Propose; the one that is there already, and False, if this was proposed before."""
         with self._database.write("calibrations") as connection:
-            known = sa.select(calibrations).where(calibrations.c.identification == source.id)
+            known = sa.select(calibrations).where(calibrations.c[of] == source.id)
             if rows := connection.execute(known).all():
                 return self.values(connection, rows)[0], False
             new = Calibration(
                 id=f"cal-{secrets.token_hex(8)}",
                 revision=1,
                 machine=source.machine,
-                identification=source.id,
                 label=label or source.label,
                 state="proposed",
                 proposed_by=by.name,
@@ -109,14 +126,14 @@ class CalibrationStore(Repository[Calibration]):
                 note="",
                 created=self._database.now(),
                 **content.__dict__,
-            )
+            ).but(**{of: source.id})
             self.put(connection, new)
             self._step(connection, new.id, "proposed", by, "")
             return self.found(connection, new.id), True
 
-    def active(self, machine: str) -> Calibration | None:
+    def active(self, machine: str, of: Of = "identification") -> Calibration | None:
         """The one in use; None if the machine has none."""
-        found = self.all(*_in_use(machine))
+        found = self.all(*_in_use(machine, of))
         return found[0] if found else None
 
     def decide(
@@ -172,10 +189,10 @@ class CalibrationStore(Repository[Calibration]):
             self._put_in_use(connection, found, now, by, "")
             return self.found(connection, id)
 
-    def roll_back(self, machine: str, by: Principal) -> Calibration:
+    def roll_back(self, machine: str, by: Principal, of: Of = "identification") -> Calibration:
         """Use the one again that was in use before the active one; ConflictError if there was none."""
         with self._database.write("calibrations") as connection:
-            lasting = self._lasting(connection, machine)
+            lasting = self._lasting(connection, machine, of)
             if len(lasting) < 2 or self.found(connection, lasting[0].calibration).state != "active":
                 raise ConflictError(
                     f"machine '{machine}' had no other calibration in use before; activate one instead",
@@ -203,18 +220,20 @@ class CalibrationStore(Repository[Calibration]):
                 raise ConflictError(
                     f"calibration '{id}' is {found.state}; only the one in use can be taken out of use", **_is(found)
                 )
-            newest = self._lasting(connection, found.machine)[0]
+            newest = self._lasting(connection, found.machine, found.kind)[0]
             connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
             self._changed(connection, found, state="retired")
             self._step(connection, id, "retired", by, f"{OUT_OF_USE}: {note}" if note else OUT_OF_USE)
             return self.found(connection, id)
 
-    def _lasting(self, connection: sa.Connection, machine: str) -> list[Any]:
+    def _lasting(self, connection: sa.Connection, machine: str, of: Of) -> list[Any]:
         query = sa.select(activations).where(activations.c.machine == machine, sa.not_(activations.c.undone))
+        own = sa.select(calibrations.c.id).where(calibrations.c[of].is_not(None))
+        query = query.where(activations.c.calibration.in_(own))
         return list(connection.execute(query.order_by(activations.c.number.desc()).limit(2)))
 
     def _put_in_use(self, connection: sa.Connection, found: Calibration, now: str, by: Principal, note: str) -> None:
-        in_use = sa.select(calibrations).where(*_in_use(found.machine))
+        in_use = sa.select(calibrations).where(*_in_use(found.machine, found.kind))
         for other in self.values(connection, connection.execute(in_use).all()):
             self._changed(connection, other, state="retired")
             self._step(connection, other.id, "retired", by, "")
@@ -243,8 +262,8 @@ class CalibrationStore(Repository[Calibration]):
         return tuple(Calibration.read(row, history=steps[row.id]) for row in rows)
 
 
-def _in_use(machine: str) -> tuple[sa.ColumnElement[bool], ...]:
-    return calibrations.c.machine == machine, calibrations.c.state == "active"
+def _in_use(machine: str, of: Of) -> tuple[sa.ColumnElement[bool], ...]:
+    return calibrations.c.machine == machine, calibrations.c.state == "active", calibrations.c[of].is_not(None)
 
 
 def _is(found: Calibration) -> dict[str, str]:

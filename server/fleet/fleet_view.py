@@ -37,8 +37,9 @@ class FleetAlarms(BaseModel):
 class FleetMachine(BaseModel):
     """A machine at a glance.
 
-    ``joint``: the one nearest to its limit, as the monitor has it: its ``residual`` in ``unit``, and ``cusum`` over
-    ``threshold`` as the share of the limit. Null while nothing is watched.
+    ``monitor``: of its mechanics, or of its valves where these alone are watched. ``joint``: the one nearest to its
+    limit, as the monitor has it: its ``residual`` in ``unit``, and ``cusum`` over ``threshold`` as the share of the
+    limit. Null while nothing is watched.
     """
 
     name: str
@@ -81,7 +82,8 @@ class FleetView:
     def gather(self, only: tuple[str, ...] | None) -> Fleet:
         """The fleet; ``only``: of these machines."""
         rows = self._machines.list(MOST, machines=only).items
-        active = {one.machine: one for one in self._calibrations.list(MOST, machines=only, state="active").items}
+        in_use = self._calibrations.list(2 * MOST, machines=only, state="active").items
+        active = {one.machine: one for one in in_use if one.kind == "identification"}
         alarms = self._count_alarms()
         found = [self._machine(row, active.get(row.name), alarms.get(row.name, FleetAlarms())) for row in rows]
         return Fleet(items=sorted(found, key=_order))
@@ -99,13 +101,16 @@ class FleetView:
 
     def _machine(self, row: MachineRow, calibration: Calibration | None, alarms: FleetAlarms) -> FleetMachine:
         monitor = self._monitors.state(row.name)
+        joints = [*monitor.get("joints", ()), *monitor["valves"].get("joints", ())]
+        if monitor["state"] == "off" and monitor["valves"]["state"] != "off":
+            monitor = monitor["valves"]
         return FleetMachine(
             name=row.name,
             version=row.version,
             acquisition=self._acquisition.state(row.name),
             monitor=monitor["state"],
             reason=monitor.get("reason"),
-            joint=worst_joint(monitor.get("joints", ())),
+            joint=worst_joint(joints),
             calibration=None if calibration is None else _calibration(calibration),
             alarms=alarms,
         )

@@ -19,7 +19,7 @@ from server.platform.database.engine import Database
 #: Most events of one kind.
 MOST = 300
 #: Alarms that say that the machine is no longer as it was calibrated.
-DRIFTS = frozenset({"residual_drift", "residual_grew"})
+DRIFTS = frozenset({"residual_drift", "valve_drift", "residual_grew"})
 
 
 class MachineHistory:
@@ -87,7 +87,7 @@ def _calibrations(connection: sa.Connection, machine: str, since: str) -> Iterat
     steps = (
         sa.select(calibration_steps, calibrations.c.label, calibrations.c.overall, calibrations.c.model)
         .join(calibrations, calibrations.c.id == calibration_steps.c.calibration)
-        .where(calibrations.c.machine == machine)
+        .where(calibrations.c.machine == machine, calibrations.c.identification.is_not(None))
         .order_by(calibration_steps.c.number.desc())
     )
     rows = list(connection.execute(steps.where(calibration_steps.c.time >= since).limit(MOST)))

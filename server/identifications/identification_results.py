@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
-from server.identifications.identification_store import Fits, Identifications
+from server.identifications.identification_store import Fit, Fits, Identifications
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Jobs
 from server.platform.database.engine import Database
@@ -31,6 +31,11 @@ class FitResults:
         return kept_place(
             self._files, self._files.root / self.fits.of.table.name / id, self._jobs, self._fits.get(id).job
         )
+
+    def get(self, id: str) -> Fit:
+        """One fit; NotFoundError if there is none."""
+        found: Fit = self._fits.get(id)
+        return found
 
     def written(self, id: str, name: str) -> Path:
         """A file that every fit which is done has.

@@ -59,6 +59,11 @@ class Usual:
         return cls(float(z.mean()), correlation, max(std, 1e-12), len(z))
 
     @property
+    def error(self) -> float:
+        """Standard error of the mean."""
+        return self.std / (1.0 - self.correlation) / math.sqrt(self.blocks)
+
+    @property
     def allowance(self) -> float:
         """The allowance, with room for the error of the mean."""
         return ALLOWANCE + 2.0 / math.sqrt(self.blocks)
@@ -73,8 +78,11 @@ class Series:
     last: float | None = None
     sums: Sums = field(default_factory=Sums)
 
-    def step(self, value: float | None, threshold: float, learn: int) -> Series:
-        """The series after one block; None for a block in which the joint rested."""
+    def step(self, value: float | None, threshold: float, learn: int, slack: float = 0.0) -> Series:
+        """The series after one block; None for a block in which the joint rested.
+
+        ``slack``: by how much the model may be off there, beyond what was learnt; that much is no change.
+        """
         if value is None:
             return replace(self, last=None)
         if self.usual is None:
@@ -87,6 +95,7 @@ class Series:
             z = centred * math.sqrt(1.0 - usual.correlation**2) / usual.std
         else:
             z = (centred - usual.correlation * self.last) / usual.std
+        z = math.copysign(max(abs(z) - slack / usual.std, 0.0), z)
         return replace(self, last=centred, sums=cusum.step(self.sums, z, threshold, usual.allowance))
 
 
@@ -105,11 +114,17 @@ class Watcher:
         keys = [(joint, statistic) for joint in joints for statistic in statistics]
         return cls(rules, threshold(rules, len(keys)), {key: Series() for key in keys})
 
-    def step(self, block: Mapping[str, Mapping[str, float] | None]) -> Watcher:
-        """The watcher after one block: per joint its scores, None where it rested."""
+    def step(
+        self, block: Mapping[str, Mapping[str, float] | None], slack: Mapping[str, Mapping[str, float]] | None = None
+    ) -> Watcher:
+        """The watcher after one block: per joint its scores, None where it rested, and by how much these may be off."""
+        slack = slack or {}
         series = {
             (joint, statistic): own.step(
-                None if (found := block.get(joint)) is None else found.get(statistic), self.threshold, self.rules.learn
+                None if (found := block.get(joint)) is None else found.get(statistic),
+                self.threshold,
+                self.rules.learn,
+                slack.get(joint, {}).get(statistic, 0.0),
             )
             for (joint, statistic), own in self.series.items()
         }

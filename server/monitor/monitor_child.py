@@ -8,26 +8,24 @@ from __future__ import annotations
 
 import json
 import sys
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from daq import load_machine
 from daq.acquisition.ring import RingReader
 from daq.whole_files import write_whole
-from fitting.model.uses.payload import WINDOW_S, weighed
-from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
+from server.identifications.live_model import LiveModel, NotLiveError
 from server.monitor.drift_watcher import Watcher
+from server.monitor.followed import Efforts, Followed, Speeds
 from server.monitor.monitor_order import Order
 from server.monitor.overload_watch import OverloadWatch
 from server.monitor.residual_blocks import Windows, measured
-from server.monitor.residual_scores import STATISTICS, effective, scores
 from server.platform.processes.child_speech import ended, say
 
 #: Seconds between two looks at the ring.
@@ -41,7 +39,7 @@ Say = Callable[[Mapping[str, Any]], None]
 
 
 def watch(
-    model: LiveModel, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], say: Say
+    followed: Followed, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], say: Say
 ) -> None:
     """Watch ``windows`` until they end; say what was found in each.
 
@@ -49,49 +47,36 @@ def watch(
     ----------
     names : of the channels, in the order of the ring's rows
     """
-    joints = tuple(joint.name for joint in model.machine.joints)
-    watcher = _remembered(order.memory, Watcher.begin(joints, STATISTICS, order.rules))
-    units = {joint.name: joint.effort_unit for joint in model.machine.joints}
-    recent = deque[tuple[JointBlock, ...]](maxlen=max(1, round(WINDOW_S / order.rules.block_s)))
+    units = followed.units
+    watcher = _remembered(order.memory, Watcher.begin(tuple(units), followed.statistics, order.rules))
     for number, rows in enumerate(windows, 1):
         time, values = measured(rows, names)
-        blocks = model.evaluate(time, values)
-        if blocks is None:  # a gap: nothing is known of these seconds
-            watcher = watcher.step({})
-            recent.clear()
-            residual = dict.fromkeys(joints)
-        else:
-            recent.append(blocks)
-            by_joint = dict(zip(joints, blocks, strict=True))
-            watcher = watcher.step({joint: scores(block) for joint, block in by_joint.items()})
-            residual = {joint: effective(block) for joint, block in by_joint.items()}
-        found = [{**watcher.joint(joint), "residual": residual[joint], "unit": units[joint]} for joint in joints]
+        seen = followed.look(time, values) or {}  # nothing after a gap: nothing is known of these seconds
+        watcher = watcher.step(
+            {joint: own.statistics for joint, own in seen.items()}, {joint: own.slack for joint, own in seen.items()}
+        )
+        found: list[dict[str, Any]] = [
+            {
+                **watcher.joint(joint),
+                "residual": seen[joint].residual if joint in seen else None,
+                "unit": unit,
+                **followed.of_joint(joint, watcher),
+            }
+            for joint, unit in units.items()
+        ]
         say(
             {
                 "state": watcher.state,
                 "joints": [{k: None if v != v else v for k, v in joint.items()} for joint in found],
                 "drifting": sorted(watcher.drifting),
                 "time": float(time[-1]),
-                "delay_s": model.delay_s,
-                "payload": _payload(recent),
+                "delay_s": followed.delay_s,
+                **followed.of_machine(),
             }
         )
         if number % REMEMBER_BLOCKS == 0:
             _remember(order.memory, watcher)
     _remember(order.memory, watcher)
-
-
-def _payload(recent: Iterable[tuple[JointBlock, ...]]) -> dict[str, float] | None:
-    """The mass at the tip that the last blocks show; None where too little moved."""
-    parts = [
-        [np.column_stack([getattr(joint, key) for joint in block]) for key in ("residual", "tip", "moving")]
-        for block in recent
-    ]
-    if not parts:
-        return None
-    residual, tip, moving = (np.concatenate(own) for own in zip(*parts, strict=True))
-    found = weighed(residual, tip, moving)
-    return None if found is None else asdict(found)
 
 
 def _remember(path: Path, watcher: Watcher) -> None:
@@ -132,23 +117,27 @@ def run(order: Order, say: Say) -> None:
         If this calibration cannot be watched on this machine.
     """
     machine = load_machine(order.machine)
-    model = LiveModel.load(order.model)
     names = tuple(channel.name for channel in machine.channels)
-    missing = {channel.name for channel in model.machine.channels} - set(names)
-    if missing:
-        raise NotLiveError(
-            f"the machine file has no channel {min(missing)} any more, which the calibration was fitted on; "
-            "identify with the present file"
-        )
-    windows = Windows(model.overlap, model.block_samples(order.rules.block_s))
-    try:
-        overload = OverloadWatch(model, names, order.rules.false_overloads_per_hour)
-    except NotLiveError:  # an identification of long ago, or of too short recordings: the drift is watched still
-        overload = None
-    first: dict[str, Any] = {"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": model.delay_s}
+    overload, first = None, dict[str, Any]()
+    if order.of == "valves":
+        followed: Followed = Speeds(order.model, machine, order.rules)
+    else:
+        model = LiveModel.load(order.model)
+        missing = {channel.name for channel in model.machine.channels} - set(names)
+        if missing:
+            raise NotLiveError(
+                f"the machine file has no channel {min(missing)} any more, which the calibration was fitted on; "
+                "identify with the present file"
+            )
+        followed = Efforts(model, order.rules)
+        with suppress(NotLiveError):  # of long ago, or of too short recordings: the drift is watched still
+            overload = OverloadWatch(model, names, order.rules.false_overloads_per_hour)
+        first = {"payload": None, "overload_delay_s": None if overload is None else overload.delay_s}
+    windows = Windows(followed.overlap, followed.block_samples(order.rules.block_s))
+    first |= {"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": followed.delay_s}
     with RingReader(order.ring_name) as ring:
-        say(first | {"payload": None, "overload_delay_s": None if overload is None else overload.delay_s})
-        watch(model, names, order, _windows(ring, windows, overload, say), say)
+        say(first)
+        watch(followed, names, order, _windows(ring, windows, overload, say), say)
 
 
 def main(arguments: list[str]) -> int:

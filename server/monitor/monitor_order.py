@@ -34,13 +34,15 @@ class Order:
 
     Attributes
     ----------
-    model : ``model.json`` of the identification behind the active calibration
+    of : what the active calibration is of: ``identification`` or ``valves``
+    model : its ``model.json``, or its ``valve.json``
     machine : machine file that the acquisition runs by
     ring_name : its ring buffer
     memory : file in which what was learnt is kept over restarts
     rules : how to decide
     """
 
+    of: str
     model: Path
     machine: Path
     ring_name: str
@@ -56,6 +58,7 @@ class Order:
         """Inverse of :meth:`to_json`."""
         content = json.loads(text)
         return cls(
+            content["of"],
             Path(content["model"]),
             Path(content["machine"]),
             content["ring_name"],

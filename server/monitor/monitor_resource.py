@@ -1,4 +1,4 @@
-"""The resource ``monitor``: the live residual of each machine against its active calibration."""
+"""The resource ``monitor``: the live residual of each machine against its active calibrations."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from fastapi import APIRouter
 from prometheus_client.core import GaugeMetricFamily, Metric
 
+from fitting.pipeline.stage_names import VALVE_REPORT
 from server.alarms.alarm_desk import Alarms
-from server.identifications.identification_results import IdentificationResults
+from server.identifications.identification_results import MODEL_FILE, IdentificationResults
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_schemas import MonitorResource
@@ -23,6 +24,7 @@ from server.platform.resource import Phase, Resource, Running
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_resource import POLICY
 from server.schedules.recalibration_orders import RecalibrationOrders
+from server.valves.valve_fits import ValveResults
 
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 
@@ -40,7 +42,10 @@ def _monitors(parts: Parts) -> Monitors:
         parts[Acquisition],
         parts[Machines],
         parts[DataDirectory],
-        parts[IdentificationResults].directory,
+        {
+            "identification": lambda id: parts[IdentificationResults].directory(id) / MODEL_FILE,
+            "valves": lambda id: parts[ValveResults].directory(id) / VALVE_REPORT,
+        },
         parts[Alarms],
         parts[Database].now,
         recalibrate=parts[RecalibrationOrders].order_drifted if parts[Settings].recalibrate_on_drift else None,
@@ -71,7 +76,7 @@ def _metrics(parts: Parts) -> Iterator[Metric]:
         if (mass := state.get("payload")) is not None:
             payload.add_metric([machine], mass["mass"])
             payload_std.add_metric([machine], mass["std"])
-        for joint in state.get("joints", ()):
+        for joint in [*state.get("joints", ()), *state["valves"].get("joints", ())]:
             if joint["residual"] is not None:
                 residual.add_metric([machine, joint["joint"]], joint["residual"])
             share.add_metric([machine, joint["joint"]], joint["cusum"] / joint["threshold"])

@@ -1,4 +1,4 @@
-"""One monitor process per machine that is acquired and has an active calibration; alarms and recalibrations."""
+"""One monitor process per active calibration of a machine that is acquired; alarms and recalibrations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from daq.errors import HilfitError
 from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
-from server.identifications.identification_results import MODEL_FILE
+from server.calibrations.calibration_store import Of
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_order import Order, Rules
@@ -41,6 +41,7 @@ class _Watch:
 
     calibration: str
     ring_name: str
+    of: Of = "identification"
     stop: threading.Event = field(default_factory=threading.Event)
     thread: threading.Thread | None = None
     found: dict[str, Any] = field(default_factory=dict)
@@ -54,7 +55,7 @@ class Monitors:
 
     Parameters
     ----------
-    results : directory of the files that an identification left
+    models : by what a calibration may be of, the file to watch by of what it was made of
     recalibrate : asked once when a drift begins, if given
     """
 
@@ -64,7 +65,7 @@ class Monitors:
         acquisition: Acquisition,
         machines: Machines,
         files: DataDirectory,
-        results: Callable[[str], Path],
+        models: Mapping[Of, Callable[[str], Path]],
         alarms: Alarms,
         now: Callable[[], str],
         *,
@@ -76,13 +77,13 @@ class Monitors:
         self._acquisition = acquisition
         self._machines = machines
         self._files = files
-        self._results = results
+        self._models = models
         self._directory = files.root / "monitor"
         self._alarms = alarms
         self._now = now
         self._rules = rules or Rules()
         self._lock = threading.Lock()
-        self._watches: dict[str, _Watch] = {}
+        self._watches: dict[tuple[str, Of], _Watch] = {}
         # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
         self._asked: dict[str, str] = {}
         self._rounds = Rounds("monitors", LOOK_S, self.look)
@@ -101,40 +102,45 @@ class Monitors:
 
     def state(self, machine: str) -> dict[str, Any]:
         """What the monitor of a machine says: see ``GET /machines/{name}/monitor``."""
+        return self._state(machine, "identification") | {"valves": self._state(machine, "valves")}
+
+    def _state(self, machine: str, of: Of) -> dict[str, Any]:
         with self._lock:
-            watch = self._watches.get(machine)
+            watch = self._watches.get((machine, of))
             if watch is None:
-                return {"state": "off", "reason": self._why_not(machine)}
+                return {"state": "off", "reason": self._why_not(machine, of)}
             common = {"calibration": watch.calibration, "since": watch.since}
             if watch.ended is not None:
                 return {"state": "off", **common, "reason": watch.reason}
             return {"state": "learning", **common, **watch.found, "reason": None}
 
-    def _why_not(self, machine: str) -> str:
+    def _why_not(self, machine: str, of: Of) -> str:
         if not self._acquisition.running(machine):
             return "the machine is not acquired at the moment"
-        return "the machine has no active calibration"
+        return f"the machine has no active calibration{' of its valves' if of == 'valves' else ''}"
 
     def look(self) -> None:
         """Start what should be watched, end what should not."""
-        wanted = {name: found for name in self._acquisition.names() if (found := self._wanted(name)) is not None}
+        keys = [(name, of) for name in self._acquisition.names() for of in self._models]
+        wanted = {key: found for key in keys if (found := self._wanted(*key)) is not None}
         with self._lock:
-            gone = {m: w for m, w in self._watches.items() if wanted.get(m, (None,))[0] != (w.calibration, w.ring_name)}
-            for machine in gone:
-                del self._watches[machine]
-        for machine, watch in gone.items():
+            gone = {k: w for k, w in self._watches.items() if wanted.get(k, (None,))[0] != (w.calibration, w.ring_name)}
+            for key in gone:
+                del self._watches[key]
+        for (machine, of), watch in gone.items():
             _end(watch)
-            for kind in ("residual_drift", "overload"):
+            for kind in ALARMS[of]:
                 self._alarms.report(machine, kind, "", "info", False)
-        for machine, ((calibration, ring_name), model) in wanted.items():
+        for (machine, of), ((calibration, ring_name), model) in wanted.items():
             with self._lock:
-                current = self._watches.get(machine)
+                current = self._watches.get((machine, of))
                 if current is not None and (current.ended is None or time.monotonic() - current.ended < PAUSE_S):
                     continue
-                watch = _Watch(calibration, ring_name, since=self._now())
-                self._watches[machine] = watch
+                watch = _Watch(calibration, ring_name, of, since=self._now())
+                self._watches[machine, of] = watch
             row = self._machines.get(machine)
             order = Order(
+                of=of,
                 model=model,
                 machine=self._files.machine_file(machine, row.version),
                 ring_name=ring_name,
@@ -142,28 +148,28 @@ class Monitors:
                 rules=self._rules,
             )
             watch.thread = threading.Thread(
-                target=self._watch, args=(machine, watch, order), name=f"monitor-{machine}", daemon=True
+                target=self._watch, args=(machine, watch, order), name=f"monitor-{machine}-{of}", daemon=True
             )
             watch.thread.start()
 
-    def _wanted(self, machine: str) -> tuple[tuple[str, str], Path] | None:
+    def _wanted(self, machine: str, of: Of) -> tuple[tuple[str, str], Path] | None:
         """(calibration, ring) and the model behind them; None if there is nothing to watch."""
-        calibration = self._calibrations.active(machine)
+        calibration = self._calibrations.active(machine, of)
         if calibration is None:
             return None
         try:
             _, feed = self._acquisition.feed(machine)
         except HilfitError:
             return None
-        return (calibration.id, feed.ring_name), self._results(calibration.identification) / MODEL_FILE
+        return (calibration.id, feed.ring_name), self._models[of](calibration.source)
 
     def _watch(self, machine: str, watch: _Watch, order: Order) -> None:
-        path = self._directory / f"{machine}.order"
+        path = self._directory / f"{watch.calibration}.order"
         try:
             write_whole(path, order.to_json().encode())
             result = run_child(
                 [sys.executable, "-P", "-m", "server.monitor.monitor_child", str(path)],
-                log=self._directory / f"{machine}.log",
+                log=self._directory / f"{watch.calibration}.log",
                 timeout_s=float("inf"),
                 progress=lambda _, text: self._heard(machine, watch, json.loads(text)),
                 should_stop=watch.stop.is_set,
@@ -175,7 +181,8 @@ class Monitors:
         with self._lock:
             watch.reason, watch.ended = reason, time.monotonic()
         if not watch.stop.is_set():
-            self._alarms.report(machine, "overload", "", "info", False)  # nobody looks any more
+            for kind in ALARMS[watch.of][1:]:
+                self._alarms.report(machine, kind, "", "info", False)  # nobody looks any more
             _log.warning("monitor_ended", machine=machine, reason=reason)
 
     def _heard(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
@@ -196,9 +203,11 @@ class Monitors:
         if watch.stop.is_set():
             return
         worst = [joint for joint in found["joints"] if joint["joint"] in drifting]
-        text = "; ".join(f"{joint['joint']}: {WORDS[joint['statistic']]}" for joint in worst)
-        text = f"measured and predicted effort drift apart: {text}; recalibrate, or look for the cause"
-        self._alarms.report(machine, "residual_drift", text, "warning", bool(drifting))
+        text = "; ".join(f"{joint['joint']}: {words}" for joint in worst for words in changed(watch.of, joint))
+        text = TEXTS[watch.of].format(text)
+        self._alarms.report(machine, ALARMS[watch.of][0], text, "warning", bool(drifting))
+        if watch.of == "valves":
+            return
         if found["state"] == "watching":
             self._asked.pop(machine, None)
         if found["state"] == "drift" and self._asked.get(machine) != watch.calibration and self.recalibrate is not None:
@@ -217,11 +226,22 @@ class Monitors:
 
 #: What a monitor says once, or of its own accord, beside what it says of each block.
 _LASTING = ("overload", "overload_joints", "overload_delay_s")
+#: Alarms of a monitor, by what its calibration is of; the first is that of a drift.
+ALARMS: Mapping[Of, tuple[str, ...]] = {"identification": ("residual_drift", "overload"), "valves": ("valve_drift",)}
+TEXTS: Mapping[Of, str] = {
+    "identification": "measured and predicted effort drift apart: {}; recalibrate, or look for the cause",
+    "valves": "speeds drift from what the valves gave: {}; look at the valve and its amplifier, or identify it again",
+}
 #: What a change of each statistic looks like to a person.
 WORDS = {
     "offset": "a constant force more or less",
     "direction": "more or less force against the motion (friction)",
     "level": "a force that grows with the load (a gain, or another load)",
+    **{
+        f"{name}.{way}": f"the {name} of {way}ing"
+        for way in ("extend", "retract")
+        for name in ("edge", "gain", "delay")
+    },
 }
 
 
@@ -232,6 +252,17 @@ def as_text(hit: Mapping[str, Any]) -> str:
         f"{abs(hit['score']):.1f} times the band (limit {hit['threshold']:.1f}): a collision or an overload; look at "
         "the arm"
     )
+
+
+def changed(of: Of, joint: Mapping[str, Any]) -> list[str]:
+    """What a drift looks like at a joint; of a valve, which of its numbers moved, as far as the blocks tell."""
+    words = WORDS[joint["statistic"]]
+    if of == "identification":
+        return [words]
+    return [
+        f"{WORDS[own['name']]} has moved by {own['value']:+.3g} {own['unit']} (standard deviation {own['std']:.2g})"
+        for own in joint.get("moved", ())
+    ] or [f"{words} seems to have moved"]
 
 
 def _end(watch: _Watch) -> None:

@@ -155,7 +155,7 @@ class RecalibrationKind:
         if active is None:
             return ChildResult("done", summary={"note": "there was no active calibration to compare with"})
         request = {
-            "active": self._judged(active.identification),
+            "active": self._judged(active.source),
             "new": self._judged(this.identification),
         }
         path = run.place / "request.json"

@@ -25,9 +25,9 @@ from server.valves.valve_fits import ValveFits, ValveOrders, ValveResults
 from server.valves.valve_schemas import ValveList, ValveOrder, ValveResource
 
 router = APIRouter(prefix="/valves", tags=["valves"], route_class=TypedRoute)
-InverseFormat = Literal["c", "csv", "python", "st"]
+InverseFormat = Literal["c", "csv", "fmu", "python", "st"]
 #: Format of a file (:func:`fitting.valve.export.formats`) by its ending.
-ENDINGS: dict[str, InverseFormat] = {".c": "c", ".h": "c", ".csv": "csv", ".py": "python", ".st": "st"}
+ENDINGS: dict[str, InverseFormat] = {".c": "c", ".h": "c", ".csv": "csv", ".fmu": "fmu", ".py": "python", ".st": "st"}
 
 
 @router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])

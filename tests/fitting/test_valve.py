@@ -22,7 +22,7 @@ from fitting.selection.evidence import with_curve
 from fitting.signals.filters import filter_bank
 from fitting.signals.held import PARTS, delayed, followed
 from fitting.signals.splines import DEGREE, evaluate, free_curve, spline_knots
-from fitting.valve.controller import compensated_edge
+from fitting.valve.checks import compensated_edge
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import fitted, predicted, relative
 from fitting.valve.identify import Identified, identify_valves

@@ -59,7 +59,7 @@ def test_json_prints_the_report_and_nothing_else(
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--to", "basic"], "--to basic: there is no such format; use one of c, csv, python, st"),
+        (["--to", "basic"], "--to basic: there is no such format; use one of c, csv, fmu, python, st"),
         (["--bandwidth", "40"], "and at most 10 Hz (a fifth of the rate)"),
         (["--validate", "absent.parquet"], "absent.parquet"),
     ],

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import csv
 import importlib.util
+import io
 import math
 import re
 import shutil
 import subprocess
+import zipfile
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,7 +21,7 @@ import pytest
 
 from daq import InputError
 from fitting.valve.export import SAFETY, export_valve, formats, self_test_rows
-from fitting.valve.inverse import CLIPPED, NO_NUMBER, NO_PRESSURE, Direction, ValveModel
+from fitting.valve.inverse import CLIPPED, GIVEN, NO_NUMBER, NO_PRESSURE, Direction, ValveModel
 
 PIECES = {"openings": (0.0, 0.1, 0.3, 0.6, 0.7), "speeds": (0.0, 0.05, 0.09, 0.16, 0.16)}
 KINDS: dict[str, dict[str, Any]] = {
@@ -100,6 +104,82 @@ def test_the_self_test_fails_where_the_code_says_otherwise(tmp_path: Path) -> No
     assert subprocess.run(["./test"], cwd=tmp_path, check=False, capture_output=True).returncode == 1
 
 
+def moment_of(unit: Path, kind: str) -> Callable[[list[float]], tuple[float, float]]:
+    """What a simulator does with a unit: inputs at a communication point, or accepted step, and the outputs of it."""
+    from fmpy import extract, fmi2, fmi3, read_model_description
+
+    about = read_model_description(str(unit))
+    places = {own.name: own.valueReference for own in about.modelVariables}
+    classes = {
+        ("2.0", "CoSimulation"): fmi2.FMU2Slave,
+        ("2.0", "ModelExchange"): fmi2.FMU2Model,
+        ("3.0", "CoSimulation"): fmi3.FMU3Slave,
+        ("3.0", "ModelExchange"): fmi3.FMU3Model,
+    }
+    made = classes[about.fmiVersion, kind](
+        guid=about.guid,
+        modelIdentifier="valve_boom",
+        unzipDirectory=extract(str(unit), str(unit.with_suffix(f".{kind}"))),
+        instanceName="own",
+    )
+    made.instantiate()
+    if about.fmiVersion == "2.0":
+        made.setupExperiment(startTime=0.0)
+        made.enterInitializationMode()
+        put, get = made.setReal, made.getReal
+    else:
+        made.enterInitializationMode(startTime=0.0)
+        put, get = made.setFloat64, made.getFloat64
+    made.exitInitializationMode()
+    now = 0.0
+
+    def moment(row: list[float]) -> tuple[float, float]:
+        nonlocal now
+        put([places[name] for name in GIVEN[:5]], row)
+        if kind == "CoSimulation":
+            made.doStep(now, 0.02)
+            now += 0.02
+        else:
+            now += 0.02
+            made.setTime(now)
+        command, flags = get([places["command"], places["flags"]])
+        if kind == "ModelExchange":
+            assert tuple(get([places["command"], places["flags"]])) == (command, flags), "asked again, the same"
+            made.completedIntegratorStep()
+        return command, flags
+
+    return moment
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.skipif(find_spec("fmpy") is None, reason="fmpy is not installed (pip install fmpy)")
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_units_are_valid_and_say_what_the_model_says(tmp_path: Path, kind: str) -> None:
+    """Both versions, both interfaces: commands, flags, numbers that are none, hysteresis from step to step."""
+    from fmpy.validation import validate_fmu
+
+    own = model(**KINDS[kind])
+    rows = self_test_rows(own, chained=True)
+    low = 0.005 * own.directions[0].fastest
+    for speed in (2.0 * low, 4.0 * low, 2.0 * low, 0.5 * low, 2.0 * low, math.nan, 2.0 * low):
+        moving = rows[-1][6] != own.neutral
+        found = own.command(speed, moving=moving)
+        rows.append((speed, math.nan, math.nan, math.nan, 0.0, float(moving), found.command, float(found.flags)))
+    went = [row[6] != own.neutral for row in rows[-7:]]
+    assert went[1:] == [True, True, False, False, False, False]
+    for unit in export_valve(own, "fmu", tmp_path).files:
+        assert validate_fmu(str(unit)) == []
+        for interface in ("CoSimulation", "ModelExchange"):
+            moment = moment_of(unit, interface)
+            for *given, _, command, flags in rows:
+                assert moment(given) == (pytest.approx(command, abs=1e-9 * own.full), flags)
+        with zipfile.ZipFile(unit) as archive:
+            table = list(csv.reader(io.StringIO(archive.read("resources/valve_boom_selftest.csv").decode())))
+        assert table[0] == [*GIVEN[:5], "moving before", "command", "flags"]
+        assert np.array_equal(np.array(table[1:], dtype=float), rows[:-7], equal_nan=True)
+
+
 def test_an_axis_at_rest_starts_later_than_it_stops(tmp_path: Path) -> None:
     own = model()
     export_valve(own, "python", tmp_path)
@@ -146,14 +226,18 @@ def test_structured_text_names_what_it_calls_and_declares_what_it_sets(tmp_path:
 
 @pytest.mark.parametrize("to", sorted(formats()))
 def test_every_file_says_what_the_controller_owes_the_machine(tmp_path: Path, to: str) -> None:
-    files = export_valve(model(), to, tmp_path).files
-    text = files[0].read_text("utf-8")
+    file = export_valve(model(), to, tmp_path).files[0]
+    if to == "fmu":
+        with zipfile.ZipFile(file) as archive:
+            text = archive.read("modelDescription.xml").decode()
+    else:
+        text = file.read_text("utf-8")
     assert all(line in text for line in SAFETY)
     assert "watchdog" in text and "25 %" in text and "Not in this file: a leak past the piston." in text
 
 
 def test_what_cannot_be_exported_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"^--to basic: there is no such format; use one of c, csv, python, st$"):
+    with pytest.raises(InputError, match=r"^--to basic: there is no such format; use one of c, csv, fmu, python, st$"):
         export_valve(model(), "basic", tmp_path)
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match=r"file: is a file; give a folder"):

@@ -30,12 +30,16 @@ REPORT: dict[str, Any] = {
 #: Of the report of valves what the service reads.
 VALVE: dict[str, Any] = {
     "schema": "hilfit/valve/1",
+    "machine": "lever",
+    "created": "2026-01-01T00:00:00+00:00",
+    "software": {},
     "axes": {
         "joint1": {
             "verdict": "effect_added",
             "handed_out": "model",
-            "errors": {"handed_out": 0.031, "role": "validate"},
-            "delay": {"value": 0.16},
+            "errors": {"before": 0.05, "handed_out": 0.031, "role": "validate", "unit": "of the speed's RMS"},
+            "delay": {"value": 0.16, "std": 0.002, "unit": "s"},
+            "model": {"schema": "hilfit/valve-model/1"},
             "directions": {
                 "extend": {
                     "moves": True,

@@ -28,7 +28,7 @@ GREW = {"joints": {"joint1": {"before": 2.0, "after": 1.0}}, "change_percent": -
 @dataclass(frozen=True)
 class FakeCalibration:
     id: str
-    identification: str
+    source: str
 
 
 class FakeCalibrations:
@@ -40,8 +40,8 @@ class FakeCalibrations:
         self.activated: list[tuple[str, str]] = []
         self.ordered_by: list[tuple[str, str] | None] = []
 
-    def active(self, machine: str) -> FakeCalibration | None:
-        return self.now
+    def active(self, machine: str, of: str = "identification") -> FakeCalibration | None:
+        return self.now if of == "identification" else None
 
     def propose(self, identification: str, label: str, by: tuple[str, str] | None) -> FakeCalibration:
         self.ordered_by.append(by)

@@ -32,6 +32,7 @@ class Names:
 
 MachineName = Annotated[str, Field(max_length=80), Names("machines")]
 IdentificationId = Annotated[str, Field(max_length=80), Names("identifications")]
+ValvesId = Annotated[str, Field(max_length=80), Names("valves")]
 RecordingId = Annotated[str, Field(max_length=80), Names("recordings")]
 ExcitationId = Annotated[str, Field(max_length=40), Names("excitations")]
 

@@ -60,8 +60,35 @@ def _to_5(connection: sa.Connection) -> None:
             connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {column}")
 
 
+def _to_6(connection: sa.Connection) -> None:
+    """A calibration may be of valves: then it has no identification.
+
+    No statement of SQLite's lets a column be empty that had to be full. The text of its declaration is changed, as its
+    documentation says (lang_altertable.html, 7): rows stay what they are.
+    """
+    inspector, sqlite = sa.inspect(connection), connection.dialect.name == "sqlite"
+    if not inspector.has_table("calibrations"):
+        return  # it is made now
+    if "valves" in {known["name"] for known in inspector.get_columns("calibrations")}:
+        return
+    version = connection.exec_driver_sql("PRAGMA schema_version").scalar_one() if sqlite else 0
+    relaxed = (
+        "PRAGMA writable_schema = ON",
+        "UPDATE sqlite_master SET sql = replace(sql, 'identification VARCHAR NOT NULL', 'identification VARCHAR')"
+        " WHERE name = 'calibrations'",
+        f"PRAGMA schema_version = {version + 2}",
+        "PRAGMA writable_schema = RESET",
+    )
+    for statement in (
+        "ALTER TABLE calibrations ADD COLUMN valves VARCHAR",
+        "CREATE UNIQUE INDEX ix_calibrations_valves ON calibrations (valves)",
+        *(relaxed if sqlite else ["ALTER TABLE calibrations ALTER COLUMN identification DROP NOT NULL"]),
+    ):
+        connection.exec_driver_sql(statement)
+
+
 #: Per version, the step to the next one.
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5}
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5, 5: _to_6}
 
 
 def migrate(connection: sa.Connection, found: int, wanted: int) -> None:

@@ -289,7 +289,7 @@ def test_bodies_name_each_thing_of_another_machine_once() -> None:
         {"machine": "other", "recordings": [{"id": "of-lever"}]},
     ):
         assert body in bodies["IdentificationOrder"] and body in bodies["ValveOrder"]
-    assert bodies["Proposal"] == [{"identification": "of-lever"}]
+    assert bodies["Proposal"] == [{"identification": "of-lever"}, {"valves": "of-lever"}]
     wishes = bodies["ScheduleWish"]
     assert {"machine": "lever", "cron": "0 0 * * *"} in wishes
     assert {"machine": "other", "cron": "0 0 * * *", "motion": "standard", "excitations": ["of-lever"]} in wishes

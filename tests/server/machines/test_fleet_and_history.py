@@ -19,6 +19,7 @@ from server.fleet.fleet_view import worst_joint
 from server.history.machine_history import MachineHistory
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs, found_by
+from server.monitor.monitor_supervisor import Monitors
 from server.platform.authorization.principals import LOCAL
 from server.platform.database.engine import Database, as_stored
 
@@ -133,6 +134,16 @@ def test_of_several_joints_the_one_nearest_to_its_limit_is_shown() -> None:
     worst = worst_joint([joint("a", 2.0), joint("b", 8.0), joint("c", 3.0)])
     assert worst is not None and worst.joint == "b"
     assert worst_joint([]) is None
+
+
+def test_a_machine_of_which_only_the_valves_are_watched_is_shown_by_these(
+    guarded: Guarded, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    valves = {"state": "drift", "joints": [joint("boom", 12.0)]}
+    monkeypatch.setattr(Monitors, "state", lambda self, machine: {"state": "off", "reason": "x", "valves": valves})
+    fleet = {one["name"]: one for one in ask(guarded, "/fleet")["items"]}
+    lever = fleet["lever"]
+    assert (lever["monitor"], lever["reason"], lever["joint"]["joint"]) == ("drift", None, "boom")
 
 
 @pytest.mark.usefixtures("alarmed")

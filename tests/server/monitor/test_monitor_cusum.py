@@ -174,3 +174,16 @@ def test_a_joint_that_rests_changes_nothing() -> None:
         watcher = watcher.step({"a": {"offset": float(value)}})
     rested = watcher.step({"a": None}).step({})
     assert rested.joint("a") == watcher.joint("a")
+
+
+@pytest.mark.parametrize(("shift", "slack", "drifts"), [(3.0, 0.0, True), (3.0, 3.0, False), (8.0, 3.0, True)])
+def test_what_a_model_may_be_off_by_is_no_drift(shift: float, slack: float, drifts: bool) -> None:
+    """In standard deviations; what is beyond counts, however wild a number may be at most."""
+    rng = np.random.default_rng(5)
+    watcher = Watcher.begin(("j",), ("s",), Rules(learn=40))
+    for value in rng.normal(size=60):
+        watcher = watcher.step({"j": {"s": float(value)}})
+    assert watcher.state == "watching"
+    for value in rng.normal(size=400) + shift:
+        watcher = watcher.step({"j": {"s": float(value)}}, {"j": {"s": slack}})
+    assert bool(watcher.drifting) == drifts

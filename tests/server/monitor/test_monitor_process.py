@@ -24,6 +24,7 @@ from server.composition.declarations import TABLES
 from server.identifications.live_model import LiveModel, NotLiveError
 from server.monitor import monitor_child as child
 from server.monitor import monitor_supervisor
+from server.monitor.followed import Efforts
 from server.monitor.monitor_child import watch
 from server.monitor.monitor_order import Order, Rules
 from server.monitor.monitor_supervisor import Monitors
@@ -53,9 +54,11 @@ def live() -> LiveModel:
 
 def watched(live: LiveModel, table: np.ndarray, memory: Path) -> list[dict[str, Any]]:
     cutter = Windows(live.overlap, live.block_samples(RULES.block_s))
-    order = Order(Path("r"), Path("m"), "ring", memory, RULES)
+    order = Order("identification", Path("r"), Path("m"), "ring", memory, RULES)
     said: list[dict[str, Any]] = []
-    watch(live, NAMES, order, cutter.push(table), lambda found: said.append(json.loads(json.dumps(found))))
+    watch(
+        Efforts(live, RULES), NAMES, order, cutter.push(table), lambda found: said.append(json.loads(json.dumps(found)))
+    )
     return said
 
 
@@ -95,7 +98,7 @@ def test_a_silent_channel_is_a_pause_and_no_drift(live: LiveModel, tmp_path: Pat
 
 
 def test_an_order_is_the_same_after_json() -> None:
-    order = Order(Path("/a/request.json"), Path("/b/1.yaml"), "ring", Path("/c.json"), RULES)
+    order = Order("valves", Path("/a/request.json"), Path("/b/1.yaml"), "ring", Path("/c.json"), RULES)
     assert Order.from_json(order.to_json()) == order
 
 
@@ -155,15 +158,15 @@ class World:
             self,
             self,
             self.files,
-            lambda id: self.files.identifications / id,
+            {"identification": lambda id: self.files.identifications / id / "model.json"},
             self.alarms,
             self.database.now,
             recalibrate=self._recalibrate,
             rules=RULES,
         )
 
-    def active(self, machine: str) -> Any:
-        return None if self.calibration is None else SimpleNamespace(id=self.calibration, identification="ident-1")
+    def active(self, machine: str, of: str) -> Any:
+        return None if self.calibration is None else SimpleNamespace(id=self.calibration, source="ident-1")
 
     def names(self) -> tuple[str, ...]:
         return ("lever",)
@@ -205,10 +208,17 @@ def world(identified: Path) -> Iterator[World]:
 
 def test_a_monitor_that_is_off_says_why(world: World) -> None:
     world.monitors.look()
-    assert world.monitors.state("lever") == {"state": "off", "reason": "the machine is not acquired at the moment"}
+    reason = "the machine is not acquired at the moment"
+    assert world.monitors.state("lever") == {
+        "state": "off",
+        "reason": reason,
+        "valves": {"state": "off", "reason": reason},
+    }
     world.ring_name, world.calibration = "some", None
     world.monitors.look()
-    assert world.monitors.state("lever") == {"state": "off", "reason": "the machine has no active calibration"}
+    state = world.monitors.state("lever")
+    assert state["reason"] == "the machine has no active calibration"
+    assert state["valves"]["reason"] == "the machine has no active calibration of its valves"
 
 
 def test_its_reason_names_files_below_the_data_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,7 +270,9 @@ def test_the_process_ends_with_the_ring(identified: Path, tmp_path: Path) -> Non
     model = identified / "identifications" / "ident-1" / "model.json"
     with ring_buffer(row_dtype(2), 64) as name, RingWriter(name) as writer:
         writer.finish()
-        order = Order(model, identified / "machines" / "lever" / "1.yaml", name, tmp_path / "m.json", RULES)
+        order = Order(
+            "identification", model, identified / "machines" / "lever" / "1.yaml", name, tmp_path / "m.json", RULES
+        )
         child.run(order, said.append)
     assert [found["state"] for found in said] == ["learning"]
 
@@ -270,4 +282,4 @@ def test_a_channel_that_the_machine_lost_is_named(identified: Path, tmp_path: Pa
     changed.write_text(MACHINE.replace("joint1.torque", "joint1.effort"))
     model = identified / "identifications" / "ident-1" / "model.json"
     with pytest.raises(NotLiveError, match=r"no channel joint1\.torque"):
-        child.run(Order(model, changed, "none", tmp_path / "m.json", RULES), lambda found: None)
+        child.run(Order("identification", model, changed, "none", tmp_path / "m.json", RULES), lambda found: None)

@@ -162,13 +162,15 @@ def test_a_store_of_version_1_is_copied_and_brought_up_to_date(tmp_path: Path, u
         run_sql(url, "TRUNCATE audit_log")
 
 
-def test_a_store_of_the_version_before_is_copied_and_keeps_what_it_has(tmp_path: Path, url: str) -> None:
+def test_a_store_of_version_4_is_copied_and_keeps_what_it_has(tmp_path: Path, url: str) -> None:
     database = Database(url, TABLES, changed=nothing, backups=tmp_path / "backups")
     Machines(database).add("lever", 1, "hash")
     database.close()
-    before = schema.SCHEMA_VERSION - 1
+    before = 4
     run_sql(
         url,
+        "ALTER TABLE calibrations DROP COLUMN valves",
+        "ALTER TABLE calibrations ALTER COLUMN identification SET NOT NULL",
         "ALTER TABLE principals DROP COLUMN expires",
         "ALTER TABLE pairing_codes DROP COLUMN days",
         "DROP TABLE hosts",
@@ -179,9 +181,12 @@ def test_a_store_of_the_version_before_is_copied_and_keeps_what_it_has(tmp_path:
     with again.read() as connection:
         assert connection.exec_driver_sql("SELECT expires FROM principals").all() == []
         assert connection.exec_driver_sql("SELECT id FROM hosts").all() == []
+        assert connection.exec_driver_sql("SELECT valves FROM calibrations").all() == []
+    columns = {own["name"]: own for own in sa.inspect(again._engine).get_columns("calibrations")}
+    assert columns["identification"]["nullable"]
     again.close()
     (copy,) = (tmp_path / "backups").iterdir()
-    assert copy.name == f"before-version-{before + 1}-{before}.pgdump"
+    assert copy.name == f"before-version-{schema.SCHEMA_VERSION}-{before}.pgdump"
     # The copy is the store as it was, for whoever goes back.
     copies.restore_database(copy, copies.postgresql_url(url))
     with pytest.raises(sa.exc.DBAPIError, match="expires"):

@@ -7,15 +7,20 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+import sqlalchemy as sa
 
+from server.calibrations.calibration_content import Content
+from server.calibrations.calibration_store import CalibrationStore
 from server.composition.declarations import TABLES
 from server.identifications.identification_results import IdentificationResults
 from server.jobs.job_store import Jobs
+from server.platform.authorization.principals import LOCAL
 from server.platform.database import schema
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey, earlier
 from server.platform.errors import ConflictError, StartError
 from server.platform.files import DataDirectory
+from server.valves.valve_fits import ValveFit
 
 #: What version 1 had and version 2 changed, as SQLAlchemy wrote it then, with the tables that it points to.
 VERSION_1 = """
@@ -40,6 +45,24 @@ INSERT INTO identifications VALUES (1, 'idn-1', 'job-1', 'lever', 1, '', '{}', N
 CREATE TABLE idempotency_keys (key VARCHAR NOT NULL, request_sha256 VARCHAR NOT NULL, identification VARCHAR NOT NULL,
   created VARCHAR NOT NULL, PRIMARY KEY (key), FOREIGN KEY(identification) REFERENCES identifications (id));
 INSERT INTO idempotency_keys VALUES ('tablet-1', 'hash', 'idn-1', '2026-01-01T00:00:00.000Z');
+"""
+
+
+#: Calibrations as they were until version 5, each of an identification.
+CALIBRATIONS_5 = """
+CREATE TABLE calibrations (number INTEGER NOT NULL, id VARCHAR NOT NULL, revision INTEGER NOT NULL,
+  machine VARCHAR NOT NULL, identification VARCHAR NOT NULL, label VARCHAR NOT NULL, state VARCHAR NOT NULL,
+  proposed_by VARCHAR NOT NULL, proposed_by_id VARCHAR NOT NULL, approved_by VARCHAR, created VARCHAR NOT NULL,
+  activated VARCHAR, verdict VARCHAR NOT NULL, overall JSON NOT NULL, errors JSON NOT NULL, parameters JSON NOT NULL,
+  model JSON NOT NULL, note VARCHAR NOT NULL, PRIMARY KEY (number), UNIQUE (id),
+  FOREIGN KEY(machine) REFERENCES machines (name), UNIQUE (identification),
+  FOREIGN KEY(identification) REFERENCES identifications (id));
+INSERT INTO calibrations VALUES (1, 'cal-1', 1, 'lever', 'idn-1', 'spring', 'active', 'A', 'prn-1', 'B',
+  '2026-01-01T00:00:00.000Z', '2026-01-02T00:00:00.000Z', 'nothing_missing', '{}', '{}', '[]', '{}', '');
+CREATE TABLE calibration_activations (number INTEGER NOT NULL, machine VARCHAR NOT NULL, calibration VARCHAR NOT NULL,
+  time VARCHAR NOT NULL, undone BOOLEAN NOT NULL, PRIMARY KEY (number),
+  FOREIGN KEY(machine) REFERENCES machines (name), FOREIGN KEY(calibration) REFERENCES calibrations (id));
+INSERT INTO calibration_activations VALUES (1, 'lever', 'cal-1', '2026-01-02T00:00:00.000Z', 0);
 """
 
 
@@ -72,6 +95,34 @@ def test_what_was_there_is_there_and_the_copy_is_what_it_was(old: Path) -> None:
     assert version(copy) == 1
     with closing(sqlite3.connect(copy)) as connection:
         assert connection.execute("SELECT identification FROM idempotency_keys").fetchall() == [("idn-1",)]
+
+
+def test_a_calibration_may_be_of_valves_in_a_store_in_which_none_could(old: Path) -> None:
+    with closing(sqlite3.connect(old)) as connection:
+        connection.executescript(CALIBRATIONS_5)
+    database = Database(old, TABLES, changed=lambda: None)
+    store = CalibrationStore(database)
+    (kept,) = store.list(10).items
+    assert (kept.id, kept.kind, kept.source, kept.valves) == ("cal-1", "identification", "idn-1", None)
+    source = ValveFit(
+        id="vlv-1", job="job-1", machine="lever", machine_version=1, label="", recordings=(), options={}, created=""
+    )
+    with database.write("valves") as connection:
+        connection.execute(ValveFit.table.insert().values(**source.columns()))
+    content = Content("nothing_missing", {}, {}, [], {})
+    made, new = store.add(source, "valves", content, LOCAL, "valves")
+    assert new and (made.kind, made.source, made.identification) == ("valves", "vlv-1", None)
+    with pytest.raises(sa.exc.IntegrityError), database.write("valves") as connection:
+        row = made.but(id="cal-2").columns()
+        connection.execute(store.of.table.insert().values(**row))
+    store.decide(made.id, "approved", LOCAL, "", None)
+    store.activate(made.id, None, LOCAL)
+    in_use = [store.active("lever", of) for of in ("identification", "valves")]
+    assert [own and own.id for own in in_use] == ["cal-1", made.id]
+    database.close()
+    with closing(sqlite3.connect(old)) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        assert connection.execute("PRAGMA foreign_key_check").fetchall() == []
 
 
 def test_a_store_that_is_up_to_date_is_not_copied(old: Path) -> None:

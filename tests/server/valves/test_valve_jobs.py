@@ -64,6 +64,54 @@ def test_an_order_becomes_a_report_and_inverses(running: Running, csv: bytes) ->
     assert running.client.get(f"{place}/inverse.zip", params={"format": "../valve"}).status_code == 422
 
 
+@pytest.mark.slow
+def test_valves_are_approved_and_used_as_calibrations_are_beside_those_of_the_mechanics(
+    running: Running, csv: bytes
+) -> None:
+    place = f"{API}/calibrations"
+    used = []
+    for label in ("spring", "autumn"):
+        made = ordered(running, csv, label=label)
+        proposed = running.client.post(place, json={"valves": made["id"]})
+        assert (proposed.status_code, proposed.json()["label"]) == (201, label), proposed.text
+        again = running.client.post(place, json={"valves": made["id"]})
+        assert (again.status_code, again.json()["id"]) == (200, proposed.json()["id"])
+        assert running.client.post(f"{place}/{proposed.json()['id']}/activate").status_code == 409, "nobody approved it"
+        running.client.post(f"{place}/{proposed.json()['id']}/approve", json={"note": "as measured"})
+        used.append(running.client.post(f"{place}/{proposed.json()['id']}/activate").json())
+    first, second = used
+    assert (second["state"], second["valves"], second["identification"]) == ("active", made["id"], None)
+    assert second["verdict"] == "effect_added"
+    assert second["errors"]["joint1"]["after"] == {"validate": 0.031}
+    names = [own["name"] for own in second["parameters"]]
+    assert names == ["joint1.delay", "joint1.extend.edge_at_2_percent", "joint1.extend.speed_at_largest"]
+    model = running.client.get(f"{place}/{second['id']}/model.json").json()
+    assert (model["valves"], model["axes"]) == (made["id"], {"joint1": {"schema": "hilfit/valve-model/1"}})
+
+    identified = running.client.post(
+        f"{API}/identifications", json={"machine": "lever", "recordings": running.choices(csv)}
+    ).json()
+    running.follow(identified["job"])
+    other = running.client.post(place, json={"identification": identified["id"]}).json()
+    for verb in ("approve", "activate"):
+        running.client.post(f"{place}/{other['id']}/{verb}", **({"json": {}} if verb == "approve" else {}))
+    listed = running.client.get(place, params={"machine": "lever", "state": "active"}).json()["items"]
+    assert {own["id"] for own in listed} == {second["id"], other["id"]}, "one of each is in use"
+    steps = running.client.get(f"{API}/machines/lever/history").json()["items"]
+    assert {own["subject"] for own in steps if own["kind"] == "calibration"} == {other["id"]}, "of the mechanics"
+    mixed = running.client.get(f"{place}/compare", params={"a": first["id"], "b": other["id"]})
+    assert mixed.status_code == 409 and "two of a kind" in mixed.json()["detail"]
+    compared = running.client.get(f"{place}/compare", params={"a": first["id"], "b": second["id"]}).json()
+    assert compared["parameters"][0]["sigmas"] == 0.0
+
+    back = f"{API}/machines/lever/calibrations/rollback"
+    assert running.client.post(back).status_code == 409, "there is none before"
+    assert running.client.post(back, params={"of": "valves"}).json()["id"] == first["id"]
+    assert running.client.get(f"{place}/{other['id']}").json()["state"] == "active"
+    for wrong in ({}, {"valves": made["id"], "identification": identified["id"]}):
+        assert running.client.post(place, json=wrong).status_code == 422
+
+
 def test_every_format_of_an_inverse_has_its_endings(tmp_path: Path) -> None:
     assert set(ENDINGS.values()) == set(get_args(InverseFormat)) == set(formats())
     way = Direction(0.05, 0.3, 1.0, (), (), "none", {}, 1e5, 1e5, 0.8)

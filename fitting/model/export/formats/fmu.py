@@ -15,8 +15,8 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from uuid import NAMESPACE_URL, uuid5
@@ -76,23 +76,29 @@ class Variable:
 
 
 @dataclass(frozen=True)
-class _Unit:
+class Unit:
     """A unit before it is packed.
 
     Attributes
     ----------
-    name : of its files
+    name, title : of its files, and for people
+    token : what no other model has
     kinds : interfaces of FMI
     variables : parameters and inputs, then outputs
-    sources : texts of the C
+    sources, resources : texts of the C, and of what lies beside it, by name
     words : what ``fmi_instance.h`` is made of beside them
+    step : s between the samples of the recordings, where that means something to the unit
     """
 
     name: str
+    title: str
+    token: str
     kinds: tuple[str, ...]
     variables: tuple[Variable, ...]
     sources: Mapping[str, str]
     words: Mapping[str, Any]
+    step: float | None = None
+    resources: Mapping[str, str] = field(default_factory=dict)
 
 
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
@@ -105,34 +111,40 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     InputError
         If the folder is a file, or the compiler refuses.
     """
-    require_folder(path)
     program = program_of(model)
     forward, lines = forward_program(program.tracer.model, possible)
-    left_out = [*program.tracer.left_out, *lines]
+    units = [_inverse(program), *([] if forward is None else [_forward(forward)])]
+    return write_units(path, units, [*program.tracer.left_out, *lines], lambda out: said_of(model, out))
+
+
+def write_units(
+    path: Path, units: Sequence[Unit], left_out: Sequence[str], said: Callable[[Sequence[str]], list[str]]
+) -> Written:
+    """Write units in a folder, each for both versions of FMI; ``said`` makes their description of what is left out."""
+    require_folder(path)
     compiler = shutil.which("cc")
     if compiler is None:
-        left_out.append("binaries: there is no C compiler (cc) here; the units hold sources")
-    units = [_inverse(program), *([] if forward is None else [_forward(forward)])]
+        left_out = [*left_out, "binaries: there is no C compiler (cc) here; the units hold sources"]
     targets = [
-        _packed(path / f"{unit.name}_fmi{version}.fmu", unit, version, model, left_out, compiler)
+        _packed(path / f"{unit.name}_fmi{version}.fmu", unit, version, said(left_out), compiler)
         for unit in units
         for version in (3, 2)
     ]
     return Written(tuple(targets), tuple(left_out))
 
 
-def _packed(
-    target: Path, unit: _Unit, version: int, model: ArmModel, left_out: Sequence[str], compiler: str | None
-) -> Path:
+def _packed(target: Path, unit: Unit, version: int, said: Sequence[str], compiler: str | None) -> Path:
     """Write a unit."""
     starts = [own.start for own in unit.variables if own.causality != "output"]
-    words = {"name": unit.name, "token": f"{{{uuid5(NAMESPACE_URL, unit.name + _token(model))}}}", "step": _step(model)}
+    token = f"{{{uuid5(NAMESPACE_URL, unit.name + unit.token)}}}"
+    words: dict[str, Any] = {"name": unit.name, "token": token, "step": unit.step}
     instance = rendered(
         "fmi_instance.h.j2", starts=starts, outputs=len(unit.variables) - len(starts), **words, **unit.words
     )
     sources = {**unit.sources, "fmi_instance.h": instance, "fmi.c": rendered(f"fmi{version}.c")}
     content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
-    about: dict[str, Any] = {"title": model.machine.name, "units": _UNITS, "said": said_of(model, left_out)}
+    content |= {f"resources/{file}": text.encode() for file, text in unit.resources.items()}
+    about: dict[str, Any] = {"title": unit.title, "units": _UNITS, "said": said}
     about |= {"variables": unit.variables, "kinds": unit.kinds, "version": version, "new": version == 3}
     content["modelDescription.xml"] = rendered("modelDescription.xml.j2", **words, **about).encode()
     if version == 3:
@@ -172,7 +184,7 @@ def _each(model: ArmModel, word: str, says: str, causality: str, starts: Sequenc
     return result
 
 
-def _inverse(program: Program) -> _Unit:
+def _inverse(program: Program) -> Unit:
     """Efforts of a moment; memory of the moments before it."""
     n, model = program.joints, program.tracer.model
     variables = [v for word, says in _MOTION.items() for v in _each(model, word, says, "input")]
@@ -195,10 +207,10 @@ def _inverse(program: Program) -> _Unit:
         ]
         calls[own.name] = f"{program.name}_{own.name}({', '.join([*(given[word] for word in own.arguments), *taken])});"
     words = {"calls": calls, "memory": program.memory, "moving": 0}
-    return _Unit(program.name, ("ModelExchange", "CoSimulation"), tuple(variables), c_files(program), words)
+    return _unit(program, ("ModelExchange", "CoSimulation"), variables, c_files(program), words)
 
 
-def _forward(program: Program) -> _Unit:
+def _forward(program: Program) -> Unit:
     """Motion from efforts and pressures, which are held from one communication point to the next."""
     model = program.tracer.model
     middle = [sum(joint.limits.position) / 2 for joint in model.machine.joints]
@@ -213,23 +225,22 @@ def _forward(program: Program) -> _Unit:
     ]
     oil = f", arm->values[{1 + 5 * program.joints}]" if program.tracer.oil else ""
     words = {"calls": {}, "memory": 0, "moving": program.joints, "oil": oil}
-    return _Unit(program.name, ("CoSimulation",), tuple(variables), forward_files(program), words)
+    return _unit(program, ("CoSimulation",), variables, forward_files(program), words)
 
 
 def _oil(model: ArmModel) -> Variable:
     return Variable("temperature", "K", "temperature of the oil", "input", model.usual_oil)
 
 
-def _step(model: ArmModel) -> str:
-    """Seconds between the samples of the recordings."""
-    return repr(1.0 / model.machine.rate_hz)
-
-
-def _token(model: ArmModel) -> str:
-    """A name that no other model has."""
-    made = model.provenance
-    parts = [model.machine.name, made.created, made.calibration or "", *(source.sha256 for source in made.data)]
-    return " ".join([*parts, *map(repr, model.theta.tolist())])
+def _unit(
+    program: Program, kinds: tuple[str, ...], variables: list[Variable], sources: Mapping[str, str], words: Any
+) -> Unit:
+    """A unit of an arm."""
+    model = program.tracer.model
+    name, made = model.machine.name, model.provenance
+    parts = [name, made.created, made.calibration or "", *(source.sha256 for source in made.data)]
+    token = " ".join([*parts, *map(repr, model.theta.tolist())])
+    return Unit(program.name, name, token, kinds, tuple(variables), sources, words, 1.0 / model.machine.rate_hz)
 
 
 def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:

@@ -197,6 +197,7 @@ export const de: Record<Key, string> = {
   "calibrations.parametersB": "Parameter in A und B",
   "calibrations.apartStandardDeviations": "Abstand (Standardabweichungen)",
   "calibrations.inUse": "In Gebrauch",
+  "calibrations.valvesInUse": "Ventile in Gebrauch",
   "calibrations.byAnotherPerson": " von einer anderen Person",
   "calibrations.noCalibrationUseResult":
     "Keine Kalibrierung ist in Gebrauch. Ein Ergebnis wird unter „Ergebnisse“ vorgeschlagen, hier{approvesOwn} freigegeben und dann aktiviert.",
@@ -260,6 +261,7 @@ export const de: Record<Key, string> = {
   "history.diskWasNearlyFull": "Der Speicher war fast voll",
   "history.theClockJumped": "Die Uhr ist gesprungen",
   "history.measuredPredictedEffortDrifted": "Gemessene und vorhergesagte Kraftgröße sind auseinandergelaufen",
+  "history.valvesDrifted": "Geschwindigkeiten wichen von dem ab, was die Ventile gaben",
   "history.errorGrewSinceCalibration": "Der Fehler ist seit der Kalibrierung gewachsen",
   "history.overload": "Überlast",
   "history.aRecalibrationFailed": "Eine Rekalibrierung ist fehlgeschlagen",
@@ -415,6 +417,13 @@ export const de: Record<Key, string> = {
   "live.learnsOnlyWhileArm": "Sie lernt nur, während sich der Arm bewegt.{none}",
   "live.motionLearnsFrom": "der Bewegung, aus der sie lernt",
   "live.residualEachJoint": "Residuum je Gelenk",
+  "live.speedEachAxis": "Gemessene weniger vorhergesagte Geschwindigkeit je Achse",
+  "live.valvesChanged": "Ein Ventil ist nicht, wie es identifiziert wurde",
+  "live.moved": "Verschoben",
+  "live.edge": "Kante",
+  "live.gain": "Verstärkung",
+  "live.delay": "Verzögerung",
+  "live.movedBy": "{way}: {what} um {by} {unit}",
   "live.residual": "Residuum",
   "live.shareAlarmThreshold": "Anteil an der Alarmgrenze",
   "live.thresholds": "Schwellwerte",
@@ -1277,6 +1286,8 @@ export const de: Record<Key, string> = {
   "valves.all": "Alle Identifikationen von Ventilen",
   "valves.forTheController": "Für die Steuerung",
   "valves.inverseSays": "Der Stellwert zu einer gewünschten Geschwindigkeit, für jede Achse, als Quelltext:",
+  "valves.watchedAgainst":
+    "Als Kalibrierung in Gebrauch ist dieses Ergebnis das, womit die laufende Bewegung verglichen wird: Die Überwachung sagt, wenn sich eine Kante, eine Verstärkung oder eine Verzögerung verschoben hat.",
   "valves.safety":
     "hilfit schreibt nie einen Stellwert. Die Steuerung ergänzt Grenzen, Totmannschalter, Überwachung und eine erste Fahrt mit 25 % der Geschwindigkeit.",
   "valves.axis": "Das Ventil von {joint}",

@@ -194,6 +194,7 @@ export const en = {
   "calibrations.parametersB": "Parameters in A and B",
   "calibrations.apartStandardDeviations": "Apart (standard deviations)",
   "calibrations.inUse": "In use",
+  "calibrations.valvesInUse": "Valves in use",
   "calibrations.byAnotherPerson": " by another person",
   "calibrations.noCalibrationUseResult":
     "No calibration is in use. A result is proposed under Results, approved here{approvesOwn}, and then activated.",
@@ -256,6 +257,7 @@ export const en = {
   "history.diskWasNearlyFull": "The disk was nearly full",
   "history.theClockJumped": "The clock jumped",
   "history.measuredPredictedEffortDrifted": "Measured and predicted effort drifted apart",
+  "history.valvesDrifted": "Speeds drifted from what the valves gave",
   "history.errorGrewSinceCalibration": "The error grew since the calibration",
   "history.overload": "Overload",
   "history.aRecalibrationFailed": "A recalibration failed",
@@ -407,6 +409,13 @@ export const en = {
   "live.learnsOnlyWhileArm": "It learns only while the arm moves.{none}",
   "live.motionLearnsFrom": "of the motion that it learns from",
   "live.residualEachJoint": "Residual of each joint",
+  "live.speedEachAxis": "Measured less predicted speed of each axis",
+  "live.valvesChanged": "A valve is not as it was identified",
+  "live.moved": "Moved",
+  "live.edge": "edge",
+  "live.gain": "gain",
+  "live.delay": "delay",
+  "live.movedBy": "{way}: {what} by {by} {unit}",
   "live.residual": "Residual",
   "live.shareAlarmThreshold": "Share of alarm threshold",
   "live.thresholds": "Thresholds",
@@ -1235,6 +1244,8 @@ export const en = {
   "valves.all": "All identifications of valves",
   "valves.forTheController": "For your controller",
   "valves.inverseSays": "The command for a wanted speed, for each axis, as source text:",
+  "valves.watchedAgainst":
+    "As a calibration in use, this result is what live motion is compared with: the monitor says when an edge, a gain or a delay has moved.",
   "valves.safety":
     "hilfit never writes a command. The controller adds limits, a dead-man switch, a watchdog, and a first run at 25 % of the speed.",
   "valves.axis": "The valve of {joint}",

@@ -27,6 +27,8 @@ export const VALUES: Record<string, string> = {
   "its identification failed": "ihre Identifikation ist fehlgeschlagen",
   "the machine is not acquired at the moment": "die Maschine wird gerade nicht erfasst",
   "the machine has no active calibration": "die Maschine hat keine Kalibrierung in Gebrauch",
+  "the machine has no active calibration of its valves":
+    "die Maschine hat keine Kalibrierung ihrer Ventile in Gebrauch",
   "the monitor failed unexpectedly; the log of the service says why":
     "die Überwachung ist unerwartet fehlgeschlagen; das Protokoll des Dienstes sagt, warum",
   "too many headers": "zu viele Kopfzeilen",
@@ -44,6 +46,8 @@ const SERVICE: Record<string, string> = {
   "'{}' is none of {}; export the recording as one of them": "„$1“ ist keines von $2; die Aufzeichnung so exportieren",
   "'{}' is of machine '{}', '{}' of '{}'; take one machine":
     "„$1“ gehört zur Maschine „$2“, „$3“ zu „$4“; beide von einer Maschine nehmen",
+  "'{}' and '{}' are not of the same: one is of valves; take two of a kind":
+    "„$1“ und „$2“ sind nicht von derselben Art: Eine ist von Ventilen; zwei von einer Art nehmen",
   "'{}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet":
     "„$1“: Dieser Dienst liest kein MDF4 (hilfit[export] ist nicht installiert); .csv oder .parquet hochladen",
   "DBC files: could not be read; {}; try again":
@@ -80,8 +84,6 @@ const SERVICE: Record<string, string> = {
   "excitation '{}' is of machine '{}', not of '{}'": "Die Anregung „$1“ gehört zur Maschine „$2“, nicht zu „$3“",
   "identification '{}' designed no next experiment: nothing was left to be told apart":
     "Die Identifikation „$1“ hat keinen weiteren Versuch entworfen: Es war nichts mehr zu trennen",
-  "identification '{}' has no report: its job {} is {}":
-    "Die Identifikation „$1“ hat keinen Bericht: Ihr Auftrag $2 ist: $3",
   "its identification {} was cancelled; run the schedule again":
     "Ihre Identifikation $1 wurde abgebrochen; den Zeitplan noch einmal ausführen",
   "bus '{}': {}": "Bus „$1“: $2",
@@ -148,8 +150,7 @@ const SERVICE: Record<string, string> = {
     "Aufzeichnung „$1“: Die Rolle „$2“ ist unbekannt; eine von diesen nehmen: $3",
   "recording '{}': {}: fewer than 16 rows without a gap; choose a longer part":
     "Aufzeichnung „$1“, $2: weniger als 16 Zeilen ohne Lücke; einen längeren Teil wählen",
-  "report.json of '{}' cannot be read ({}); fit it again":
-    "report.json von „$1“ ist nicht lesbar ($2); noch einmal identifizieren",
+  "{} of '{}' cannot be read ({}); fit it again": "$1 von „$2“ ist nicht lesbar ($3); noch einmal identifizieren",
   "role '{}' is unknown; use one of {}": "Die Rolle „$1“ ist unbekannt; eine von diesen nehmen: $2",
   "storage_url {}: {} cannot be reached ({}); mend the way there":
     "storage_url $1: $2 ist nicht erreichbar ($3); den Weg dorthin in Ordnung bringen",
@@ -174,6 +175,14 @@ const SERVICE: Record<string, string> = {
     "Die Datei der Aufzeichnung „$1“ ist verschwunden; noch einmal aufzeichnen oder hochladen",
   "the file's name does not end in {}; name it so in dbc":
     "Der Dateiname endet nicht auf $1; die Datei unter dbc so nennen",
+  "the machine file has no command of {} any more; identify with the present file":
+    "Die Maschinendatei hat keinen Stellwert von $1 mehr; mit der jetzigen Datei identifizieren",
+  "valve.json of the calibration cannot be read ({}); identify again":
+    "valve.json der Kalibrierung ist nicht lesbar ($1); noch einmal identifizieren",
+  "{}: pressures that its valve was identified with are no longer measured; identify with the present file":
+    "$1: Drücke, mit denen sein Ventil identifiziert wurde, werden nicht mehr gemessen; mit der jetzigen Datei identifizieren",
+  "{}: its warming up follows a recording's clock; add a channel oil_temperature":
+    "$1: Das Warmwerden folgt der Uhr einer Aufzeichnung; einen Kanal oil_temperature ergänzen",
   "the machine file has no channel {} any more, which the calibration was fitted on; identify with the present file":
     "Die Maschinendatei hat den Kanal $1 nicht mehr, mit dem die Kalibrierung gewonnen wurde; mit der jetzigen Datei identifizieren",
   "the model does not say what residuals are usual; identify on longer recordings":

@@ -23,6 +23,13 @@ describe("sentences of the service", () => {
     ).toBe(
       "Gemessene und vorhergesagte Kraftgröße laufen auseinander: joint1: eine gleichbleibende Kraft mehr oder weniger; joint3: mehr oder weniger Kraft gegen die Bewegung (Reibung); neu kalibrieren oder die Ursache suchen",
     );
+    expect(
+      german(
+        "speeds drift from what the valves gave: boom: the edge of extending has moved by -0.0208 of full command (standard deviation 0.0005); jib: the delay of retracting seems to have moved; look at the valve and its amplifier, or identify it again",
+      ),
+    ).toBe(
+      "Geschwindigkeiten weichen von dem ab, was die Ventile gaben: boom: die Kante beim Ausfahren hat sich um -0,0208 vom vollen Stellwert verschoben (Standardabweichung 0,0005); jib: die Verzögerung beim Einfahren scheint sich verschoben zu haben; das Ventil und seinen Verstärker ansehen oder neu identifizieren",
+    );
     expect(german("Stage 1: each drive's friction and stiffness: failed")).toBe(
       "Stufe 1: Reibung und Steifigkeit jedes Antriebs: fehlgeschlagen",
     );

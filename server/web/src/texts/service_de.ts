@@ -9,6 +9,14 @@ export const SERVICE_FIXED: Record<string, string> = {
   "more or less force against the motion (friction)": "mehr oder weniger Kraft gegen die Bewegung (Reibung)",
   "a force that grows with the load (a gain, or another load)":
     "eine Kraft, die mit der Last wächst (eine Empfindlichkeit oder eine andere Last)",
+  "the edge of extending": "die Kante beim Ausfahren",
+  "the edge of retracting": "die Kante beim Einfahren",
+  "the gain of extending": "die Verstärkung beim Ausfahren",
+  "the gain of retracting": "die Verstärkung beim Einfahren",
+  "the delay of extending": "die Verzögerung beim Ausfahren",
+  "the delay of retracting": "die Verzögerung beim Einfahren",
+  "of full command": "vom vollen Stellwert",
+  "of itself": "ihrer selbst",
   "it is being started": "sie wird gestartet",
   "Waiting for room on the disk": "Wartet auf Platz auf dem Datenträger",
   "Waiting for its turn": "Wartet, bis er an der Reihe ist",
@@ -78,6 +86,15 @@ export const SERVICE_SENTENCES: readonly Sentence[] = [
     /^measured and predicted effort drift apart: (.+); recalibrate, or look for the cause$/,
     "Gemessene und vorhergesagte Kraftgröße laufen auseinander: $1; neu kalibrieren oder die Ursache suchen",
   ],
+  [
+    /^speeds drift from what the valves gave: (.+); look at the valve and its amplifier, or identify it again$/,
+    "Geschwindigkeiten weichen von dem ab, was die Ventile gaben: $1; das Ventil und seinen Verstärker ansehen oder neu identifizieren",
+  ],
+  [
+    /^(.+) has moved by (\S+) (.+) \(standard deviation (.+)\)$/,
+    "$1 hat sich um $2 $3 verschoben (Standardabweichung $4)",
+  ],
+  [/^(.+) seems to have moved$/, "$1 scheint sich verschoben zu haben"],
   [
     /^(.+): measured and predicted effort differ by (\S+) (.+), (\S+) times the band \(limit (.+)\): a collision or an overload; look at the arm$/,
     "$1: gemessene und vorhergesagte Kraftgröße unterscheiden sich um $2 $3, das $4-Fache des Bands (Grenze $5): Kollision oder Überlast; den Arm ansehen",

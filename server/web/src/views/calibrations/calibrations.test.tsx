@@ -11,6 +11,7 @@ const calibration = (given: object) => ({
   id: "cal-1",
   machine: "arm",
   identification: "idn-1",
+  valves: null,
   label: "Spring",
   state: "proposed",
   proposed_by: "Tablet",
@@ -88,6 +89,37 @@ describe("calibrations", () => {
     fireEvent.click(within(screen.getByRole("dialog")).getByRole("button", { name: "Roll back" }));
     await screen.findByText("“Autumn” is in use again.");
     expect(fake.sent.length).toBe(1);
+  });
+
+  it("of valves are in use beside that of the mechanics, and rolled back by themselves", async () => {
+    const own = { identification: null, valves: "vlv-1" };
+    const now = calibration({
+      ...own,
+      id: "cal-5",
+      label: "Valves of spring",
+      state: "active",
+      activated: "2026-02-02",
+    });
+    const before = calibration({
+      ...own,
+      id: "cal-4",
+      label: "Valves of old",
+      state: "retired",
+      activated: "2025-12-02",
+    });
+    const fake = service("engineer", now, IN_USE, before, OLD);
+    fake.answers["POST /machines/arm/calibrations/rollback?of=valves"] = done(before);
+    fake.show(<CalibrationsView />);
+    await screen.findByText("Valves in use");
+    const links = screen.getAllByText("View the result").map((link) => link.getAttribute("href"));
+    expect(links.slice(0, 2)).toEqual(["#/results/idn-1", "#/valves/vlv-1"]);
+    fireEvent.click(screen.getAllByRole("button", { name: "Roll back" })[1] as HTMLElement);
+    const dialog = screen.getByRole("dialog");
+    expect(dialog.textContent).toContain("Valves of old");
+    fireEvent.click(within(dialog).getByRole("button", { name: "Roll back" }));
+    await waitFor(() =>
+      expect(fake.sent.map((one) => one.path)).toEqual(["/machines/arm/calibrations/rollback?of=valves"]),
+    );
   });
 
   it("are taken out of use where none was before", async () => {

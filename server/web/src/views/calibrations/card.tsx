@@ -7,7 +7,7 @@ import { change, number, time, withStd } from "../../ui/format";
 import { Confirm, Table } from "../../ui/layout";
 import { Downloads, reportPage } from "../downloads";
 import { parameterName, unit, verdictWords } from "../results/wording";
-import { type Calibration, STATES, jointErrors, possible } from "./rules";
+import { type Calibration, STATES, jointErrors, possible, sourceOf } from "./rules";
 import { t } from "../../texts";
 
 type Decision = "approve" | "reject" | "activate";
@@ -49,7 +49,7 @@ export function CalibrationCard({ calibration, onDone }: { calibration: Calibrat
           {typeof changed === "number" &&
             changed !== 0 &&
             t("calibrations.errorAllJoints", { changed: change(changed) })}
-          . <a href={`#/results/${calibration.identification}`}>{t("common.viewTheResult")}</a>
+          . <a href={sourceOf(calibration)}>{t("common.viewTheResult")}</a>
         </p>
         <p class="hint">
           {t("calibrations.proposedBy", {
@@ -164,11 +164,15 @@ function Numbers({ calibration }: { calibration: Calibration }) {
             path: `/calibrations/${id}/model.json`,
             name: `${calibration.machine}-${calibration.id}-model.json`,
           },
-          {
-            title: t("calibrations.reportHtml"),
-            path: reportPage(calibration.identification),
-            name: `${calibration.machine}-${calibration.id}-report.html`,
-          },
+          ...(calibration.identification === null
+            ? []
+            : [
+                {
+                  title: t("calibrations.reportHtml"),
+                  path: reportPage(calibration.identification),
+                  name: `${calibration.machine}-${calibration.id}-report.html`,
+                },
+              ]),
         ]}
       />
     </details>

@@ -6,7 +6,7 @@ import { change, number, time, withStd } from "../../ui/format";
 import { Panel, Table } from "../../ui/layout";
 import { FLAG_SIGMAS } from "../results/model";
 import { parameterName, unit } from "../results/wording";
-import { type Calibration, STATES } from "./rules";
+import { type Calibration, STATES, sourceOf } from "./rules";
 import { t } from "../../texts";
 
 type Comparison = components["schemas"]["ComparisonResource"];
@@ -55,7 +55,7 @@ function Side({ title, calibration }: { title: string; calibration: Calibration 
       </p>
       <p class="hint">
         {t("calibrations.proposedBy2", { proposedBy: calibration.proposed_by, created: time(calibration.created) })}{" "}
-        <a href={`#/results/${calibration.identification}`}>{t("common.viewTheResult")}</a>
+        <a href={sourceOf(calibration)}>{t("common.viewTheResult")}</a>
       </p>
     </Panel>
   );

@@ -9,7 +9,7 @@ import { Button, Field, Notice, type SelectEvent } from "../../ui/controls";
 import { time } from "../../ui/format";
 import { Confirm, Empty, Panel } from "../../ui/layout";
 import { CalibrationCard } from "./card";
-import { type Calibration, STATES, before, history } from "./rules";
+import { type Calibration, STATES, alike, before, history } from "./rules";
 import { t } from "../../texts";
 
 type List = components["schemas"]["CalibrationList"];
@@ -20,7 +20,9 @@ export function CalibrationList() {
   const path = machine === null ? null : `/calibrations?machine=${encodeURIComponent(machine)}&limit=200`;
   const list = useResource<List>(path, "calibrations");
   const items = list.value?.items ?? [];
-  const active = items.find((one) => one.state === "active");
+  const inUse = items.filter((one) => one.state === "active");
+  const active = inUse.find((one) => one.identification !== null);
+  const valves = inUse.find((one) => one.identification === null);
   const waiting = items.filter((one) => one.state === "proposed" || one.state === "approved");
   const over = items.filter((one) => one.state === "rejected" || one.state === "retired");
   return (
@@ -44,10 +46,18 @@ export function CalibrationList() {
                 <ul class="calibrations">
                   <CalibrationCard key={active.id} calibration={active} onDone={list.reload} />
                 </ul>
-                <RollBack machine={machine} active={active} to={before(items)} onDone={list.reload} />
+                <RollBack machine={machine} active={active} items={items} onDone={list.reload} />
               </>
             )}
           </Panel>
+          {valves !== undefined && (
+            <Panel title={t("calibrations.valvesInUse")}>
+              <ul class="calibrations">
+                <CalibrationCard key={valves.id} calibration={valves} onDone={list.reload} />
+              </ul>
+              <RollBack machine={machine} active={valves} items={items} onDone={list.reload} />
+            </Panel>
+          )}
           {waiting.length > 0 && (
             <Cards title={t("calibrations.waiting", { count: waiting.length })} items={waiting} onDone={list.reload} />
           )}
@@ -77,11 +87,12 @@ function Cards({ title, items, onDone }: { title: string; items: Calibration[]; 
 interface RollBackProps {
   machine: string;
   active: Calibration;
-  to: Calibration | null;
+  items: Calibration[];
   onDone: () => void;
 }
 
-function RollBack({ machine, active, to, onDone }: RollBackProps) {
+function RollBack({ machine, active, items, onDone }: RollBackProps) {
+  const to = before(items.filter((one) => alike(one, active)));
   const session = useSession();
   const command = useCommand();
   const [asking, setAsking] = useState(false);
@@ -101,7 +112,8 @@ function RollBack({ machine, active, to, onDone }: RollBackProps) {
       void command.run({ method: "POST", path, json: { note: "" } }, onDone);
       return;
     }
-    const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback`;
+    const of = active.identification === null ? "?of=valves" : "";
+    const path = `/machines/${encodeURIComponent(machine)}/calibrations/rollback${of}`;
     void command.run<Calibration>({ method: "POST", path }, (now) => {
       command.say({ kind: "good", text: t("calibrations.useAgain2", { label: now.label }) });
       onDone();

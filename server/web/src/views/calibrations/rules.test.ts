@@ -6,6 +6,7 @@ export const calibration = (given: Given): Calibration => ({
   id: "cal-1",
   machine: "arm",
   identification: "idn-1",
+  valves: null,
   label: "Spring",
   state: "proposed",
   proposed_by: "Tablet",

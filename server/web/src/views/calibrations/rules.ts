@@ -6,6 +6,17 @@ import { t } from "../../texts";
 export type Calibration = components["schemas"]["CalibrationResource"];
 type Principal = components["schemas"]["PrincipalResource"];
 
+/** Where the page shows what a calibration was made of. */
+export function sourceOf(calibration: Calibration): string {
+  const { identification, valves } = calibration;
+  return identification === null ? `#/valves/${valves}` : `#/results/${identification}`;
+}
+
+/** Whether two calibrations are of the same, so that one takes the other's place. */
+export function alike(one: Calibration, other: Calibration): boolean {
+  return (one.identification === null) === (other.identification === null);
+}
+
 export const STATES: Record<Calibration["state"], [NoticeKind | "off", string]> = {
   proposed: ["info", t("calibrations.proposedWaitsApproval")],
   approved: ["info", t("calibrations.approvedNotUse")],

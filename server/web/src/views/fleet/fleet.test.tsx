@@ -15,6 +15,7 @@ const joint = (cusum: number) => ({
   threshold: 10,
   false_alarms_per_year: 0.1,
   learnt: 1,
+  moved: [],
 });
 const machine = (name: string, given: object = {}) => ({
   name,

@@ -31,6 +31,7 @@ const ALARMS: Record<string, string> = {
   disk_full: t("history.diskWasNearlyFull"),
   clock_jumped: t("history.theClockJumped"),
   residual_drift: t("history.measuredPredictedEffortDrifted"),
+  valve_drift: t("history.valvesDrifted"),
   residual_grew: t("history.errorGrewSinceCalibration"),
   overload: t("history.overload"),
   recalibration_failed: t("history.aRecalibrationFailed"),

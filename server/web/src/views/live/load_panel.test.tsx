@@ -52,6 +52,36 @@ describe("the load", () => {
   });
 });
 
+describe("valves", () => {
+  const axis = (joint: string, given: object) => ({
+    joint,
+    residual: 0.0012,
+    unit: "m/s",
+    cusum: 3,
+    threshold: 18,
+    learnt: 1,
+    moved: [],
+    ...given,
+  });
+
+  it("are not shown where none are followed", async () => {
+    show(watching({ valves: { state: "off", calibration: null, joints: [], reason: "no calibration" } }));
+    await screen.findByText("Residual monitor");
+    expect(screen.queryByRole("region", { name: "Valves" })).toBeNull();
+  });
+
+  it("say which number has moved by how much", async () => {
+    const moved = [{ name: "edge.extend", value: -0.0208, std: 0.0005, unit: "of full command" }];
+    const joints = [axis("boom", { cusum: 36, moved }), axis("jib", {})];
+    show(watching({ valves: { state: "drift", calibration: "cal-2", joints, reason: null } }));
+    const panel = await screen.findByRole("region", { name: "Valves" });
+    within(panel).getByText("A valve is not as it was identified");
+    const row = within(panel).getByRole("row", { name: /boom/ });
+    expect(row.textContent).toContain("Extending: edge by −0.02080 ± 0.00050 of full command");
+    expect(within(panel).getByRole("row", { name: /jib/ }).textContent).not.toContain("edge");
+  });
+});
+
 describe("a trend", () => {
   it("begins anew after a gap and goes from the left to the right edge", () => {
     expect(trend([0, 1, null, 1], 0, 1)).toBe("M0.0 48.0L93.3 0.0M280.0 0.0");

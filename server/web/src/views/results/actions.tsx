@@ -1,4 +1,5 @@
 /** What to do with a result: propose it as a calibration, take its files along. */
+import type { ComponentChildren } from "preact";
 import { useState } from "preact/hooks";
 import type { components } from "../../net/api.gen";
 import { CommandNotice, useCommand } from "../../command";
@@ -24,27 +25,24 @@ const STATES: Record<Calibration["state"], string> = {
 /** Where this panel is found on the page. */
 export const ACTIONS = "use-this-result";
 
-export function ResultActions({ identification }: { identification: Identification }) {
+interface ProposalProps {
+  /** What a calibration may be of, and of which. */
+  of: "identification" | "valves";
+  source: { id: string; label: string; machine: string };
+  /** Told of the calibration that it is already. */
+  children?: (mine: Calibration | undefined) => ComponentChildren;
+}
+
+/** The form that proposes a result as a calibration, or what became of it. */
+export function Proposal({ of, source, children }: ProposalProps) {
   const session = useSession();
   const command = useCommand();
-  const [label, setLabel] = useState(identification.label);
-  const path = `/calibrations?machine=${encodeURIComponent(identification.machine)}&limit=500`;
+  const [label, setLabel] = useState(source.label);
+  const path = `/calibrations?machine=${encodeURIComponent(source.machine)}&limit=500`;
   const list = useResource<Calibrations>(path, "calibrations");
-  const mine = list.value?.items.find((one) => one.identification === identification.id);
-  const id = encodeURIComponent(identification.id);
-  const name = `${identification.machine}-${identification.id}`;
-  const files = [
-    { title: t("results.reportReadHtml"), path: reportPage(identification.id), name: `${name}-report.html` },
-    { title: t("results.reportAsDataJson"), path: `/identifications/${id}/report.json`, name: `${name}-report.json` },
-  ];
-  if (mine !== undefined)
-    files.push({
-      title: t("common.modelJson"),
-      path: `/calibrations/${mine.id}/model.json`,
-      name: `${name}-model.json`,
-    });
+  const mine = list.value?.items.find((one) => one[of] === source.id);
   return (
-    <Panel title={t("results.useThisResult")} id={ACTIONS}>
+    <>
       {mine !== undefined ? (
         <p>
           {STATES[mine.state]} <a href="#/calibrations">{t("common.calibrations")}</a>
@@ -57,8 +55,10 @@ export function ResultActions({ identification }: { identification: Identificati
             class="inline-form"
             onSubmit={(event) => {
               event.preventDefault();
-              const json = { identification: identification.id, label };
-              void command.run({ method: "POST", path: "/calibrations", json }, list.reload);
+              void command.run(
+                { method: "POST", path: "/calibrations", json: { [of]: source.id, label } },
+                list.reload,
+              );
             }}
           >
             <Field label={t("results.nameCalibration")} hint={t("results.anotherPersonApprovesBefore")}>
@@ -76,9 +76,39 @@ export function ResultActions({ identification }: { identification: Identificati
         )
       )}
       <CommandNotice of={command} />
+      {children?.(mine)}
+    </>
+  );
+}
+
+export function ResultActions({ identification }: { identification: Identification }) {
+  return (
+    <Panel title={t("results.useThisResult")} id={ACTIONS}>
+      <Proposal of="identification" source={identification}>
+        {(mine) => <Files identification={identification} mine={mine} />}
+      </Proposal>
+    </Panel>
+  );
+}
+
+function Files({ identification, mine }: { identification: Identification; mine: Calibration | undefined }) {
+  const id = encodeURIComponent(identification.id);
+  const name = `${identification.machine}-${identification.id}`;
+  const files = [
+    { title: t("results.reportReadHtml"), path: reportPage(identification.id), name: `${name}-report.html` },
+    { title: t("results.reportAsDataJson"), path: `/identifications/${id}/report.json`, name: `${name}-report.json` },
+  ];
+  if (mine !== undefined)
+    files.push({
+      title: t("common.modelJson"),
+      path: `/calibrations/${mine.id}/model.json`,
+      name: `${name}-model.json`,
+    });
+  return (
+    <>
       <h3>{t("common.files")}</h3>
       <Downloads files={files} />
       {mine === undefined && <p class="hint">{t("results.modelAsFileThere")}</p>}
-    </Panel>
+    </>
   );
 }

@@ -7,6 +7,7 @@ import { Notice } from "../../ui/controls";
 import { Panel } from "../../ui/layout";
 import { Downloads } from "../downloads";
 import { JobPanel } from "../jobs";
+import { Proposal } from "../results/actions";
 import { AxisPanel } from "./axis";
 import { readValves } from "./report";
 import { t } from "../../texts";
@@ -39,6 +40,12 @@ export function ValvePage({ id }: { id: string }) {
       {job.value !== null && <JobPanel job={job.value} />}
       {content.value !== null && report === null && <Notice kind="warning">{t("results.pageCannotReadReport")}</Notice>}
       {done && <ForTheController id={id} machine={found.machine} movable={movable} />}
+      {done && (
+        <Panel title={t("results.useThisResult")}>
+          <p class="hint">{t("valves.watchedAgainst")}</p>
+          <Proposal of="valves" source={found} />
+        </Panel>
+      )}
       {report !== null &&
         Object.entries(report.axes).map(([joint, axis]) => <AxisPanel key={joint} joint={joint} axis={axis} />)}
       {report !== null && report.warnings.length > 0 && (
@@ -63,6 +70,7 @@ const FORMATS: [string, string][] = [
   ["c", "C"],
   ["python", "Python"],
   ["csv", "CSV"],
+  ["fmu", "FMU"],
 ];
 
 function ForTheController({ id, machine, movable }: { id: string; machine: string; movable: boolean }) {

@@ -71,13 +71,22 @@ describe("a report on valves", () => {
     const titles = within(panel)
       .getAllByRole("button")
       .map((one) => one.textContent);
-    expect(titles).toEqual(["Structured Text", "C", "Python", "CSV", "Report as data (JSON)"]);
+    expect(titles).toEqual(["Structured Text", "C", "Python", "CSV", "FMU", "Report as data (JSON)"]);
     cleanup();
     const fake = service();
     fake.resources["/valves/vlv-1"] = { ...VALVE, axes: { boom: { ...VALVE.axes.boom, speeds: {} } } };
     fake.show(<ValvePage id="vlv-1" />);
     await screen.findByRole("region", { name: "For your controller" });
     expect(screen.queryByRole("button", { name: /Structured Text/ })).toBeNull();
+  });
+
+  it("is proposed as a calibration, which live motion is compared with", async () => {
+    const fake = service();
+    fake.resources["/calibrations?machine=arm&limit=500"] = { items: [], next: null };
+    fake.answers["POST /calibrations"] = done({});
+    fake.show(<ValvePage id="vlv-1" />);
+    fireEvent.click(await screen.findByRole("button", { name: "Propose as calibration" }));
+    await waitFor(() => expect(fake.sent.map((one) => one.json)).toEqual([{ valves: "vlv-1", label: "Day 1" }]));
   });
 
   it("is none of another schema", () => {
