@@ -88,13 +88,21 @@ def _same_place(one: Term, other: Term) -> bool:
     return one.joint == other.joint or one.everywhere or other.everywhere
 
 
-def decided(rated: Sequence[Rated], wanted: float = priors.SAID) -> Rated:
-    """What is to be said of explanations of one place: the best name if names have the ``wanted`` probability."""
+def decided(rated: Sequence[Rated], there: bool = False) -> Rated:
+    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names.
+
+    A name that would be said alone has to be as probable as anything that is said; several names, or one that is
+    ``there`` already, may leave laws a fifth.
+    """
     head = rated[0]
     if isinstance(head.term.content, Law):
         return head
     near = believed(rated)
     laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
-    if laws and log_sum([odds for _, odds in laws]) > log_sum([odds for _, odds in near]) + np.log(1 - wanted):
-        return laws[0][0]
-    return head
+    if not laws:
+        return head
+    names = [odds for r, odds in near if not isinstance(r.term.content, Law)]
+    alone = max(names) > log_sum(names) + np.log(priors.SAID)
+    wanted = priors.SAID if alone and not there else priors.NAMED
+    known = log_sum([odds for _, odds in near])
+    return laws[0][0] if log_sum([odds for _, odds in laws]) > known + np.log(1 - wanted) else head

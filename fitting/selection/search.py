@@ -384,8 +384,8 @@ class Search:
         rated = self._at_best_shapes(rated)
         slot = Slot.of(item, rated)
         self.accepted = all_
-        wanted = priors.NAMED if isinstance(content, Effect) else priors.SAID
-        choice = decided(rated, wanted) if rated and slot.nothing <= 1 - priors.SAID else None
+        named = isinstance(content, Effect)
+        choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.SAID else None
         instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
         if final or (choice is not None and (family(choice.term) == own or instead in self.held)):
             return slot
