@@ -154,7 +154,7 @@ def test_the_record_command_writes_as_many_rows_as_asked_for(bench: tuple[Path, 
 def test_record_fails_in_one_line_when_a_device_is_gone(bench: tuple[Path, FakeModbus], tmp_path: Path) -> None:
     machine_file, server = bench
     server.silent.update({1, 2})
-    machine_file.write_text(modbus(server.port, timeout_s=1.0))
+    machine_file.write_text(modbus(server.port, timeout_s=2.0))
     output = tmp_path / "r.parquet"
     code, _, err = run("record", machine_file, "--role", "train", "--seconds", 1, "-o", output)
     assert code == 1

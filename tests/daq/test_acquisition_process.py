@@ -179,7 +179,7 @@ def test_in_lockstep_no_cycle_is_skipped_at_four_times_the_speed(server: FakeMod
 @pytest.mark.slow
 def test_devices_that_are_not_there_are_named(server: FakeModbus) -> None:
     server.silent.add(2)
-    machine = parse_machine(modbus(server.port, timeout_s=1.0))
+    machine = parse_machine(modbus(server.port, timeout_s=2.0))
     with (
         pytest.raises(AcquisitionError, match=r"unit 2 \(j1\.rod\): does not answer in time"),
         AcquisitionProcess(machine),

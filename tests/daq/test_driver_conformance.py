@@ -95,7 +95,7 @@ def benches(tmp_path: Path) -> Iterator[Callable[[str], Bench]]:
         server: FakeModbus | FakeSerialModbus
         if name == "modbus_tcp":
             server = FakeModbus(REGISTERS)
-            text = modbus(server.port, timeout_s=1.0)
+            text = modbus(server.port, timeout_s=2.0)
         elif name == "modbus_rtu":
             server = FakeSerialModbus(REGISTERS)
             text = modbus_serial(server.port)

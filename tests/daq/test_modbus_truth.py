@@ -200,7 +200,7 @@ def test_no_unit_is_asked_its_identity_when_the_time_for_starting_is_over(server
 @pytest.mark.slow
 def test_a_unit_that_comes_back_is_asked_again_what_it_is(server: FakeModbus) -> None:
     server.identities[2] = {0: b"ACME", 1: b"PT-40"}
-    driver = driver_of(parse_machine(modbus(server.port, timeout_s=1.0)))
+    driver = driver_of(parse_machine(modbus(server.port, timeout_s=2.0)))
     try:
         assert driver.start() == ()
         server.silent.add(2)
@@ -413,7 +413,7 @@ def test_a_start_does_not_wait_for_the_dead(server: FakeModbus) -> None:
 
 @pytest.mark.slow
 def test_a_device_keeps_its_last_cause_when_it_is_back(server: FakeModbus) -> None:
-    driver = driver_of(parse_machine(modbus(server.port, timeout_s=1.0)))
+    driver = driver_of(parse_machine(modbus(server.port, timeout_s=2.0)))
     try:
         driver.start()
         server.silent.add(2)
