@@ -55,21 +55,23 @@ _SPOILS = (
 )  # fmt: skip
 #: What a refusal of the strict reader is a consequence of.
 _CONSEQUENCES = {
-    code: tuple(causes.split())
-    for code, causes in {
-        "saturated": "clipped dropouts frozen unit held same_channel",
-        "constant": "frozen dropouts wrong_role parked unit",
-        "positions_disagree": "unit sign linkage exchanged_channels wrong_role other_machine wrap jump",
-        "clipped": "no_pressure",
-        "too_short": "lost_rows time_jump time_unit wrong_rate",
-        "out_of_range": "sign unit wrap exchanged_channels outliers jump",
-        "columns": "other_machine",
-        "no_repeat": "dropouts jump wrap outliers frozen wrong_rate time_unit time_jump other_machine wrong_role",
-        "frozen": "held",
-        "noisy": "unit scale outliers dropouts jump wrap held coarse frozen",
-        "same_motion": "same_recording",
-    }.items()
-}
+    "saturated": ("clipped", "dropouts", "frozen", "unit", "held", "same_channel"),
+    "constant": ("frozen", "dropouts", "wrong_role", "parked", "unit"),
+    "positions_disagree": (
+        "unit", "sign", "linkage", "exchanged_channels", "wrong_role", "other_machine", "wrap", "jump",
+    ),
+    "clipped": ("no_pressure",),
+    "too_short": ("lost_rows", "time_jump", "time_unit", "wrong_rate"),
+    "out_of_range": ("sign", "unit", "wrap", "exchanged_channels", "outliers", "jump"),
+    "columns": ("other_machine",),
+    "no_repeat": (
+        "dropouts", "jump", "wrap", "outliers", "frozen", "wrong_rate", "time_unit", "time_jump", "other_machine",
+        "wrong_role",
+    ),
+    "frozen": ("held",),
+    "noisy": ("unit", "scale", "outliers", "dropouts", "jump", "wrap", "held", "coarse", "frozen"),
+    "same_motion": ("same_recording",),
+}  # fmt: skip
 
 
 def check_files(
