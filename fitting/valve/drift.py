@@ -89,7 +89,7 @@ class Block:
 
     Attributes
     ----------
-    residual : m/s, RMS of measured less predicted speed while it moves; NaN at rest
+    residual : m/s, RMS of measured minus predicted speed while it moves; NaN at rest
     normal, score : (6, 6) ``W'W`` and (6,) ``W'e``, in the order of :data:`STATISTICS`; 0 of a direction at rest
     """
 
@@ -112,9 +112,8 @@ class Block:
 
 def block_of(machine: Machine, joint: str, kept: Kept, recording: Recording, samples: int) -> Block | None:
     """The last so many ``samples`` of a recording without gaps; None where it has some."""
-    own = next(own for own in machine.joints if own.name == joint)
     try:
-        axis = axis_of(machine, own, [recording], bandwidth_hz=kept.bandwidth_hz, like=kept)
+        axis = axis_of(machine, machine.joint(joint), [recording], bandwidth_hz=kept.bandwidth_hz, like=kept)
     except InputError:
         return None
     if len(axis.signals) < len(recording):

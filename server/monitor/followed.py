@@ -1,7 +1,7 @@
 """What a monitor follows: joint efforts by the model of the mechanics, or rod speeds by identified valves.
 
-Both cut the live signals into blocks, say of each block what is left of measured less predicted as a few numbers, and
-have something of their own to say beside what the watcher makes of these.
+Both cut the live signals into blocks and give a few statistics of measured minus predicted for each; the watcher sums
+these up, and each adds results of its own.
 """
 
 from __future__ import annotations
