@@ -21,7 +21,7 @@ _ENTRIES = sum(1 << bit for bit in range(4, 13))  # removing and making of files
 
 
 def landlock_version() -> int:
-    """Version of the kernel's Landlock; 0 where there is none."""
+    """Return the version of the kernel's Landlock; 0 where there is none."""
     if os.uname().sysname != "Linux":
         return 0
     return max(0, int(ctypes.CDLL(None, use_errno=True).syscall(_CREATE_RULESET, None, 0, _VERSION_FLAG)))

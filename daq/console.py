@@ -54,12 +54,12 @@ def may_be_written(output: Path, force: bool) -> None:
 
 
 def exit_code(error: HilfitError) -> int:
-    """2 where the input is wrong, 1 where something failed."""
+    """Return 2 where the input is wrong, 1 where something failed."""
     return 2 if isinstance(error, InputError) else 1
 
 
 def reported(command: Callable[P, R]) -> Callable[P, R]:
-    """A command whose errors become one line on standard error and an exit code."""
+    """Turn a command's errors into one line on standard error and an exit code."""
 
     @functools.wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -79,7 +79,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
 
 
 def _refuse_output_onto_input(given: Mapping[str, Any]) -> None:
-    """An ``output`` must not replace a file that the command reads, unless ``force`` says so."""
+    """Refuse to replace a file that the command reads by ``output``, unless ``force`` allows it."""
     output = given.get("output")
     if not isinstance(output, Path) or given.get("force"):
         return
@@ -91,7 +91,7 @@ def _refuse_output_onto_input(given: Mapping[str, Any]) -> None:
 
 
 def print_json(value: Any) -> None:
-    """One JSON document on standard output, for programs."""
+    """Print one JSON document on standard output, for programs."""
     print(json.dumps(value, default=str))
 
 
@@ -110,9 +110,9 @@ def show_table(table: Table, console: Console | None = None) -> None:
 
 @contextlib.contextmanager
 def progress_bar(what: str, *, show: bool = True) -> Iterator[ShowProgress]:
-    """A progress bar on standard error; call what it yields with (done, total[, text]), total None if not known.
+    """Show a progress bar on standard error; call what it yields with (done, total[, text]), total None if open.
 
-    Who interrupts is told what was being done.
+    Who interrupts is shown what was being done.
     """
     doing = what
 
@@ -150,7 +150,7 @@ def _bar(what: str, show: bool) -> Iterator[ShowProgress]:
 
 @contextlib.contextmanager
 def working(what: str, *, show: bool = True) -> Iterator[None]:
-    """A spinner with the time so far, on a terminal only, for work whose length nobody knows beforehand."""
+    """Show a spinner with the time so far, on a terminal only, for work of unknown length."""
     if not show or not sys.stderr.isatty():
         yield
         return
@@ -161,7 +161,7 @@ def working(what: str, *, show: bool = True) -> Iterator[None]:
 
 
 def _lines(what: str) -> ShowProgress:
-    """Progress for a log: one line whenever what is being done changes."""
+    """Log progress: one line whenever what is being done changes."""
     last = ""
 
     def update(done: float, total: float | None, text: str | None = None) -> None:

@@ -23,7 +23,7 @@ class HilfitError(Exception):
 
 
 def first_line(error: Exception | None) -> str:
-    """The first line of an error's text, or its kind; some libraries put tracebacks into theirs."""
+    """Return the first line of an error's text, or its kind; some libraries add tracebacks."""
     line = str(error).split("\n")[0].split("Traceback (most recent")[0]
     return line.strip() or type(error).__name__
 

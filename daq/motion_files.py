@@ -59,7 +59,7 @@ class Motion:
         return float(self.time[-1])
 
     def joint_positions(self, machine: Machine, hold: npt.ArrayLike | None = None) -> FloatArray:
-        """Positions of all joints, shape (N, n); those without a column at ``hold`` (n,), or mid-range."""
+        """Return positions of all joints, (N, n); those without a column at ``hold`` (n,), or mid-range."""
         still = (
             np.array([sum(joint.limits.position) / 2 for joint in machine.joints])
             if hold is None

@@ -57,7 +57,7 @@ class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor
         self._sizes: dict[int, int] = {}
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """The next node, counted."""
+        """Compose the next node, counted."""
         event = self.peek_event()
         mark = event.start_mark
         if isinstance(event, yaml.AliasEvent):
@@ -87,7 +87,7 @@ class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor
             raise yaml.composer.ComposerError(None, None, text, mark)
 
     def construct_number(self, node: yaml.Node, read: Any) -> Any:
-        """A number of bounded length; Python takes quadratic time for long ones, and refuses to print them."""
+        """Parse a number of bounded length; Python takes quadratic time for long ones, and cannot print them."""
         text = self.construct_scalar(node)  # type: ignore[arg-type]
         if len(text) > LONGEST_NUMBER or ":" in text:
             raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark)
@@ -112,7 +112,7 @@ for _kind, _pattern, _first, _read in (
 
 
 def read(text: str) -> tuple[yaml.Node | None, Any]:
-    """The nodes of a YAML text, which know their lines, and its content.
+    """Read the nodes of a YAML text, which know their lines, and its content.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def read(text: str) -> tuple[yaml.Node | None, Any]:
     Raises
     ------
     yaml.YAMLError
-        If it is no YAML, or more than this reader takes; ``problem`` and ``problem_mark`` say what and where.
+        If it is no YAML, or more than this reader takes; ``problem`` and ``problem_mark`` give what and where.
     """
     loader = _Loader(text)
     try:
@@ -132,6 +132,6 @@ def read(text: str) -> tuple[yaml.Node | None, Any]:
 
 
 def write(content: Any) -> str:
-    """Plain values as YAML text, keys in their order; :func:`read` takes it back."""
+    """Write plain values as YAML text, keys in order; :func:`read` takes it back."""
     dumper = _yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper
     return str(yaml.dump(content, Dumper=dumper, sort_keys=False, allow_unicode=True))

@@ -46,7 +46,7 @@ class Scratch:
         weakref.finalize(self, os.close, handle)
 
     def room(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Place:
-        """Room for an array; what is not written there reads as zero."""
+        """Make room for an array; what is not written there reads as zero."""
         place = Place(self._end, shape, np.dtype(dtype))
         self._end += place.row_bytes * shape[0]
         return place
@@ -79,7 +79,7 @@ class Scratch:
             ) from None
 
     def read(self, place: Place, rows: slice = slice(None)) -> npt.NDArray[Any]:
-        """A copy of the rows of an array (without a step)."""
+        """Copy the rows of an array (without a step)."""
         start, stop, _ = rows.indices(place.shape[0])
         out = np.zeros((max(0, stop - start), *place.shape[1:]), dtype=place.dtype)
         rest = out.reshape(-1).view(np.uint8).data
@@ -131,12 +131,12 @@ class ScratchColumns(_Kept[str]):
         return values
 
     def reserve(self, name: str, rows: int, dtype: npt.DTypeLike) -> Place:
-        """Room for a column that is written bit by bit."""
+        """Reserve room for a column that is written bit by bit."""
         self._places[name] = self.scratch.room((rows,), dtype)
         return self._places[name]
 
     def cut(self, part: slice) -> dict[str, npt.NDArray[Any]]:
-        """Some rows of all columns, in memory."""
+        """Cut some rows of all columns, in memory."""
         return {name: self.scratch.read(place, part) for name, place in self._places.items()}
 
 

@@ -28,16 +28,16 @@ class Seam:
     kind: str
 
     def names(self) -> tuple[str, ...]:
-        """Names of all that are installed, sorted."""
+        """List the names of all that are installed, sorted."""
         return tuple(sorted(point.name for point in self._points()))
 
     def all(self, wanted: Any) -> tuple[Any, ...]:
-        """Objects of all that are installed, sorted by name, as :meth:`make` gives them; the metadata is read once."""
+        """Make the objects of all that are installed by :meth:`make`, sorted by name; the metadata is read once."""
         points = self._points()
         return tuple(self._made(point, wanted) for point in sorted(points, key=lambda point: point.name))
 
     def load(self, name: str) -> Any:
-        """What the entry point names.
+        """Load what the entry point names.
 
         Raises
         ------
@@ -47,7 +47,7 @@ class Seam:
         return self._loaded(self._point(name))
 
     def make(self, name: str, wanted: Any) -> Any:
-        """What the named class gives without arguments: an object of the type ``wanted`` (``InputError`` if not)."""
+        """Make an object of the named class without arguments: of type ``wanted`` (``InputError`` if not)."""
         return self._made(self._point(name), wanted)
 
     def _point(self, name: str) -> EntryPoint:

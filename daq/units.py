@@ -91,12 +91,12 @@ _LONGEST = 60
 
 
 def si_unit(quantity: str, *, straight: bool = False) -> str:
-    """The SI unit of a quantity, also of a prismatic (``straight``) joint."""
+    """Return the SI unit of a quantity, also of a prismatic (``straight``) joint."""
     return _STRAIGHT.get(quantity, SI_UNITS[quantity]) if straight else SI_UNITS[quantity]
 
 
 def is_known(unit: str) -> bool:
-    """Whether a unit is one of the closed list: a product of :data:`NAMES` with exponents up to 4."""
+    """Return whether a unit is known: a product of :data:`NAMES` with exponents up to 4."""
     text = unit.strip()
     if len(text) > _LONGEST or _EXPRESSION.fullmatch(text) is None:
         return False
@@ -118,16 +118,16 @@ class Conversion:
     offset: float
 
     def to_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Values in the declared unit, as SI."""
+        """Convert values in the declared unit to SI."""
         return self.factor * np.asarray(values, dtype=float) + self.offset
 
     def from_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """SI values, in the declared unit."""
+        """Convert SI values to the declared unit."""
         return (np.asarray(values, dtype=float) - self.offset) / self.factor
 
 
 def kept_as_sent(unit: str) -> Conversion:
-    """No conversion, of a command or a spool position; ValueError unless the unit is one of :data:`AS_SENT`."""
+    """Return the identity, of a command or a spool position; ValueError unless in :data:`AS_SENT`."""
     if unit not in AS_SENT:
         raise ValueError(f"'{unit[:_LONGEST]}' is no unit of a command; use one of {', '.join(AS_SENT)}")
     return Conversion(factor=1.0, offset=0.0)
@@ -135,7 +135,7 @@ def kept_as_sent(unit: str) -> Conversion:
 
 @lru_cache(maxsize=256)
 def conversion(unit: str, si_unit: str) -> Conversion:
-    """Conversion from ``unit`` to ``si_unit``.
+    """Return the conversion from ``unit`` to ``si_unit``.
 
     Raises
     ------

@@ -46,7 +46,7 @@ _TEXTS: Mapping[str, str] = {kind: text for kinds, text in _WORDS for kind in ki
 
 
 def in_words(problem: Mapping[str, Any]) -> str:
-    """One entry of ``ValidationError.errors()`` in plain words.
+    """Put one entry of ``ValidationError.errors()`` in plain words.
 
     What a check of ours raised is its own text; a kind of error that has no words here keeps pydantic's.
     """

@@ -46,11 +46,11 @@ class ValveAxis:
     rate: float
 
     def sent(self, share: float) -> float:
-        """The command of a share of full, positive upwards."""
+        """Return the command of a share of full, positive upwards."""
         return self.neutral + self.full * share
 
     def share(self, command: float) -> float:
-        """The inverse of :meth:`sent`."""
+        """Invert :meth:`sent`."""
         return (command - self.neutral) / self.full
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary path beside ``path`` that takes its place, synced, when the block ends well; else it is removed.
+    """Yield a temporary path that replaces ``path``, synced, when the block ends well; else it is removed.
 
     It is hidden: who watches the folder takes it for no file. A device or a pipe is refused: its name would become a
     file's.

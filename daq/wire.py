@@ -12,22 +12,22 @@ _FORMATS: dict[str, str] = {
 
 
 def struct_code(data_type: str) -> str:
-    """The letter of :mod:`struct` for ``data_type``."""
+    """Return the letter of :mod:`struct` for ``data_type``."""
     return _FORMATS[data_type]
 
 
 def size(data_type: str) -> int:
-    """Bytes that one value of ``data_type`` takes."""
+    """Return the bytes of one value of ``data_type``."""
     return struct.calcsize(_FORMATS[data_type])
 
 
 def registers(data_type: str) -> int:
-    """16-bit Modbus registers that one value of ``data_type`` takes."""
+    """Return the number of 16-bit Modbus registers of one ``data_type`` value."""
     return (size(data_type) + 1) // 2
 
 
 def encode(data_type: str, value: float) -> bytes:
-    """Bytes as CANopen sends them, little endian; integers are rounded and saturate at their type's ends."""
+    """Encode for CANopen, little endian; integers are rounded and saturate at their type's ends."""
     if data_type.startswith("float"):
         return struct.pack("<" + _FORMATS[data_type], value)
     bits = 8 * size(data_type)
@@ -37,19 +37,19 @@ def encode(data_type: str, value: float) -> bytes:
 
 
 def decode(data_type: str, data: bytes) -> float:
-    """The number in ``data`` (little endian); the length has to be exact (struct.error otherwise)."""
+    """Decode the number in ``data`` (little endian); the length must be exact (else struct.error)."""
     return number(data_type, struct.unpack("<" + _FORMATS[data_type], data)[0])
 
 
 def number(data_type: str, unpacked: float | bytes) -> float:
-    """The number that :mod:`struct` made by :func:`struct_code`; it knows no integers of 24 bits."""
+    """Convert what :mod:`struct` made by :func:`struct_code`; it knows no 24-bit integers."""
     if isinstance(unpacked, bytes):
         return float(int.from_bytes(unpacked, "little", signed=not data_type.startswith("u")))
     return float(unpacked)
 
 
 def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
-    """The number in ``bits`` bits of ``data`` from ``bit`` on (CANopen's order); ValueError if ``data`` ends before."""
+    """Decode ``bits`` bits of ``data`` from ``bit`` on (CANopen's order); ValueError if ``data`` ends before."""
     if 8 * len(data) < bit + bits:
         raise ValueError("too few bytes")
     field = int.from_bytes(data, "little") >> bit & (1 << bits) - 1
@@ -61,12 +61,12 @@ def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
 
 
 def swapped(word: int) -> int:
-    """A register with its two bytes the other way round."""
+    """Swap a register's two bytes."""
     return (word & 0xFF) << 8 | word >> 8
 
 
 def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
-    """The number in Modbus registers; as many words as :func:`registers` says."""
+    """Decode the number in Modbus registers, as many words as :func:`registers`."""
     if byte_order == "little":
         words = [swapped(word) for word in words]
     ordered = words if word_order == "little" else words[::-1]

@@ -122,7 +122,7 @@ class AcquisitionProcess:
         self.check()
 
     def _hear(self) -> None:
-        """Take in what the process said; its silence after the end is a failure too."""
+        """Take in what the process reported; its silence after the end is a failure too."""
         if self._control is None:
             return
         try:
@@ -154,7 +154,7 @@ class AcquisitionProcess:
         return self._running and self._failure is None
 
     def statistics(self) -> AcquisitionStatistics:
-        """What the process published last, at most half a second old."""
+        """Return the latest statistics of the process, at most half a second old."""
         info = self._reader.info() if self._reader is not None else {}
         statistics = AcquisitionStatistics(**info)
         if self._failure is not None:

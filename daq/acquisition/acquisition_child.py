@@ -41,7 +41,7 @@ def main(control: Connection) -> None:
     """Acquire what the parent orders: a machine, the name of its ring, the channels that have to be there, where to
     keep what nodes were like, and the raw trace to write.
 
-    Says ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
+    Sends ``("running", "")`` or ``("failed", line)`` through ``control``; stops when anything comes back.
     """
     machine, name, required, data_directory, trace = control.recv()
     stopping = threading.Event()
@@ -77,7 +77,7 @@ def main(control: Connection) -> None:
 
 
 def _kept(machine: Machine, data_directory: Path | None) -> Iterator[Path]:
-    """Where drivers write what they found: nowhere near the store of a service."""
+    """Make a folder for what drivers write of their findings, apart from the store of a service."""
     if data_directory is not None:
         folder = FoundSetups(data_directory, machine.name).folder
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,13 +85,13 @@ def _kept(machine: Machine, data_directory: Path | None) -> Iterator[Path]:
 
 
 def _say(control: Connection, what: str, text: str = "") -> None:
-    """Tell the parent; one that died meanwhile is :func:`_listen`'s to notice."""
+    """Notify the parent; one that died meanwhile is :func:`_listen`'s to notice."""
     with contextlib.suppress(OSError):
         control.send((what, " ".join(text.split())))
 
 
 def _listen(control: Connection, stopping: threading.Event) -> None:
-    """Anything on the pipe, and its end (the parent died), mean stop."""
+    """Stop at anything on the pipe, and at its end (the parent died)."""
     with contextlib.suppress(EOFError, OSError):
         control.recv()
     stopping.set()
@@ -143,18 +143,18 @@ class Drivers:
         return [problem for problems in started for problem in problems]
 
     def clock(self) -> Clock:
-        """What paces the cycle: the machine's own clock, or another master's SYNC where that leads."""
+        """Return what paces the cycle: the machine's own clock, or another master's SYNC where that leads."""
         return clock_for(self._machine, self._sync)
 
     def _sync(self) -> NextSync | None:
-        """What tells the SYNC that leads, if one does: a bus says so, or a master came to one that we led."""
+        """Return the source of the leading SYNC, if any: a bus has it, or a master came to one that we led."""
         for driver in self.drivers:
             if isinstance(driver, ListeningDriver | CanopenDriver) and driver.external_sync:
                 return driver.next_sync
         return None
 
     def is_fatal(self, problem: str) -> bool:
-        """Whether a channel that is required is lost by it; a driver that does not say which loses all of its own."""
+        """Return whether it loses a required channel; a driver that names none loses all of its own."""
         if self._required is None:
             return True
         channels = getattr(problem, "channels", None)
@@ -176,7 +176,7 @@ def _start(driver: Driver) -> tuple[str, ...]:
 
 
 def request_fifo() -> tuple[bool, str]:
-    """Ask for the real-time class; whether it was granted, and if not a line that says what to do."""
+    """Request the real-time class; return whether it was granted, and if not a line with the remedy."""
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except (PermissionError, OSError) as error:

@@ -68,7 +68,7 @@ class Assembler:
     def frame(
         self, tick: Tick, sync_ns: int, utc_ns: int, samples: Sequence[Samples], sent_ns: int | None = None
     ) -> Frame:
-        """The frame of this tick; ``samples`` of every driver, in the order given at the start.
+        """Assemble the frame of this tick; ``samples`` of every driver, in the order given at the start.
 
         ``sync_ns`` is when drivers were about to be triggered, ``sent_ns`` when all had been (None: at once). What they
         bring is as much younger than the tick as that was later, which is its (negative) age.
@@ -109,7 +109,7 @@ class Assembler:
     def _told(
         self, samples: Sequence[Samples], new: npt.NDArray[np.bool_], refused: list[int], lag_s: float
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Quality, age and interval (n,) of values of which some are ``new``, others ``refused`` by a sentinel."""
+        """Compute quality, age and interval (n,) of values: ``new``, or ``refused`` by a sentinel."""
         count = len(new)
         quality = np.full(count, Quality.MISSING, dtype=np.uint8)
         ago, after, interval = np.zeros(count, dtype=np.int64), np.zeros(count), np.ones(count)
@@ -125,7 +125,7 @@ class Assembler:
         return quality, ages, interval
 
     def _judged(self, values: npt.NDArray[np.float64], quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """The quality, with what is fresh beyond its range or stands still marked; the same array if nothing is."""
+        """Mark fresh values out of range or frozen in the quality; return the same array if there are none."""
         if self._bounded:
             beyond = (values <= self._table.low) | (values >= self._table.high)
             if np.count_nonzero(beyond):  # quicker than any()
@@ -173,7 +173,7 @@ class Assembler:
 
 
 def _late(samples: Samples) -> Samples:
-    """Samples of a cycle that was sampled too late, or nobody knows when."""
+    """Mark samples of a cycle sampled too late, or at an unknown moment."""
     return replace(
         samples, plain=False, quality=np.where(samples.quality == Quality.FRESH, Quality.LATE, samples.quality)
     )

@@ -68,7 +68,7 @@ class AcquisitionStatistics:
     warnings: list[str] = field(default_factory=list)
 
     def missing(self) -> int:
-        """Frames in which some value was due and not fresh, counted per channel and summed."""
+        """Count frames in which a due value was not fresh, per channel and summed."""
         return sum(n for counts in self.quality.values() for name, n in counts.items() if name not in ("fresh", "held"))
 
 
@@ -101,7 +101,7 @@ class Cycles:
         self._utc_offset_ns: int | None = None
 
     def once(self, ring: RingWriter) -> None:
-        """One cycle: wait for its tick, trigger, collect, publish."""
+        """Run one cycle: wait for its tick, trigger, collect, publish."""
         tick = self.clock.wait()
         sync_ns, utc_ns = self.clock.monotonic_ns(), self.clock.utc_ns()
         for driver in self.drivers:
@@ -138,7 +138,7 @@ class Cycles:
         self.events.note("clock", "utc_jump", text)
 
     def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:
-        """State of everything, for whoever asks."""
+        """Return the state of everything."""
         counts = self.assembler.counts.T.tolist()
         quality = {
             name: {word: count for word, count in zip(_QUALITIES, own, strict=True) if count}
@@ -157,7 +157,7 @@ class Cycles:
 
 
 def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
-    """As JSON carries it; what a device does not have is left out."""
+    """Convert to JSON types; what a device does not have is left out."""
     devices = [{key: value for key, value in vars(d).items() if value or key == "detail"} for d in statistics.devices]
     for device in devices:
         if "latency_ms" in device:
@@ -166,7 +166,7 @@ def _as_dict(statistics: DriverStatistics) -> dict[str, Any]:
 
 
 def _short(bus: dict[str, Any]) -> dict[str, Any]:
-    """A bus without the lines about its devices, and without what they say of themselves."""
+    """Shorten a bus to what it has without its devices' lines and identities."""
     devices = [{key: value for key, value in device.items() if key != "objects"} for device in bus["devices"]]
     return {**bus, "devices": [{**device, "detail": device["detail"][:40]} for device in devices]}
 

@@ -79,7 +79,7 @@ class FrozenDetector:
         self._ended = np.zeros(len(pairs), dtype=np.int64)
 
     def frozen(self, values: FloatArray, quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
-        """Channels whose value of this frame stands still, (n,); only those that are fresh are looked at."""
+        """Find channels whose value of this frame is frozen, (n,); only fresh ones are looked at."""
         fresh = quality == Quality.FRESH if quality.any() else self._all
         step = values - self._last
         changed = step != 0.0
@@ -106,7 +106,7 @@ class FrozenDetector:
         return found
 
     def _learn(self) -> None:
-        """Once in a block: in which channels enough of the changes turn back against the change before them."""
+        """Learn once a block in which channels enough changes reverse the change before them."""
         steps = np.stack([self._step, *self._steps])
         self._steps.clear()
         rows = np.arange(len(steps))[:, None]
@@ -156,13 +156,13 @@ class FrozenDetector:
 
 
 def _tolerance(machine: Machine, channel: Channel) -> float:
-    """How far a channel that stands still may tremble, SI: four deviations of its noise, or a step."""
+    """Compute how far a frozen channel may tremble, SI: four deviations of its noise, or a step."""
     declared = max(4.0 * (channel.noise_std or 0.0), channel.resolution or 0.0)
     return abs(machine.conversion(channel).factor) * declared
 
 
 def _range(machine: Machine, channel: Channel) -> float:
-    """How far a position can move, SI."""
+    """Compute how far a position can move, SI."""
     assert channel.joint is not None
     joint = machine.joint(channel.joint)
     low, high = joint.limits.position

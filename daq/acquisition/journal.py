@@ -40,12 +40,12 @@ _SCHEMA, _BATCH = b"s", b"b"
 
 
 def journal_path(path: Path) -> Path:
-    """Where the journal of the recording ``path`` is."""
+    """Return the path of the journal of the recording ``path``."""
     return path.with_name(path.name + JOURNAL_SUFFIX)
 
 
 def storage_error(path: Path, operation: str, error: OSError, advice: str) -> StorageError:
-    """What failed, as one line; a full disk is an error of its own."""
+    """Make one line of a failure; a full disk is an error of its own."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     reason = "the disk is full" if full else error.strerror or str(error)
     kind = DiskFullError if full else StorageError
@@ -123,7 +123,7 @@ class Journal:
     def seal(
         self, metadata: Mapping[str, str] | None = None, finish: Callable[[pa.Table], pa.Table] = lambda table: table
     ) -> str | None:
-        """Turn the journal into the recording, with more ``metadata``; without rows, nothing stays.
+        """Turn the journal into the recording, with more ``metadata``; without rows, nothing is left.
 
         ``finish`` is given all rows, and makes of them what is written.
 
@@ -135,7 +135,7 @@ class Journal:
         Raises
         ------
         StorageError
-            If the recording cannot be written; the journal stays.
+            If the recording cannot be written; the journal is kept.
         """
         try:
             if self.rows:
@@ -156,7 +156,7 @@ class Journal:
             self.abandon()
 
     def abandon(self) -> None:
-        """Close without sealing; what is in the journal stays for :func:`recover`."""
+        """Close without sealing; what is in the journal is kept for :func:`recover`."""
         with contextlib.suppress(OSError):  # what could not be written was said before
             self._file.close()  # and with it the lock
 
@@ -248,7 +248,7 @@ def _recover_one(journal: Path) -> Recovered:
 
 
 def _same(path: Path, table: pa.Table) -> bool:
-    """Whether a recording holds the rows of a journal: the same cycles at the same times."""
+    """Return whether a recording holds the rows of a journal: same cycles, same times."""
     there = read_table(path)
     names = [name for name in ("time", "cycle", "utc_ns") if name in table.column_names]
     return there.rows == table.num_rows and all(
@@ -264,7 +264,7 @@ def _noted(found: _Found) -> dict[str, str]:
 
 
 def _free(name: Callable[[str], Path]) -> Path:
-    """The first name that nobody has; ``name`` makes one from its number, which the first does not show."""
+    """Find the first free name; ``name`` makes one from its number, which the first does not show."""
     return next(
         path for number in itertools.count(1) if not (path := name("" if number == 1 else str(number))).exists()
     )
@@ -288,7 +288,7 @@ class _Found:
 
 
 def _read(journal: Path) -> _Found:
-    """All whole batches of a journal, also of one that ends in the middle of one."""
+    """Read all whole batches of a journal, also of one that ends inside one."""
     if journal.stat().st_size == 0:
         return _Found(pa.table({}), 0, False)
     with journal.open("rb") as file:
@@ -314,7 +314,7 @@ def _read(journal: Path) -> _Found:
 
 
 def _records(data: mmap.mmap) -> Iterator[tuple[bytes, memoryview | None]]:
-    """Kind and content of each record; no content where the check sum is wrong."""
+    """Read kind and content of each record; no content where the check sum is wrong."""
     view = memoryview(data)
     at = data.find(JOURNAL_MARK)
     while at >= 0:

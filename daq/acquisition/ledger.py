@@ -50,7 +50,7 @@ class ChannelLedger:
         return self.produced == self.stored + sum(self.dropped.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return content for JSON."""
         return {"produced": self.produced, "stored": self.stored, "dropped": dict(sorted(self.dropped.items()))}
 
 
@@ -63,7 +63,7 @@ class Ledger:
         self._held = np.zeros(len(names), dtype=np.int64)
 
     def add(self, quality: npt.NDArray[np.uint8], stored: npt.NDArray[np.bool_], origin: npt.NDArray[np.uint8]) -> None:
-        """Rows that are safe on disk: (N, n) flags, (N, n) whether the file has a number, (N,) row's origin."""
+        """Add rows that are safe on disk: (N, n) flags, (N, n) presence in the file, (N,) row's origin."""
         absent = ~stored
         frames = origin == FRAME
         self._held += ((quality == Quality.HELD) & frames[:, None]).sum(axis=0)
@@ -91,12 +91,12 @@ class Ledger:
         return all(channel.balanced for channel in self.channels.values())
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Return content for JSON."""
         return {name: channel.as_dict() for name, channel in self.channels.items()}
 
 
 def ledger_of(table: pa.Table) -> dict[str, Any]:
-    """The ledger of a recording's rows, as far as they tell: for one whose recorder was killed."""
+    """Reconstruct the ledger from a recording's rows: for one whose recorder was killed."""
     names = tuple(name.removesuffix(".quality") for name in table.column_names if name.endswith(".quality"))
     quality = np.column_stack([table.column(f"{name}.quality").to_numpy() for name in names])
     stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in names])

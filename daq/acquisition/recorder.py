@@ -206,7 +206,7 @@ class Recorder:
 
 
 def rows_table(machine: Machine, role: str, rows: npt.NDArray[np.void], time_s: FloatArray) -> pa.Table:
-    """The recording's table of (N,) rows of the ring, at (N,) seconds."""
+    """Build the recording's table of (N,) rows of the ring, at (N,) seconds."""
     values = np.where(np.isin(rows["quality"], UNMEASURED), np.nan, rows["values"])
     columns = [(i, channel.name) for i, channel in enumerate(machine.channels)]
     return recording_table(
@@ -222,11 +222,11 @@ def rows_table(machine: Machine, role: str, rows: npt.NDArray[np.void], time_s: 
 
 
 def backdated(table: pa.Table, names: Sequence[str]) -> tuple[pa.Table, dict[str, int]]:
-    """The table of a recording with frozen values marked from their beginning, and how many more that is per channel.
+    """Mark frozen values of a recording from their beginning, and count how many more that is per channel.
 
     Live detection needs a while, so the first equal values of a sensor that hangs are called fresh. Here they are
     marked as well: every value equal to the one before it, back to the last change. The first value of such a run was
-    a measurement, and stays one.
+    a measurement, and remains one.
 
     Parameters
     ----------
@@ -291,7 +291,7 @@ class _Writer:
             self.missed += int(np.count_nonzero(origin != FRAME))
 
     def _fill(self, rows: npt.NDArray[np.void], overwritten: int) -> tuple[npt.NDArray[np.void], npt.NDArray[np.uint8]]:
-        """The same rows with one more, marked missing, for every cycle that is not among them; what each stands for."""
+        """Insert a row, marked missing, for every cycle that is not among the rows; and return what each represents."""
         known = rows if self._last is None else np.concatenate([self._last, rows])
         cycles = np.arange(int(known["cycle"][0]), int(known["cycle"][-1]) + 1)
         origin = np.full(len(cycles), SKIP, dtype=np.uint8)
@@ -314,7 +314,7 @@ class _Writer:
         return (filled, origin) if self._last is None else (filled[1:], origin[1:])
 
     def sync(self) -> None:
-        """Bring what is pending to disk."""
+        """Flush what is pending to disk."""
         if not self._pending:
             return
         rows = np.concatenate([rows for rows, _ in self._pending])
@@ -332,7 +332,7 @@ class _Writer:
         return rows_table(self._machine, self._role, rows, time_s)
 
     def _backdated(self, table: pa.Table) -> pa.Table:
-        """Frozen values marked from their beginning, which was not known while they came."""
+        """Mark frozen values from their beginning, unknown while they came."""
         table, added = backdated(table, self._names)
         for name, count in added.items():
             index = self._names.index(name)

@@ -69,15 +69,15 @@ class _Tape(CanAccess):
         return self._next is None
 
     def attach(self, port: CanPort, config: CanBus) -> Any:
-        """No interface."""
+        """Attach no interface."""
         self._ports[config.name] = port
         return _Silent()
 
     def begin(self, port: CanPort) -> None:
-        """Frames come by :meth:`step`."""
+        """Do nothing: frames come by :meth:`step`."""
 
     def step(self, until_ns: int) -> bool:
-        """Hand over the next frame if it came by then, and let time pass until it; else until then: False."""
+        """Deliver the next frame if it came by then, and let time pass until it; else until then: False."""
         if self._next is None or self._next[0] > until_ns:
             self.now_ns = max(self.now_ns, until_ns)
             return False
@@ -89,7 +89,7 @@ class _Tape(CanAccess):
 
 
 def _first(bus: str, path: Path) -> dict[int, list[int]]:
-    """When the first frames of a bus came, by identifier."""
+    """Find when the first frames of a bus came, by identifier."""
     found: dict[int, list[int]] = {}
     for at_ns, _, message in itertools.islice(_stamped(bus, path), _LOOKED_AT):
         found.setdefault(message.arbitration_id, []).append(at_ns)
@@ -130,7 +130,7 @@ def replay(machine: Machine, trace: Path) -> Replay:
 
 
 def _files(trace: Path, buses: list[str]) -> dict[str, Path]:
-    """The file of each bus: by its name, or the only one of the only bus."""
+    """Return the file of each bus: by its name, or the only one of the only bus."""
     if not buses:
         raise InputError(f"{trace}: the machine has no CAN bus with channels; a trace is of CAN")
     if not trace.parent.is_dir():
@@ -192,7 +192,7 @@ class _TapeClock(RealClock):
         self._tape, self._leading = tape, leading
 
     def monotonic_ns(self) -> int:
-        """That of the tape."""
+        """Return the tape's time."""
         return self._tape.now_ns
 
     def _next_sync(self, deadline_ns: int) -> int | None:
@@ -202,7 +202,7 @@ class _TapeClock(RealClock):
 
 
 def _phase(first: dict[str, dict[int, list[int]]], begin_ns: int, period_ns: int) -> int:
-    """Where in a period frames that come at least every second time come least: the middle of the longest pause, ns."""
+    """Find where in a period frequent frames (one a second or more) come least: mid of the longest pause, ns."""
     streams = [moments for of_bus in first.values() for moments in of_bus.values()]
     often = [moments for moments in streams if 2 * len(moments) * period_ns >= moments[-1] - moments[0] > 0]
     phases = np.sort([(moment - begin_ns) % period_ns for moments in often for moment in moments])

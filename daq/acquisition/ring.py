@@ -90,7 +90,7 @@ class _Ring:
 
     @property
     def closed(self) -> bool:
-        """Whether the writer said that no more will come."""
+        """Whether the writer announced that no more will come."""
         return bool(self._header["closed"][0])
 
     @property
@@ -117,7 +117,7 @@ class _Ring:
         return int(self._header["writer_pid"][0])
 
     def info(self) -> dict[str, Any]:
-        """The writer's last words about itself (statistics), or an empty dictionary."""
+        """Read the writer's last statistics, or an empty dictionary."""
         start = _HEADER.itemsize
         for _ in range(100):
             after = int(self._header["info_after"][0])
@@ -128,7 +128,7 @@ class _Ring:
         return {}
 
     def close(self) -> None:
-        """Let go of the memory; it stays until its maker unlinks it."""
+        """Release the memory; it exists until its maker unlinks it."""
         for name in ("_header", "_written", "_slot", "_before", "_after", "_row", "_columns"):
             self.__dict__.pop(name, None)
         self._memory.close()
@@ -181,7 +181,7 @@ class RingWriter(_Ring):
         return True
 
     def finish(self) -> None:
-        """Tell the readers that no more will come."""
+        """Signal the readers that no more will come."""
         self._header["closed"] = 1
 
 
@@ -199,7 +199,7 @@ class RingReader(_Ring):
         return self._next
 
     def read(self, limit: int | None = None) -> Rows:
-        """All rows that are there (at most ``limit``), copied, and how many were lost before them."""
+        """Copy all rows that are there (at most ``limit``), and count those lost before them."""
         missed = 0
         while True:
             written = self.written
@@ -243,7 +243,7 @@ class RingReader(_Ring):
         return True
 
     def latest(self) -> npt.NDArray[np.void] | None:
-        """A copy of the newest row, shape (1,), without moving this reader; None before the first one."""
+        """Copy the newest row, shape (1,), without moving this reader; None before the first one."""
         while (written := self.written) > 0:
             slot = (written - 1) % self._slots
             whole = int(self._after[slot]) == written

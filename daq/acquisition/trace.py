@@ -42,7 +42,7 @@ WAITING = 200_000  # frames that may wait for the disk; beyond, they are counted
 
 
 def bus_file(trace: Path, bus: str) -> Path:
-    """The file of one bus of a trace."""
+    """Return the path of the file of one bus of a trace."""
     return trace.with_name(f"{trace.stem}-{bus}{trace.suffix}")
 
 
@@ -67,7 +67,7 @@ class TraceAccess(CanAccess):
         self._thread.start()
 
     def noted(self, name: str) -> Callable[[can.Message], None]:
-        """Takes frames of a bus, in whatever thread they come."""
+        """Return a callback for frames of a bus, in whatever thread they come."""
 
         def note(message: can.Message) -> None:
             if self._waiting.qsize() < WAITING:
@@ -106,14 +106,14 @@ class TraceAccess(CanAccess):
 
 
 def trace_files(path: Path) -> list[Path]:
-    """A bus's files in the order in which they were written: those that were full, then the last one."""
+    """List a bus's files in the order in which they were written: full ones, then the last one."""
     pattern = re.compile(re.escape(path.stem) + r"_\d{4}-\d\d-\d\dT\d{6}_#(\d+)" + re.escape(path.suffix))
     numbered = [(int(match[1]), other) for other in path.parent.iterdir() if (match := pattern.fullmatch(other.name))]
     return [*(other for _, other in sorted(numbered)), *([path] if path.is_file() else [])]
 
 
 def read_trace(path: Path) -> Iterator[can.Message]:
-    """All frames of a bus's files.
+    """Read all frames of a bus's files.
 
     Raises
     ------

@@ -153,7 +153,7 @@ def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
 
 
 def _told(event: dict[str, Any]) -> str:
-    """An event as a line."""
+    """Word an event as a line."""
     at = datetime.fromtimestamp(event["utc_ns"] / 1e9, UTC).strftime("%H:%M:%S.%f")[:-4]
     lasted = "lasts on" if event["seconds"] is None else f"{event['seconds']:.2f} s" if event["seconds"] else ""
     times = f"{event['count']} times" if event["count"] > 1 else ""

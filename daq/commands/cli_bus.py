@@ -90,12 +90,12 @@ def check(
 
 
 def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
-    """Delays between buses, from recordings: the most precise of each pair of buses.
+    """Estimate delays between buses from recordings: the most precise of each pair of buses.
 
     Raises
     ------
     InputError
-        If a recording cannot be read, or none of them tells a delay.
+        If a recording cannot be read, or none of them shows a delay.
     """
     from daq.commissioning.delays import bus_delays
     from daq.recordings.recording import read_recording
@@ -115,12 +115,12 @@ def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
 
 
 def delay_line(delay: BusDelay) -> str:
-    """An entry of ``delays`` of a machine file."""
+    """Write an entry of ``delays`` of a machine file."""
     return f"{{bus: {delay.bus}, behind: {delay.reference}, seconds: {delay.seconds:.5f}, std: {delay.std:.5f}}}"
 
 
 def print_check(found: MachineCheck, page: Path | None) -> None:
-    """Tables for people."""
+    """Print tables for people."""
     from rich.console import Console
     from rich.table import Table
 

@@ -31,7 +31,7 @@ def check(
     ] = None,
     json: Json = False,
 ) -> None:
-    """Say everything that is wrong or doubtful in a machine file, with line, key and cure; and what it describes."""
+    """Report everything that is wrong or suspect in a machine file, with line, key and cure; and what it describes."""
     from daq.machine.machine_check import check_machine, facts_of
     from daq.machine.travel import travel_of
 

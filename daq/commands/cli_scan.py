@@ -49,7 +49,7 @@ def scan(
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Also write it for 'machine new'.")] = None,
     json: Json = False,
 ) -> None:
-    """Who is on a bus: listens for two seconds. With --ask it then asks, unless somebody else leads; writes nothing."""
+    """List who is on a bus, in two seconds. With --ask it then asks, unless somebody else leads; writes nothing."""
     from daq.commissioning.modbus_scan import scan_modbus, span
 
     if output is not None and output.suffix != ".json":
@@ -89,7 +89,7 @@ def scan(
 
 
 def _units_of(bus: str, used: dict[str, list[int]], ask: bool) -> list[int]:
-    """Units of a machine file that are asked: none unless somebody wants it."""
+    """Choose the units of a machine file to ask: none unless requested."""
     if bus not in used:
         raise InputError(f"bus '{bus}': say which units to ask, as --units 1-8; no others are asked")
     if not ask:
@@ -98,7 +98,7 @@ def _units_of(bus: str, used: dict[str, list[int]], ask: bool) -> list[int]:
 
 
 def _of_can(bus: CanopenBus | CanSignalsBus, seconds: float, ask: bool, nodes: Sequence[int]) -> CanScan:
-    """A CAN bus, and before anything is sent what that will be."""
+    """Scan a CAN bus, announcing what will be sent before anything is."""
     from daq.commissioning.can_scan import questions, scan_can
 
     asking = ask and not bus.listen_only
@@ -117,7 +117,7 @@ def _described(
     baudrate: int,
     parity: str,
 ) -> list[AnyBus]:
-    """Buses that the options describe."""
+    """List the buses that the options describe."""
     pairs: dict[str, Any] = {}
     for text in options:
         key, equals, value = text.partition("=")
@@ -147,7 +147,7 @@ def _described(
 
 
 def _of_machine(path: Path, name: str | None, described: list[AnyBus]) -> tuple[list[AnyBus], dict[str, list[int]]]:
-    """Buses of a machine file, and the Modbus units that its channels come from."""
+    """List buses of a machine file, and the Modbus units that its channels come from."""
     if described:
         raise InputError("bus scan: a machine file and --interface, --tcp or --serial both say which bus; keep one")
     machine = load_machine(path)
@@ -167,7 +167,7 @@ def _of_machine(path: Path, name: str | None, described: list[AnyBus]) -> tuple[
 
 
 def print_scans(results: Sequence[CanScan | ModbusScan]) -> None:
-    """Tables for people."""
+    """Print tables for people."""
     from rich.console import Console
     from rich.table import Table
 

@@ -50,7 +50,7 @@ class FoundNode:
 
 
 def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
-    """Node-IDs that answer for their device type, and how often each did."""
+    """Return the node-IDs that answer for their device type, and how often each did."""
     answers: dict[int, int] = {}
 
     def counted(number: int) -> None:
@@ -76,7 +76,7 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
 
 
 def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
-    """A node by what it says of itself (:func:`daq.drivers.canopen.profiles.ask`)."""
+    """Describe a node by its own objects (:func:`daq.drivers.canopen.profiles.ask`)."""
     numbers = {name: value for name, value in told.items() if isinstance(value, int)}
     texts = {name: value for name, value in told.items() if isinstance(value, str)}
     device_type = numbers.get("0x1000:0")
@@ -90,7 +90,7 @@ def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
 
 
 def asked(link: CanLink, node: FoundNode) -> FoundNode:
-    """A node with what it says of itself; what it refuses stays None."""
+    """Add a node's answers about itself; what it refuses is None."""
     sdo = link.sdo(node.node)
     try:
         answered = said(node.node, ask(sdo))

@@ -154,7 +154,7 @@ def scan_can(
 
 
 def questions(nodes: Sequence[int]) -> str:
-    """What asking sends, in words."""
+    """Word what asking sends."""
     return (
         f"an SDO read of the device type to each of {len(nodes)} nodes, one per 5 ms; to those that answer SDO reads "
         "of identity, scaling and TPDOs; nothing where another master is heard, and nothing is written"
@@ -162,7 +162,7 @@ def questions(nodes: Sequence[int]) -> str:
 
 
 def _canopen(bus: CanopenBus | CanSignalsBus, *, listen_only: bool, listen_s: float) -> CanopenBus:
-    """The bus as CANopen sees it; one that is only listened to is opened so that it does not even acknowledge."""
+    """Open the bus for CANopen; one that is only listened to does not even acknowledge."""
     return CanopenBus(
         name=bus.name, type="canopen", interface=bus.interface, channel=bus.channel, bitrate=bus.bitrate,
         options=bus.options, listen_only=listen_only, listen_s=listen_s,
@@ -191,7 +191,7 @@ def _heard(key: tuple[int, bool], link: _Ear) -> Heard:
 
 
 def _meaning(identifier: int, extended: bool) -> tuple[str, int | None]:
-    """What an identifier is (CiA 301, 7.3.5; SAE J1939-21), and the device that it names."""
+    """Classify an identifier (CiA 301, 7.3.5; SAE J1939-21), and the device that it names."""
     if extended:
         return f"29 bits, PGN 0x{pgn_of(identifier):04X} from 0x{identifier & 0xFF:02X}", None
     function, node = identifier & 0x780, identifier & 0x7F
@@ -207,7 +207,7 @@ def _meaning(identifier: int, extended: bool) -> tuple[str, int | None]:
 
 
 def _alive(heard: Sequence[Heard]) -> list[FoundNode]:
-    """Nodes that were heard."""
+    """List the nodes that sent something."""
     found: dict[int, FoundNode] = {}
     for entry in heard:
         if entry.node is None or entry.what.startswith(("RPDO", "SDO request")):

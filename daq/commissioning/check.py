@@ -116,7 +116,7 @@ def check_machine_buses(
 
 
 def delays_of_frames(machine: Machine, rows: npt.NDArray[np.void]) -> tuple[BusDelay, ...]:
-    """Delays between the buses, as far as frames (N,) of a motion tell them; cycles that were skipped are gaps."""
+    """Estimate delays between the buses from frames (N,) of a motion; cycles that were skipped are gaps."""
     from daq.commissioning.delays import bus_delays
 
     if not len(rows):
@@ -138,7 +138,7 @@ def machine_check(
     *,
     depressurised: bool,
 ) -> MachineCheck:
-    """What frames, statistics and what nodes say of themselves (by bus and node-ID) tell of a machine."""
+    """Check a machine by its frames, statistics and its nodes' own objects (by bus and node-ID)."""
     notes = list(notes)
     channels = tuple(_channel(machine, index, channel, rows) for index, channel in enumerate(machine.channels))
     devices = tuple(_devices(machine, statistics, nodes))
@@ -165,7 +165,7 @@ def machine_check(
 
 
 def _asked(machine: Machine) -> tuple[dict[tuple[str, int], FoundNode], list[str]]:
-    """What nodes say of themselves, by bus and node-ID."""
+    """Ask nodes for their identity, by bus and node-ID."""
     from daq.commissioning.can_scan import scan_can
 
     found: dict[tuple[str, int], FoundNode] = {}
@@ -240,7 +240,7 @@ def _devices(
 
 
 def _unit_identity(told: Mapping[str, str | int]) -> dict[str, str]:
-    """Of a Modbus unit, by the words of its device identification."""
+    """Return a Modbus unit's identity, by the words of its device identification."""
     words = {"device": told.get("product") or told.get("vendor"), "firmware": told.get("revision")}
     return {name: str(word) for name, word in (words | {"vendor": told.get("vendor")}).items() if word}
 
@@ -256,7 +256,7 @@ def _identity(node: FoundNode) -> dict[str, str]:
 
 
 def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) -> Iterator[str]:
-    """Lines about one channel."""
+    """Make the lines about one channel."""
     rest, name, unit = checked.rest, channel.name, channel.unit
     others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
     if math.isnan(rest.mean):
@@ -289,7 +289,7 @@ def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) ->
 
 
 def check_page(check: MachineCheck) -> str:
-    """The check as one page to print: a self-contained HTML file."""
+    """Write the check as one page to print: a self-contained HTML file."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -299,5 +299,5 @@ def check_page(check: MachineCheck) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number with so many digits; empty where there is none."""
+    """Format a number with so many digits; empty where there is none."""
     return "" if math.isnan(value) else f"{value:.{digits}g}"

@@ -76,7 +76,7 @@ class BusDelay:
 
 
 def bus_delays(machine: Machine, values: Mapping[str, FloatArray], rate_hz: float) -> list[BusDelay]:
-    """Delays between the buses of a machine.
+    """Estimate delays between the buses of a machine.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ class _Motion:
 def _motion(
     machine: Machine, number: int, reference: Channel, values: Mapping[str, FloatArray], kind: str
 ) -> _Motion | None:
-    """The motion that a signal follows; None where the reference's bus does not see all of it."""
+    """Return the motion that a signal follows; None where the reference's bus does not see all of it."""
     if kind == "position":
         return _Motion(values[reference.name][:, None], 0, lambda q, v, a: _polynomial(q[:, 0]))
     positions = [machine.channel("joint_position", joint.name) for joint in machine.joints]
@@ -138,7 +138,7 @@ def _bus(channel: Channel) -> str:
 def _signals(
     machine: Machine, channels: Sequence[Channel], values: Mapping[str, FloatArray]
 ) -> list[tuple[tuple[str, ...], FloatArray, str]]:
-    """What a joint's channels on one bus say of its motion: names, signal, kind."""
+    """Return a joint's signals of motion on one bus: names, signal, kind."""
     found: list[tuple[tuple[str, ...], FloatArray, str]] = []
     by_quantity = {c.quantity: c for c in channels}
     for channel in channels:
@@ -155,7 +155,7 @@ def _signals(
 
 
 def _delay(motion: _Motion, y: FloatArray, rate_hz: float) -> tuple[float, float, float] | None:
-    """Delay of ``y`` behind the motion, s, its deviation, and what the motion explains; None where it does not."""
+    """Fit the delay of ``y`` behind the motion, s, deviation, explained share; None where it does not fit."""
     whole = runs(np.isfinite(y) & np.isfinite(motion.q).all(axis=1))
     part = max(whole, key=lambda run: run.stop - run.start, default=slice(0, 0))
     if part.stop - part.start < LEAST_S * rate_hz:
@@ -198,7 +198,7 @@ def _squares(X: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _residuals(squares: FloatArray) -> FloatArray:
-    """Sums of squares that a regression leaves, from (D, p + 1, p + 1) products of columns and target."""
+    """Compute the sums of squares of a regression from products (D, p + 1, p + 1) of columns and target."""
     XX, Xy, yy = squares[:, :-1, :-1], squares[:, :-1, -1], squares[:, -1, -1]
     ridge = 1e-10 * np.trace(XX, axis1=1, axis2=2)[:, None, None] * np.eye(XX.shape[1])
     b = np.linalg.solve(XX + ridge, Xy[:, :, None])[:, :, 0]
@@ -206,7 +206,7 @@ def _residuals(squares: FloatArray) -> FloatArray:
 
 
 def _minimum(delays: FloatArray, J: FloatArray) -> float | None:
-    """Where it is smallest, on the parabola through three points; None at an end."""
+    """Find the minimum on the parabola through three points; None at an end."""
     k = int(np.argmin(J))
     if k in (0, len(J) - 1):
         return None
@@ -217,7 +217,7 @@ def _minimum(delays: FloatArray, J: FloatArray) -> float | None:
 
 
 def _together(bus: str, base: str, pairs: Sequence[PairDelay]) -> BusDelay:
-    """Mean of all pairs, weighted by their deviations, which grow where pairs disagree (Birge)."""
+    """Average all pairs, weighted by deviations, which grow where pairs disagree (Birge)."""
     chosen = [pair for pair in pairs if pair.kind == "position"] or list(pairs)
     d = np.array([pair.seconds for pair in chosen])
     weights = np.array([1.0 / max(pair.std, 1e-6) ** 2 for pair in chosen])

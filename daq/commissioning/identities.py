@@ -16,7 +16,7 @@ SAME = 1e-3  # two scalings that differ by less are one, written with fewer digi
 
 
 def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[str]:
-    """Lines where the node is not what the machine file says."""
+    """Report where the node is not what the machine file declares."""
     bus = next(bus for bus in machine.buses if bus.name == bus_name)
     place = f"bus '{bus_name}' node {node.node}"
     lines = []
@@ -34,7 +34,7 @@ def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[
 
 
 def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | None:
-    """A line where a channel's scaling is not what the node's own objects say, by its profile."""
+    """Report where a channel's scaling is not that of the node's own objects, by its profile."""
     source = channel.source
     if not isinstance(source, CanSource) or node.device_type is None:
         return None
@@ -65,7 +65,7 @@ def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | 
 
 
 def mapping_of(machine: Machine, bus_name: str, device: str) -> str:
-    """Where a device's values come from, as commissioning maps it or as registers."""
+    """Return the place of a device's values, as commissioning maps it or as registers."""
     number = device.rpartition(" ")[2]
     own = [(i, c) for i, c in enumerate(machine.channels) if c.source is not None and c.source.bus == bus_name]
     nodes = [(i, c) for i, c in own if isinstance(c.source, CanSource) and str(c.source.node) == number]

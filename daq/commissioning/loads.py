@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-    """Columns (N, p), each of unit deviation, with one of ones.
+    """Build columns (N, p), each of unit deviation, with one of ones.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a:
 
 
 def _gravity(machine: Machine, number: int, q: FloatArray) -> FloatArray:
-    """Effort at a joint of unit masses at four points of each link beyond it: (N, 4 links), or (N, links) prismatic."""
+    """Compute efforts at a joint of unit masses at four points of each link beyond: (N, 4 links) or (N, links)."""
     poses = _poses(machine, q)
     first = poses[number] if machine.convention == "standard" else poses[number + 1]
     axis, point = first[:, :3, 2], first[:, :3, 3]
@@ -51,7 +51,7 @@ def _gravity(machine: Machine, number: int, q: FloatArray) -> FloatArray:
 
 
 def _poses(machine: Machine, q: FloatArray) -> list[FloatArray]:
-    """Frames 0 to n of the table, each (N, 4, 4)."""
+    """Compute frames 0 to n of the table, each (N, 4, 4)."""
     poses = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
     for number, joint in enumerate(machine.joints):
         row, turns = joint.dh, joint.type == "revolute"

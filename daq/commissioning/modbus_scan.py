@@ -100,7 +100,7 @@ def _unit(connection: ModbusConnection, number: int, registers: range | None) ->
 
 
 def _registers(connection: ModbusConnection, number: int, table: str, wanted: range) -> dict[int, int]:
-    """Registers that are there: blocks, and where one is refused its halves."""
+    """Read the registers that exist: blocks, or the halves of one that is refused."""
     found: dict[int, int] = {}
     todo = [wanted[start : start + BLOCK] for start in range(0, len(wanted), BLOCK)]
     while todo:
@@ -115,7 +115,7 @@ def _registers(connection: ModbusConnection, number: int, table: str, wanted: ra
 
 
 def span(text: str, what: str, low: int, high: int) -> list[int]:
-    """Numbers of ``1-8,12`` (ValueError, in one line, if it is none of that)."""
+    """Parse the numbers of ``1-8,12`` (ValueError, in one line, if it is none of that)."""
     numbers: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")

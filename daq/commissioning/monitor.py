@@ -36,11 +36,11 @@ class Picture:
         self._rows: deque[np.void] = deque(maxlen=max(2, round(WINDOW_S * machine.rate_hz)))
 
     def add(self, rows: npt.NDArray[np.void]) -> None:
-        """Rows that came."""
+        """Add rows that came."""
         self._rows.extend(rows)
 
     def table(self, statistics: AcquisitionStatistics) -> Group:
-        """The table now."""
+        """Return the table now."""
         table = Table("channel", "value", "unit", "quality", "age, ms", "values/s", "spread", "device", box=None)
         for column in (1, 4, 5, 6):
             table.columns[column].justify = "right"
@@ -59,14 +59,14 @@ class Picture:
         return Group(_head(statistics), table, *_troubles(statistics))
 
     def _window(self, index: int) -> tuple[float, float]:
-        """Values a second, and their standard deviation."""
+        """Compute values a second, and their standard deviation."""
         good = [row for row in self._rows if int(row["quality"][index]) in (*MEASURED, Quality.LATE)]
         lasted = float(self._rows[-1]["time"] - self._rows[0]["time"]) + 1 / self._machine.rate_hz
         values = self._conversions[index].from_si([row["values"][index] for row in good])
         return len(good) / lasted, float(np.std(values)) if len(good) > 1 else math.nan
 
     def content(self, statistics: AcquisitionStatistics) -> dict[str, Any]:
-        """The same as :meth:`table` for programs: values in the channels' units, None where there is none."""
+        """Return :meth:`table` for programs: values in the channels' units, None where there is none."""
         newest = self._rows[-1] if self._rows else None
         channels = {}
         for index, channel in enumerate(self._machine.channels if newest is not None else ()):
@@ -100,7 +100,7 @@ def _head(statistics: AcquisitionStatistics) -> Text:
 
 
 def _troubles(statistics: AcquisitionStatistics) -> list[Text]:
-    """A line for every device that does not run, and for what else is said."""
+    """List a line for every device that does not run, and every other trouble."""
     lines = [
         f"{bus['bus']} {device['name']}: {device['state']}: {device['detail']}"
         for bus in statistics.buses

@@ -47,7 +47,7 @@ class Offer:
 
 
 def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) -> list[Offer]:
-    """What nodes of a scan (:class:`~daq.commissioning.can_questions.FoundNode` as JSON) measure by their profile."""
+    """Offer nodes' measurements by profile (:class:`~daq.commissioning.can_questions.FoundNode` as JSON)."""
     found = []
     for node in nodes:
         if node.get("device_type") is None:
@@ -61,7 +61,7 @@ def of_nodes(bus: str, nodes: Iterable[Mapping[str, Any]], listen_only: bool) ->
 
 
 def of_eds(bus: str, node: int, path: str, listen_only: bool) -> list[Offer]:
-    """What a node sends by its EDS or DCF: objects of its profile with their scaling, others as they are.
+    """Offer what a node sends by its EDS or DCF: objects of its profile with scaling, others as they are.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def of_eds(bus: str, node: int, path: str, listen_only: bool) -> list[Offer]:
 
 
 def of_dbc(bus: str, path: str) -> list[Offer]:
-    """Signals of a DBC file in a unit of an angle, a length, a pressure, a temperature, a force, a torque or a command.
+    """Offer signals of a DBC file in a unit of an angle, length, pressure, temperature, force, torque or command.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def of_dbc(bus: str, path: str) -> list[Offer]:
 
 
 def kind_of(unit: str) -> str:
-    """What is measured in a unit."""
+    """Return what is measured in a unit."""
     for si, kind in _KINDS.items():
         try:
             conversion(unit, si)
@@ -120,7 +120,7 @@ def kind_of(unit: str) -> str:
 
 
 def signals_bus(name: str, interface: str, channel: str, paths: Iterable[str]) -> dict[str, Any]:
-    """The entry of ``buses:`` for DBC files."""
+    """Build the entry of ``buses:`` for DBC files."""
     told = {"name": name, "type": "can_signals", "interface": interface, "channel": channel, "dbc": tuple(paths)}
     made = CanSignalsBus.model_validate(told)
     return made.model_dump(mode="json", exclude_unset=True)

@@ -83,7 +83,7 @@ def at_rest(time: FloatArray, values: FloatArray, ages: FloatArray, quality: npt
 
 
 def _drift(t: FloatArray, y: FloatArray) -> tuple[float, float, float]:
-    """Slope per minute, its deviation by means of blocks, and what scatters about the line."""
+    """Fit the slope per minute, its deviation by means of blocks, and the scatter about the line."""
     blocks = np.array_split(np.arange(len(t)), BLOCKS)
     x = np.array([t[block].mean() for block in blocks]) / 60.0
     m = np.array([y[block].mean() for block in blocks])

@@ -88,7 +88,7 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
 
 
 def _gathered(origins: Origins, folder: Path) -> tuple[list[dict[str, Any]], list[Offer]]:
-    """Buses, and what their devices have to offer."""
+    """Gather buses, and what their devices offer."""
     interface, channel, dbc = origins.interface, origins.channel, origins.dbc
     files = dict(_node_file(text) for text in origins.eds)
     buses: list[dict[str, Any]] = []
@@ -128,7 +128,7 @@ def _eds_offers(bus: dict[str, Any], node: int, file: Path, folder: Path, silent
 
 
 def _beside(path: Path, folder: Path) -> str:
-    """A path as it stands in the machine file: relative where it lies beside it."""
+    """Write a path for the machine file: relative where it lies beside it."""
     absolute = path.absolute()
     return str(absolute.relative_to(folder)) if absolute.is_relative_to(folder) else str(absolute)
 
@@ -141,7 +141,7 @@ def _node_file(text: str) -> tuple[int, Path]:
 
 
 def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
-    """What a scan found on each bus, and the entry of ``buses:`` for it."""
+    """Scan each bus, and make the entry of ``buses:`` for it."""
     try:
         content = json_text.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCAN_SCHEMA:
@@ -157,7 +157,7 @@ def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
 
 
 def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
-    """What a person says that a value is."""
+    """Ask a person what a value is."""
     default = SKIP
     if proposed.quantity is not None:
         default = proposed.quantity if proposed.joint is None else f"{proposed.joint} {proposed.quantity}"
@@ -228,7 +228,7 @@ class Draft:
     _joint_of: dict[str, str] = field(default_factory=dict)  # a device with two pressures measures one cylinder
 
     def add(self, offers: Iterable[Offer]) -> None:
-        """Offers, one after another."""
+        """Add offers, one after another."""
         for offer in offers:
             chosen = self.choose(offer, self._proposed(offer))
             if chosen.quantity is None:
@@ -265,7 +265,7 @@ class Draft:
 
 
 def bus_of(scanned: Mapping[str, Any]) -> dict[str, Any]:
-    """The entry of ``buses:`` for a bus of a scan: listen_only where somebody else leads, nodes with their identity."""
+    """Build the entry of ``buses:`` for a scanned bus: listen_only where another leads, nodes with identity."""
     bus = {key: value for key, value in scanned["bus"].items() if key != "nodes"}
     if scanned.get("masters"):
         bus["listen_only"] = True
@@ -278,7 +278,7 @@ def bus_of(scanned: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def as_text(head: Sequence[str], content: Mapping[str, Any]) -> str:
-    """YAML with a line per channel and node, objects in hexadecimal."""
+    """Write YAML with a line per channel and node, objects in hexadecimal."""
     lines = [f"# {line}" for line in head]
     for key, value in content.items():
         if key not in ("buses", "channels"):
@@ -298,7 +298,7 @@ _HEXADECIMAL = {"object": 4, "cob_id": 3, "device_type": 8, "vendor_id": 8, "pro
 
 
 def _flow(value: Any, *, closed: bool = True, key: str = "") -> str:
-    """A value on one line; a mapping that is not closed has its keys on lines of their own."""
+    """Write a value on one line; an open mapping has its keys on lines of their own."""
     if isinstance(value, Mapping):
         parts = [f"{k}: {_flow(v, key=k)}" for k, v in value.items()]
         return "{" + ", ".join(parts) + "}" if closed else "\n    ".join(parts)

@@ -58,7 +58,7 @@ class DriverContext:
     can: CanAccess | None = None
 
     def at_start(self, usual_s: float) -> float:
-        """Seconds that a start waits for what usually takes ``usual_s`` at most."""
+        """Return the seconds that a start waits for what usually takes ``usual_s`` at most."""
         return usual_s if self.start_s is None else min(usual_s, self.start_s)
 
     @property
@@ -73,7 +73,7 @@ class Problem(str):
     channels: tuple[str, ...]
 
     def __new__(cls, line: str, channels: Sequence[str] = ()) -> Problem:
-        """The line; ``channels`` are names."""
+        """Make the line; ``channels`` are names."""
         made = super().__new__(cls, line)
         made.channels = tuple(channels)
         return made
@@ -126,7 +126,7 @@ class Answers:
         self.no_numbers = 0
 
     def value(self, position: int, value: float, quality: Quality) -> None:
-        """What came for a channel; what is no number is no measurement, nor is what is invalid for another reason."""
+        """Take a channel's value; what is no number, or invalid for another reason, is no measurement."""
         if quality != Quality.INVALID and not math.isfinite(value):
             self.no_numbers += 1
             quality = Quality.INVALID
@@ -134,7 +134,7 @@ class Answers:
         self.quality[position] = quality
 
     def samples(self, *, from_tick: bool = False) -> Samples:
-        """The samples."""
+        """Return the samples."""
         return Samples(
             np.array(self.raw, dtype=np.float64),
             np.array(self.quality, dtype=np.uint8),
@@ -146,7 +146,7 @@ class Answers:
 
 
 def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
-    """Samples of a cycle in which nothing came."""
+    """Return samples of a cycle in which nothing came."""
     return Answers(count, quality).samples()
 
 
@@ -159,13 +159,13 @@ class Spread:
         self.count, self.total, self.squares = 0, 0.0, 0.0
 
     def add(self, ns: float) -> None:
-        """One more."""
+        """Add one more."""
         self.count += 1
         self.total += ns
         self.squares += ns * ns
 
     def told(self) -> tuple[float, float] | None:
-        """Mean and deviation; None before the second one."""
+        """Return mean and deviation; None before the second one."""
         if self.count < 2:
             return None
         mean = self.total / self.count
@@ -232,14 +232,14 @@ class Driver(Protocol):
         """Wait until all that is due came, or the monotonic clock reads ``until_ns``; does not raise."""
 
     def statistics(self) -> DriverStatistics:
-        """State of the devices and counters."""
+        """Return the state of the devices and counters."""
 
     def stop(self) -> None:
         """Leave the devices quiet and close the bus; a second call does nothing."""
 
 
 def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict[int, list[tuple[int, Channel]]]:
-    """Channels of a bus, each with its position, by the number of the device that their sources name."""
+    """Group a bus's channels, each with its position, by the number of their source's device."""
     found: dict[int, list[tuple[int, Channel]]] = {}
     for position, channel in enumerate(channels):
         found.setdefault(number(channel.source), []).append((position, channel))
@@ -247,7 +247,7 @@ def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict
 
 
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
-    """The driver for an entry of ``buses:``; its entry point is named after the type of bus."""
+    """Make the driver for an entry of ``buses:``; its entry point is named after the type of bus."""
     if bus.type not in (names := DRIVERS.names()):
         raise MachineFileError(
             f"bus '{bus.name}': no driver for type '{bus.type}' is installed; there are {', '.join(names)}"

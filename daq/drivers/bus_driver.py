@@ -31,11 +31,11 @@ class Port:
             self.failure = f"{type(error).__name__}: {first_line(error)}"
 
     def heard_ns(self, now_ns: int) -> int:
-        """Moment up to which all that came was taken: nobody is silent by what this process was too busy to hear."""
+        """Return up to when all that came was taken: nobody is silent by what this process missed."""
         return now_ns
 
     def counts(self) -> dict[str, int]:
-        """What came and what was lost since it was opened."""
+        """Count what came and what was lost since it was opened."""
         return {}
 
     def close(self) -> None:
@@ -65,17 +65,17 @@ class BusDriver:
         self._before: Counter[str] = Counter()  # counts of the ports that were closed
 
     def connected(self) -> Port:
-        """A new port whose frames arrive; AcquisitionError if the bus cannot be opened."""
+        """Open a new port whose frames arrive; AcquisitionError if the bus cannot be opened."""
         raise NotImplementedError
 
     def opened(self) -> None:
-        """There is a new port."""
+        """Take over a new port."""
 
     def went_down(self) -> None:
-        """The bus cannot be used, as ``failure`` says."""
+        """Note that the bus cannot be used, for ``failure``."""
 
     def devices(self, failure: str) -> Iterable[DeviceStatus]:
-        """State of every device; ``failure`` is why the bus cannot be used, or empty."""
+        """Return the state of every device; ``failure`` is why the bus is unusable, or empty."""
         raise NotImplementedError
 
     @property
@@ -106,14 +106,14 @@ class BusDriver:
         self.is_down(f"bus '{self.config.name}': opening it broke ({what}); it is tried again")
 
     def is_down(self, line: str) -> None:
-        """The bus cannot be used; it is opened again after a while."""
+        """Note that the bus is unusable; it is opened again after a while."""
         self.failure = line
         self.context.events.begin(self.config.name, "bus_down", line)
         self.went_down()
         self.keeper.later()
 
     def working(self) -> bool:
-        """Whether there is a bus; one that broke is seen to."""
+        """Return whether there is a bus; a broken one is taken care of."""
         port = self.port
         if port is not None and port.failure is None:
             return True
@@ -122,11 +122,11 @@ class BusDriver:
         return False
 
     def condition(self) -> tuple[str, str]:
-        """State of the bus while it is open (:class:`daq.drivers.base.DriverStatistics`), and a line about it."""
+        """Return the state of the open bus (:class:`daq.drivers.base.DriverStatistics`), and a line about it."""
         return "active", ""
 
     def statistics(self) -> DriverStatistics:
-        """State of the bus and of every device, and counters since the start."""
+        """Return the state of the bus and of every device, and counters since the start."""
         port = self.port
         failure = self.failure or (port.failure or "" if port is not None else "closed")
         counts = self.counts | dict(self._before)

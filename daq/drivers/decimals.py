@@ -22,18 +22,18 @@ class Decimals:
 
     @property
     def known(self) -> bool:
-        """Whether the device has told them."""
+        """Whether the device has sent them."""
         return not math.isnan(self._factor)
 
     def learn(self, places: int) -> bool:
-        """The device says so many; False if that cannot be."""
+        """Take the device's decimals; return False if they cannot be."""
         self._factor = 10.0**-places if 0 <= places <= MOST else math.nan
         return self.known
 
     def forget(self) -> None:
-        """It may be set to others when it is back."""
+        """Forget them: they may be others when the device is back."""
         self._factor = math.nan
 
     def value(self, raw: float) -> float:
-        """Raw value with its decimals; NaN for a sentinel, and as long as they are not known."""
+        """Scale a raw value by its decimals; NaN for a sentinel, or while they are unknown."""
         return math.nan if raw in self._sentinels else raw * self._factor

@@ -47,7 +47,7 @@ class FoundSetups:
         self.folder = data_directory / FOLDER / machine
 
     def path(self, bus: str, node: int) -> Path:
-        """Where a node's file is, or would be."""
+        """Return the path of a node's file, existing or not."""
         return self.folder / f"{bus}-{node}.json"
 
     def keep(self, bus: str, node: int, setup: FoundSetup) -> None:
@@ -74,20 +74,20 @@ class FoundSetups:
             ) from None
 
     def leads(self, bus: str, nodes: Iterable[int]) -> None:
-        """We are about to make these nodes operational: whoever finds them so after we were killed will know."""
+        """Record that these nodes will be made operational: known to whoever finds them after we were killed."""
         with contextlib.suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
             self._mark(bus).write_text(" ".join(str(node) for node in sorted(nodes)) + "\n", encoding="utf-8")
 
     def started(self, bus: str) -> frozenset[int]:
-        """Nodes that an earlier run made operational, and did not put back."""
+        """Read the nodes that an earlier run made operational and did not put back."""
         try:
             return frozenset(int(word) for word in self._mark(bus).read_text(encoding="utf-8").split())
         except (OSError, ValueError):
             return frozenset()
 
     def left(self, bus: str) -> None:
-        """The nodes were put back to the state in which they were found."""
+        """Record that the nodes were put back to their found state."""
         with contextlib.suppress(OSError):
             self._mark(bus).unlink(missing_ok=True)
 
@@ -95,7 +95,7 @@ class FoundSetups:
         return self.folder / f"{bus}.started"
 
     def read(self, bus: str, node: int) -> FoundSetup | None:
-        """What is kept of a node; None if nothing is, or nothing that can be used."""
+        """Read what is kept of a node; None if nothing is, or nothing usable."""
         try:
             content = json.loads(self.path(bus, node).read_text(encoding="utf-8"))
             found, wrote, identity = (
@@ -109,7 +109,7 @@ class FoundSetups:
             return None
 
     def put_back(self, bus: str, node: int) -> None:
-        """The node is again what it was: its file says so by its name."""
+        """Rename the file of a node that is again what it was."""
         path = self.path(bus, node)
         path.replace(path.with_suffix(".restored"))
 

@@ -51,7 +51,7 @@ class Keeper:
         return self._stopping
 
     def paused(self, seconds: float) -> bool:
-        """Let time pass; True if the keeper was stopped meanwhile."""
+        """Let time pass; return True if the keeper was stopped meanwhile."""
         with self._condition:
             return self._condition.wait_for(lambda: self._stopping, seconds)
 
@@ -61,14 +61,14 @@ class Keeper:
         self._thread.start()
 
     def soon(self) -> None:
-        """Care now: something happened that makes a new attempt worth it."""
+        """Care now: something happened that makes a new attempt worthwhile."""
         with self._condition:
             self._attempts = 0
             self._due = self._monotonic_ns()
             self._condition.notify()
 
     def later(self) -> None:
-        """Care after the back-off, unless it is due already."""
+        """Schedule care after the back-off, unless it is due already."""
         with self._condition:
             if self._due is not None:
                 return
@@ -78,7 +78,7 @@ class Keeper:
             self._condition.notify()
 
     def settled(self) -> None:
-        """All is well: nothing is due, and the next failure is a first one."""
+        """Reset: nothing is due, and the next failure is a first one."""
         with self._condition:
             self._due, self._attempts = None, 0
 

@@ -45,7 +45,7 @@ class Stream:
         self.pace = Pace(declared_ns)
 
     def arrived(self, at_ns: int) -> bool:
-        """One of its frames was taken from the bus at ``at_ns``; whether it may be another sender's."""
+        """Take one of its frames, of ``at_ns``; return whether it may be another sender's."""
         self.at_ns = at_ns
         return self.pace.arrived(at_ns)
 
@@ -63,12 +63,12 @@ class Inbox:
         self.arrived = threading.Event()
 
     def receive(self, data: bytes | bytearray, at_ns: int, sender: int = 0) -> None:
-        """In the receive thread."""
+        """Receive, in the receive thread."""
         self._frames.append((bytes(data), at_ns, sender))
         self.arrived.set()
 
     def taken(self) -> Iterator[tuple[bytes, int, int]]:
-        """Data, time and sender of all that came, the oldest first."""
+        """Take data, time and sender of all that came, the oldest first."""
         self.arrived.clear()
         while self._frames:
             yield self._frames.popleft()
@@ -94,7 +94,7 @@ class Listener(BusDriver):
         raise NotImplementedError
 
     def device_line(self, device: str) -> str:
-        """What there is to say about a device whose frames come."""
+        """Return the line about a device whose frames come."""
         return ""
 
     def start(self) -> tuple[str, ...]:
@@ -119,11 +119,11 @@ class Listener(BusDriver):
         )
 
     def trigger(self, cycle: int) -> None:
-        """Nothing is sent."""
+        """Send nothing."""
         self.cycle_ns = self.context.monotonic_ns()
 
     def collect(self, until_ns: int) -> Samples:
-        """What came since the last cycle."""
+        """Collect what came since the last cycle."""
         if not self.working():
             self.keeper.later()
             return nothing(len(self._names), Quality.BUS_ERROR)
@@ -143,7 +143,7 @@ class Listener(BusDriver):
         return answers.samples(from_tick=self.led)
 
     def came(self, stream: Stream, at_ns: int, answers: Answers) -> Quality:
-        """A frame of a stream came: its age, and the quality of what it holds."""
+        """Take a stream's frame: return its age and the quality of its content."""
         stream.fault = ""
         if stream.arrived(at_ns):
             self.counts["two_senders"] += 1
@@ -156,13 +156,13 @@ class Listener(BusDriver):
         return Quality.INVALID if stream.fault else Quality.LATE if late else Quality.FRESH
 
     def late(self, at_ns: int, age_ns: float, periods: float) -> bool:
-        """Whether what came at ``at_ns`` is older than so many periods, or nobody knows when that was."""
+        """Return whether what came at ``at_ns`` is older than so many periods, or of unknown time."""
         if self.context.patience_s > 0:  # machine time stands still meanwhile
             return False
         return age_ns > periods * self.context.period_s * NS or self.port is None or at_ns < self.port.sure_ns
 
     def alike(self, stream: Stream, answers: Answers) -> None:
-        """What a frame held: where every second one of many belongs together, two devices send them."""
+        """Take a frame's content: where alternate ones of many belong together, two devices send them."""
         if stream.pace.mixed([answers.raw[position] for position in stream.positions]):
             self.counts["two_senders"] += 1
             stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
@@ -184,7 +184,7 @@ class Listener(BusDriver):
                 self.context.events.end(name, "silent")
 
     def _lacking(self, device: str) -> list[str]:
-        """Names of the device's streams that do not come."""
+        """Return the names of the device's streams that do not come."""
         return [
             stream.name
             for stream in self.streams
@@ -200,7 +200,7 @@ class Listener(BusDriver):
         return faults[0] if faults else self.device_line(device)
 
     def devices(self, failure: str) -> Iterable[DeviceStatus]:
-        """State of every device that is listened to."""
+        """Return the state of every device that is listened to."""
         for device in self._devices():
             state = "failed" if failure else "silent" if device in self._silent else "running"
             yield DeviceStatus(device, state, failure or self._line(device))

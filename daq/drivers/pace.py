@@ -54,11 +54,11 @@ class Pace:
 
     @property
     def known(self) -> bool:
-        """Whether enough frames came to say so."""
+        """Whether enough frames came to decide it."""
         return len(self._held) == 2 * HALF
 
     def arrived(self, at_ns: int) -> bool:
-        """A frame came; whether it may be another sender's."""
+        """Take a frame; return whether it may be another sender's."""
         last, self._last = self._last, at_ns
         if last is None:
             return False
@@ -78,7 +78,7 @@ class Pace:
         return False
 
     def _look(self, at_ns: int) -> bool:
-        """Whether a frame came before it was due."""
+        """Return whether a frame came before it was due."""
         if at_ns < self._due - self._near:
             self._early += 1
             if self._doubt:
@@ -101,7 +101,7 @@ class Pace:
         return False
 
     def mixed(self, values: Sequence[float]) -> bool:
-        """What a frame held; whether every second one of the last ones is another sender's."""
+        """Take a frame's content; return whether alternate ones are another sender's."""
         held = self._held
         held.append(tuple(values))
         if len(held) < 2 * HALF:

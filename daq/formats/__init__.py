@@ -22,7 +22,7 @@ SUFFIXES = (".parquet", ".csv", *_MODULES)
 
 
 def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
-    """Write a recording's table as the target's suffix says, whole or not at all.
+    """Write a recording's table in the format of the target's suffix, whole or not at all.
 
     Parameters
     ----------

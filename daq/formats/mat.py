@@ -41,7 +41,7 @@ def write(table: Table, units: dict[str, str], target: Path) -> None:
 
 
 def variables(columns: Iterable[str]) -> dict[str, str]:
-    """Names of variables for names of columns, all different."""
+    """Make names of variables for names of columns, all different."""
     made: dict[str, str] = {}
     for column in columns:
         plain = re.sub(r"[^A-Za-z0-9_]", "_", column)

@@ -21,7 +21,7 @@ VERSION = "4.10"
 
 
 def started(table: Table) -> datetime:
-    """UTC of the recording's time 0; 1970 if it does not say."""
+    """Return UTC of the recording's time 0; 1970 if undeclared."""
     time, utc_ns = np.asarray(table.columns["time"], dtype=np.float64), table.columns.get("utc_ns")
     if utc_ns is None:
         return datetime.fromtimestamp(0, UTC)

@@ -24,7 +24,7 @@ class Field:
     signed: bool
 
     def of(self, raw: float) -> float:
-        """The value in these bits, two's complement where it is signed; NaN stays."""
+        """Convert these bits, two's complement where signed; NaN is kept."""
         if not np.isfinite(raw):
             return raw
         lowest = self.mask & -self.mask
@@ -50,7 +50,7 @@ class ChannelTable:
     turns: tuple[tuple[int, float, float], ...] = ()  # (channel, raw units of a turn, raw zero) of what begins anew
 
     def unwrapped(self, raw: FloatArray) -> None:
-        """Bits that hold a value, and the short way round from an encoder's zero; (n,) as sent, in place."""
+        """Unwrap bits that hold a value the short way round from an encoder's zero; (n,) as sent, in place."""
         for field in self.fields:
             raw[field.channel] = field.of(raw[field.channel])
         for channel, turn, zero in self.turns:
@@ -62,12 +62,12 @@ class ChannelTable:
         return row_dtype(len(self.names))
 
     def index(self, name: str) -> int:
-        """Position of a channel (ValueError if there is none of that name)."""
+        """Return the position of a channel (ValueError if there is none of that name)."""
         return self.names.index(name)
 
 
 def channel_table(machine: Machine) -> ChannelTable:
-    """The channel table of a machine; channels without a source have no scale of their own."""
+    """Build a machine's channel table; channels without a source have no scale of their own."""
     channels = machine.channels
     count = len(channels)
     gain, bias = np.empty(count), np.empty(count)
@@ -99,7 +99,7 @@ def channel_table(machine: Machine) -> ChannelTable:
 
 
 def channels_by_bus(machine: Machine, name: str = "machine file") -> dict[str, tuple[Channel, ...]]:
-    """For every bus that is used, in the file's order, the channels that come from it.
+    """Return for every used bus, in the file's order, the channels that come from it.
 
     Raises
     ------

@@ -38,13 +38,13 @@ class Clock(Protocol):
     """Paces the cycle and tells the time; the only place that sleeps or looks at a clock."""
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds of a clock that never jumps."""
+        """Return nanoseconds of a clock that never jumps."""
 
     def utc_ns(self) -> int:
-        """Nanoseconds since 1970."""
+        """Return nanoseconds since 1970."""
 
     def start(self) -> None:
-        """The first tick is one period from now."""
+        """Set the first tick one period from now."""
 
     def wait(self) -> Tick:
         """Sleep until the next tick."""
@@ -58,11 +58,11 @@ class _SystemClocks:
     """The clocks of this computer."""
 
     def monotonic_ns(self) -> int:
-        """Nanoseconds of the monotonic clock."""
+        """Return nanoseconds of the monotonic clock."""
         return time.monotonic_ns()
 
     def utc_ns(self) -> int:
-        """Nanoseconds since 1970 by the system's clock."""
+        """Return nanoseconds since 1970 by the system's clock."""
         return time.time_ns()
 
     def until(self, deadline_ns: int) -> int:
@@ -163,7 +163,7 @@ class LockstepClock(_SystemClocks):
 
 
 def clock_for(machine: Machine, following: Callable[[], NextSync | None] = lambda: None) -> Clock:
-    """The clock that a machine is acquired with: the wall's (``following`` as there), or lockstep with a simulation."""
+    """Make a machine's acquisition clock: the wall's (``following`` as there), or lockstep with a simulation."""
     simulation = machine.simulation
     if simulation is not None and simulation.lockstep:
         return LockstepClock(machine.rate_hz, simulation.speed, simulation.patience_s)

@@ -66,7 +66,7 @@ class EventLog:
         self._count = 0
 
     def note(self, device: str, what: str, text: str, count: int = 1) -> None:
-        """Something that has no length, and that was seen ``count`` times."""
+        """Note an event without length, seen ``count`` times."""
         now = self._monotonic_ns()
         with self._lock:
             event, seen = self._last.get((device, what), (None, 0))
@@ -78,7 +78,7 @@ class EventLog:
             self._last[device, what] = event, now
 
     def begin(self, device: str, what: str, text: str) -> None:
-        """Something that lasts until :meth:`end`; said again while it lasts, it is counted."""
+        """Begin an event that lasts until :meth:`end`; repeats meanwhile are counted."""
         with self._lock:
             if (device, what) in self._open:
                 self._open[device, what][0].count += 1
@@ -86,7 +86,7 @@ class EventLog:
             self._open[device, what] = self._add(device, what, text, None), self._monotonic_ns()
 
     def end(self, device: str, what: str) -> float | None:
-        """It is over; returns how long it lasted in s, None if it had not begun."""
+        """End it; return how long it lasted in s, None if it had not begun."""
         with self._lock:
             event, began = self._open.pop((device, what), (None, 0))
             if event is None:
@@ -105,7 +105,7 @@ class EventLog:
         return event
 
     def published(self) -> list[dict[str, Any]]:
-        """The newest events, oldest first, as JSON can carry them; those that last on are always among them."""
+        """Return the newest events, oldest first, as JSON can carry them, with all that last on."""
         with self._lock:
             lasting = {event.number: event for event, _ in self._open.values()}
             others = {event.number: event for event in self._events if event.number not in lasting}
@@ -115,7 +115,7 @@ class EventLog:
 
 
 def events_path(recording: Path) -> Path:
-    """Where the events of a recording stand beside it, if there were any."""
+    """Return the path of a recording's events beside it."""
     return recording.with_name(recording.name + ".events.json")
 
 

@@ -40,7 +40,7 @@ class Frame:
 
 @lru_cache(maxsize=64)
 def row_dtype(channels: int) -> np.dtype[np.void]:
-    """Layout of a frame of that many channels as one row of the ring buffer (packed, native byte order)."""
+    """Return the layout of a frame of so many channels as a ring buffer row (packed, native byte order)."""
     return np.dtype(
         [
             ("cycle", np.int64),
@@ -55,7 +55,7 @@ def row_dtype(channels: int) -> np.dtype[np.void]:
 
 
 def row_from_frame(frame: Frame) -> npt.NDArray[np.void]:
-    """The frame as an array of shape (1,) of :func:`row_dtype`."""
+    """Convert the frame to an array of shape (1,) of :func:`row_dtype`."""
     row = np.empty(1, dtype=row_dtype(len(frame.values)))
     row["cycle"], row["monotonic_ns"], row["utc_ns"] = frame.cycle, frame.monotonic_ns, frame.utc_ns
     row["time"] = frame.time
@@ -64,7 +64,7 @@ def row_from_frame(frame: Frame) -> npt.NDArray[np.void]:
 
 
 def frame_from_row(row: np.void) -> Frame:
-    """The frame that one row of the ring buffer holds."""
+    """Convert one row of the ring buffer to its frame."""
     return Frame(
         cycle=int(row["cycle"]),
         monotonic_ns=int(row["monotonic_ns"]),

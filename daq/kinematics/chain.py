@@ -55,7 +55,7 @@ class Chain:
     notes: tuple[str, ...] = ()
 
     def pose(self, q: npt.ArrayLike) -> FloatArray:
-        """Pose (4, 4) of the tip at joint positions ``q`` (n,): the product of the axes' motions (screws)."""
+        """Compute the tip's pose (4, 4) at joint positions ``q`` (n,): the product of the axes' screws."""
         pose = np.eye(4)
         for axis, value in zip(self.axes, np.asarray(q, dtype=float), strict=True):
             pose = pose @ moved(axis, float(value))
@@ -63,7 +63,7 @@ class Chain:
 
 
 def moved(axis: Axis, value: float) -> FloatArray:
-    """Motion (4, 4) of everything beyond a joint that moves by ``value``."""
+    """Compute the motion (4, 4) beyond a joint that moves by ``value``."""
     motion = np.eye(4)
     if axis.type == "prismatic":
         motion[:3, 3] = value * axis.direction
@@ -74,14 +74,14 @@ def moved(axis: Axis, value: float) -> FloatArray:
 
 
 def turning(direction: FloatArray, angle: float) -> FloatArray:
-    """Rotation (3, 3) about a unit vector (Rodrigues)."""
+    """Compute the rotation (3, 3) about a unit vector (Rodrigues)."""
     x, y, z = direction
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def about(axis: int, angle: npt.ArrayLike, way: npt.ArrayLike) -> FloatArray:
-    """Motions (..., 4, 4) about a frame's axis (0 is x) by ``angle`` (...), rad, and along it by ``way`` (...), m."""
+    """Compute motions (..., 4, 4) about a frame's axis (0 is x) by ``angle`` (...), rad, along it ``way`` (...), m."""
     angle, way = np.broadcast_arrays(angle, way)
     second, third = (axis + 1) % 3, (axis + 2) % 3
     made = np.zeros((*angle.shape, 4, 4))

@@ -22,12 +22,12 @@ _AGREES = 1e-6  # m and 1: the table's poses against the chain's own
 
 
 def read_chain(path: Path, tip: str | None = None) -> Chain:
-    """The serial chain of a URDF, xacro or MJCF file; ``tip`` names its last link or body.
+    """Read the serial chain of a URDF, xacro or MJCF file; ``tip`` names its last link or body.
 
     Raises
     ------
     InputError
-        One line that names file, joint or link, and says what to do.
+        One line that names file, joint or link, and gives the cure.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: unknown kind of file '{path.suffix}'; give .urdf, .xacro or .xml (MJCF)")
@@ -46,7 +46,7 @@ def read_chain(path: Path, tip: str | None = None) -> Chain:
 
 
 def draft_machine(chain: Chain, source: str) -> str:
-    """Text of a machine file with the chain's kinematics.
+    """Write a machine file with the chain's kinematics.
 
     Joints without limits get wide ones, accelerations are guessed from speeds, and every joint has a position and an
     effort channel in SI; each such line carries a TODO.
@@ -98,19 +98,19 @@ def _joint(axis: Axis, row: np.ndarray, name: str) -> list[str]:
 
 
 def _number(value: float) -> str:
-    """A number with as many digits as matter: a micrometre in a kilometre."""
+    """Format a number with as many digits as matter: a micrometre in a km."""
     text = repr(float(f"{value:.10g}") + 0.0)
     return text if "e" not in text or "." in text else text.replace("e", ".0e")  # YAML reads 1e-05 as a text
 
 
 def _name(text: str) -> str:
-    """A name that machine files allow."""
+    """Make a name that machine files allow."""
     made = re.sub(r"[^A-Za-z0-9_.\-]+", "_", text).strip("_")[:60]
     return made if re.match(r"[A-Za-z_]", made) else f"_{made}"
 
 
 def _names(chain: Chain) -> list[str]:
-    """Names of the joints, as in the file as far as they can be."""
+    """Return the joints' names, as in the file as far as they can be."""
     names = list[str]()
     for axis in chain.axes:
         name, number = _name(axis.name), 2
@@ -121,7 +121,7 @@ def _names(chain: Chain) -> list[str]:
 
 
 def _place(base: np.ndarray) -> tuple[str, str]:
-    """Where frame 0 stands, in words."""
+    """Word the place of frame 0."""
     origin = "(" + ", ".join(_number(round(value, 9)) for value in base[:3, 3]) + ")"
     if np.allclose(base[:3, :3], np.eye(3), atol=1e-12):
         return origin, ", turned as that is"
@@ -130,7 +130,7 @@ def _place(base: np.ndarray) -> tuple[str, str]:
 
 
 def _agree(chain: Chain, table: Table) -> None:
-    """The table puts the tip where the chain does, at random joint positions."""
+    """Check that table and chain agree on the tip at random joint positions."""
     rng = np.random.default_rng(0)
     scale = 1.0 + max(float(np.abs(axis.point).max()) for axis in chain.axes)
     for _ in range(8):

@@ -12,7 +12,7 @@ from daq.kinematics.chain import Axis, Chain
 
 
 def mjcf_chain(path: Path, tip: str | None) -> Chain:
-    """The chain from the world to the body ``tip``, or to the only end that moves.
+    """Read the chain from the world to the body ``tip``, or to the only end that moves.
 
     Raises
     ------

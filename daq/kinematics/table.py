@@ -41,7 +41,7 @@ class Table:
     revolute: tuple[bool, ...]
 
     def pose(self, q: npt.ArrayLike) -> FloatArray:
-        """Pose (4, 4) of the chain's tip in the chain's base frame at joint positions ``q`` (n,)."""
+        """Compute the pose (4, 4) of the chain's tip in its base frame at joint positions ``q`` (n,)."""
         pose = self.base
         for row, turns, value in zip(self.rows, self.revolute, np.asarray(q, dtype=float), strict=True):
             a, alpha, d, theta = row
@@ -49,12 +49,12 @@ class Table:
         return np.asarray(pose @ self.end)
 
     def gravity(self, gravity: FloatArray) -> FloatArray:
-        """A vector of the chain's base frame, in frame 0."""
+        """Transform a vector of the chain's base frame to frame 0."""
         return np.asarray(self.base[:3, :3].T @ gravity)
 
 
 def table_of(chain: Chain) -> Table:
-    """The chain's table. Axes that are parallel within :data:`PARALLEL` are made so."""
+    """Derive the chain's table. Axes that are parallel within :data:`PARALLEL` are made so."""
     directions = _squared_up([axis.direction for axis in chain.axes])
     frame = _first_frame(chain, directions[0])
     base, rows = frame, []
@@ -70,12 +70,12 @@ def table_of(chain: Chain) -> Table:
 
 
 def _row(a: float, alpha: float, d: float, theta: float) -> FloatArray:
-    """``Rz(theta) Tz(d) Tx(a) Rx(alpha)``."""
+    """Compute ``Rz(theta) Tz(d) Tx(a) Rx(alpha)``."""
     return np.asarray(about(2, theta, d) @ about(0, alpha, a))
 
 
 def _squared_up(directions: list[FloatArray]) -> list[FloatArray]:
-    """Directions along the base's axes, or along an earlier one, where they nearly are."""
+    """Square directions up with the base's axes, or an earlier one, where nearly so."""
     known = [np.eye(3)[k] for k in range(3)]
     result = []
     for direction in directions:
@@ -91,7 +91,7 @@ def _squared_up(directions: list[FloatArray]) -> list[FloatArray]:
 
 
 def _first_frame(chain: Chain, z: FloatArray) -> FloatArray:
-    """Frame 0: on the first axis at the foot of the base's origin, turned as little from the base as that allows."""
+    """Place frame 0: on the first axis at the foot of the base's origin, turned least from the base."""
     point = chain.axes[0].point
     x = np.eye(3)[0] - z[0] * z
     if np.linalg.norm(x) < 0.1:  # the first axis is the base's x: then the base's y
@@ -104,7 +104,7 @@ def _first_frame(chain: Chain, z: FloatArray) -> FloatArray:
 
 
 def _to_axis(frame: FloatArray, point: FloatArray, direction: FloatArray) -> tuple[float, float, float, float]:
-    """Row that leads from a frame to the next axis."""
+    """Compute the row that leads from a frame to the next axis."""
     p, z = frame[:3, :3].T @ (point - frame[:3, 3]), frame[:3, :3].T @ direction
     sine = float(np.hypot(z[0], z[1]))
     if sine > PARALLEL:
@@ -125,7 +125,7 @@ def _to_axis(frame: FloatArray, point: FloatArray, direction: FloatArray) -> tup
 
 
 def _to_point(frame: FloatArray, point: FloatArray) -> tuple[float, float, float, float]:
-    """Row that leads from the last axis to the tip."""
+    """Compute the row that leads from the last axis to the tip."""
     p = frame[:3, :3].T @ (point - frame[:3, 3])
     a = float(np.hypot(p[0], p[1]))
     theta = np.arctan2(p[1], p[0]) if a > _ZERO else 0.0

@@ -33,7 +33,7 @@ class _Joint:
 
 
 def urdf_chain(root: ET.Element, path: Path, tip: str | None) -> Chain:
-    """The chain from the root link of a ``<robot>`` to ``tip``, or to the only end that moves.
+    """Read the chain from a ``<robot>``'s root link to ``tip``, or to the only end that moves.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def urdf_chain(root: ET.Element, path: Path, tip: str | None) -> Chain:
 
 
 def expanded(path: Path) -> str:
-    """The URDF text that a xacro file stands for."""
+    """Expand a xacro file to its URDF text."""
     try:
         import xacro
     except ImportError:
@@ -97,7 +97,7 @@ def _joint(element: ET.Element, path: Path) -> _Joint:
 
 
 def _tip(joints: list[_Joint], path: Path, root: str, links: list[str], tip: str | None) -> str:
-    """The chain's last link."""
+    """Return the chain's last link."""
     below: dict[str, list[_Joint]] = {}
     for joint in joints:
         below.setdefault(joint.parent, []).append(joint)
@@ -117,7 +117,7 @@ def _ends(below: Mapping[str, list[_Joint]], link: str) -> list[str]:
 
 
 def _moving_ends(below: Mapping[str, list[_Joint]], link: str) -> list[str]:
-    """Links behind the last moving joint of every branch that has one."""
+    """Return the links behind each branch's last moving joint."""
     found = []
     for joint in below.get(link, []):
         ends = _moving_ends(below, joint.child)
@@ -126,7 +126,7 @@ def _moving_ends(below: Mapping[str, list[_Joint]], link: str) -> list[str]:
 
 
 def _last(below: Mapping[str, list[_Joint]], link: str) -> str:
-    """The end of what is fixed to a link, as long as nothing branches there."""
+    """Follow what is fixed to a link to its end, as long as nothing branches."""
     while len(below.get(link, [])) == 1:
         link = below[link][0].child
     return link
@@ -143,7 +143,7 @@ def _numbers(text: str, count: int, what: str) -> FloatArray:
 
 
 def _origin(joint: _Joint, path: Path, notes: list[str]) -> FloatArray:
-    """The joint's frame in its parent's: ``Rz(yaw) Ry(pitch) Rx(roll)`` and the translation."""
+    """Compute the joint's frame in its parent's: ``Rz(yaw) Ry(pitch) Rx(roll)`` and translation."""
     origin = joint.element.find("origin")
     pose = np.eye(4)
     if origin is None:

@@ -40,14 +40,14 @@ SERIAL_INTERFACES = ("slcan", "serial")
 
 
 def serial_port(text: str) -> str:
-    """A serial port as the operating system names it (ValueError for anything else)."""
+    """Check a serial port's name in the operating system (ValueError if none)."""
     if not _SERIAL.fullmatch(text):
         raise ValueError(f"'{text}' is no serial port; write /dev/ttyUSB0, /dev/serial/by-id/..., or COM3")
     return text
 
 
 def host_name(text: str) -> str:
-    """A host's name or address (ValueError for anything else)."""
+    """Check a host's name or address (ValueError for anything else)."""
     if len(text) > 253 or not (_NAME.fullmatch(text) or _address(text)):
         raise ValueError(f"'{text}' is no host; write a name or an address, as in 192.0.2.10")
     return text
@@ -62,7 +62,7 @@ _BAUD = Annotated[int, Field(ge=300, le=4_000_000)]
 
 
 def _options(**kinds: Any) -> type[BaseModel]:
-    """Options of a CAN interface that a machine file may give; python-can knows more. ``host`` and ``port`` it must."""
+    """Return the model of a CAN interface's options; python-can knows more. ``host`` and ``port`` it must."""
     keys: dict[str, Any] = {name: (kind, ... if name in ("host", "port") else None) for name, kind in kinds.items()}
     return create_model("Options", __config__=ConfigDict(extra="forbid", strict=True), **keys)
 
@@ -110,7 +110,7 @@ def check_entry(entry: str) -> str:
 
 
 def is_listed(place: str, entries: Collection[str]) -> bool:
-    """Whether one of ``entries`` is about ``place``."""
+    """Return whether one of ``entries`` is about ``place``."""
     return any(_is_about(entry, place) for entry in entries)
 
 

@@ -100,7 +100,7 @@ class Word(Scaled):
 
 
 def _number(value: Any, what: str) -> Any:
-    """A number that may be written in hexadecimal."""
+    """Parse a number that may be written in hexadecimal."""
     if isinstance(value, str):
         try:
             return int(value, 0)
@@ -110,7 +110,7 @@ def _number(value: Any, what: str) -> Any:
 
 
 def object_of(text: str) -> tuple[int, int]:
-    """Index and subindex of ``0x6132:1`` (ValueError if it is no object)."""
+    """Parse index and subindex of ``0x6132:1`` (ValueError if it is no object)."""
     index, _, subindex = text.partition(":")
     return int(index, 0), int(subindex or "0", 0)
 
@@ -385,7 +385,7 @@ _SOURCES: tuple[type[Scaled], ...] = tuple(dict.fromkeys((OtherSource, *(bus.sou
 
 
 def source_of(value: Any) -> Any:
-    """A source of the kind that its keys say; of CANopen, where they say none."""
+    """Parse a source of the kind that its keys show; of CANopen, where they show none."""
     if not isinstance(value, dict):
         return value
     kinds = (kind for kind in _SOURCES if kind.known_by & value.keys())

@@ -66,13 +66,13 @@ class Listed:
 
 
 def pgn_of(identifier: int) -> int:
-    """Parameter group number of a 29-bit identifier."""
+    """Return the parameter group number of a 29-bit identifier."""
     pgn = identifier >> 8 & 0x3FFFF
     return pgn if pgn >> 8 & 0xFF >= _PDU2 else pgn & 0x3FF00
 
 
 def not_available(signal: Signal, raw: float) -> bool:
-    """Whether a raw value says by J1939-71, 5.1.4, that there is no measurement (not available, error, reserved)."""
+    """Return whether a raw value means no measurement by J1939-71, 5.1.4 (not available, error, reserved)."""
     if signal.is_float or signal.is_signed or signal.length < 2:
         return False
     if signal.length % 8 == 0:
@@ -81,7 +81,7 @@ def not_available(signal: Signal, raw: float) -> bool:
 
 
 def decoded(message: Message, data: bytes) -> dict[str, Any] | None:
-    """Raw values by signal, as many as the data have; None for a multiplexed part that the file does not know."""
+    """Decode raw values by signal, as many as there are; None for a multiplexed part the file does not know."""
     from cantools.database.errors import Error
 
     try:
@@ -92,7 +92,7 @@ def decoded(message: Message, data: bytes) -> dict[str, Any] | None:
 
 
 def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
-    """Messages of a bus that channels come from.
+    """List messages of a bus that channels come from.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[li
 
 
 def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
-    """What :func:`listed_messages` returns, from files that are read already."""
+    """List the same as :func:`listed_messages`, from files that are read already."""
     found: dict[tuple[str, int | None, bool], Listed] = {}
     problems = []
     for position, channel in enumerate(channels):
@@ -127,7 +127,7 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
 
 
 def unit_doubts(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
-    """Channels (position, line) that take a signal as it is, although the file has it in another unit."""
+    """List channels (position, line) taken as they are, although the file has another unit."""
     doubts = []
     for wanted in (wanted for message in listed for wanted in message.wanted):
         channel, unit = channels[wanted.position], wanted.signal.unit
@@ -145,7 +145,7 @@ def unit_doubts(machine: Machine, listed: Sequence[Listed], channels: Sequence[C
 
 
 def read_database(path: str, bus: str) -> Database:
-    """A file that describes messages.
+    """Read a file that describes messages.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def read_database(path: str, bus: str) -> Database:
 
 
 def _message(databases: Sequence[Database], source: SignalSource) -> Message:
-    """The message that has the source's signal; ValueError if there is none, or more than one."""
+    """Find the message of the source's signal; ValueError if there is none, or more than one."""
     messages = [message for database in databases for message in database.messages]
     named = list(_named(messages, source))
     if not named:
@@ -204,7 +204,7 @@ def _named(messages: Sequence[Message], source: SignalSource) -> Iterator[Messag
 
 
 def is_j1939(message: Message, source: SignalSource) -> bool:
-    """Whether a message is taken by its PGN; ValueError (one line) if a channel cannot come from it."""
+    """Return whether a message is taken by PGN; ValueError (one line) if a channel cannot use it."""
     asked = source.pgn is not None or source.source_address is not None
     if asked and not message.is_extended_frame:
         raise ValueError(f"message '{message.name}' has 11 bits, so it is no J1939; remove source_address")

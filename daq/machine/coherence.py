@@ -31,7 +31,7 @@ class IncoherenceError(ValueError):
 
 
 def incoherences(machine: Machine) -> list[str]:
-    """Everything that does not belong together in a machine file, one line each; later checks wait for earlier ones."""
+    """List everything that does not belong together in a machine file, a line each; later checks need earlier ones."""
     joints, channels = machine.joints, machine.channels
     problems = _of(
         (unique, [joint.name for joint in joints], "joint"),
@@ -80,7 +80,7 @@ def _one_supply(machine: Machine) -> None:
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
-    """Texts of the checks that raise a ValueError."""
+    """Collect texts of the checks that raise a ValueError."""
     texts = []
     for check, *arguments in checks:
         try:
@@ -123,7 +123,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
 
 
 def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> None:
-    """An encoder does not begin anew within its joint's limits."""
+    """Check that an encoder does not begin anew within its joint's limits."""
     if source.modulo is None or not hasattr(joint, "limits"):  # the joint itself is wrong, and told elsewhere
         return
     half = 0.5 * source.modulo * source.scale / 10.0**source.decimals
@@ -137,7 +137,7 @@ def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> No
 
 
 def _has(place: str, quantity: str, joint: Joint) -> None:
-    """A channel's joint has what the channel measures."""
+    """Check that a channel's joint has what the channel measures."""
     if quantity in MOTOR_QUANTITIES and joint.drive is None:
         raise ValueError(f"{place}: {joint.name} has no drive, so no {quantity}; add drive: with its ratio")
     if quantity == "motor_effort" and joint.drive is not None and joint.drive.effort == "link_side":
@@ -154,7 +154,7 @@ def _has(place: str, quantity: str, joint: Joint) -> None:
 
 
 def _sets_nothing(machine: Machine, channel: Channel) -> None:
-    """A command is read and never written: no setting of a node is the object that it is in."""
+    """Check that a command is read and never written: no node setting is its object."""
     source = channel.source
     if not isinstance(source, CanSource):
         return
@@ -169,7 +169,7 @@ def _sets_nothing(machine: Machine, channel: Channel) -> None:
 
 
 def _in_the_valves_unit(place: str, unit: str, joint: Joint) -> None:
-    """A command is in the unit that its valve's range and neutral are in."""
+    """Check that a command is in the unit of its valve's range and neutral."""
     valve = None if joint.cylinder is None else joint.cylinder.valve
     if valve is not None and hasattr(valve, "unit") and valve.unit != unit:
         raise ValueError(
@@ -186,7 +186,7 @@ def _couplings(machine: Machine, joint: Joint) -> None:
 
 
 def _measured(machine: Machine, name: str) -> None:
-    """A joint has a position and an effort."""
+    """Check that a joint has a position and an effort."""
     present = [c.quantity for c in machine.channels if c.joint == name]
     for quantity in sorted(set(present)):
         if present.count(quantity) > 1:
@@ -216,7 +216,7 @@ def _measured(machine: Machine, name: str) -> None:
 
 
 def _driven(machine: Machine, name: str, *, link_side: bool) -> None:
-    """Every motor that acts on the joint is measured."""
+    """Check that every motor that acts on the joint is measured."""
     if link_side:
         raise ValueError(
             f"joints.{name}: has no effort; its drive says effort: link_side, so add a channel of quantity joint_effort"
@@ -231,7 +231,7 @@ def _driven(machine: Machine, name: str, *, link_side: bool) -> None:
 
 
 def _velocities_are_told(machine: Machine) -> None:
-    """What else a motor turns with is known where the motor's velocity is to tell its joint's."""
+    """Check that what else a motor turns with is known where it gives its joint's velocity."""
     told = {n for n, joint in enumerate(machine.joints) if machine.channel("joint_velocity", joint.name)}
     told |= set(machine.turning_at_motors)
     for number in machine.turning_at_motors:
@@ -245,7 +245,7 @@ def _velocities_are_told(machine: Machine) -> None:
 
 
 def _motors_tell(machine: Machine) -> None:
-    """The ratios can be solved for the joints that only their motors tell, each row by its own ratio."""
+    """Check that ratios can be solved for joints that only motors measure, each row by its own ratio."""
     for unknown in (machine.at_motors, machine.turning_at_motors):
         R = machine.ratios[np.ix_(unknown, unknown)]
         if not np.all(np.linalg.svd(R / np.diag(R)[:, None], compute_uv=False) > 1e-9):

@@ -15,7 +15,7 @@ LARGEST = 16_000_000  # bytes; the largest ones in use have a few
 
 
 def named_files(machine: Machine) -> Iterator[tuple[str, str]]:
-    """Files that a machine names: which bus or node does, and the path as it stands there."""
+    """List files that a machine names: by which bus or node, and the path as written there."""
     for bus in machine.buses:
         for path in getattr(bus, "dbc", ()):
             yield f"bus '{bus.name}'", path

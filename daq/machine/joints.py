@@ -23,7 +23,7 @@ Convention = Literal["standard", "modified"]
 
 
 def ordered(interval: Interval, what: str) -> Interval:
-    """The interval, refused with a ValueError unless it goes from low to high."""
+    """Return the interval; ValueError unless it goes from low to high."""
     if interval[0] >= interval[1]:
         raise ValueError(f"{what} must go from low to high, not {interval[0]:g} to {interval[1]:g}")
     return interval
@@ -146,7 +146,7 @@ class Joint(FileModel):
 
     @model_validator(mode="after")
     def _angles_are_the_tables(self) -> Joint:
-        """Coordinates of pins without an ``angle`` are those of the table's own frames."""
+        """Take the table's own frames for pins' coordinates without an ``angle``."""
         if self.cylinder is None or not isinstance(self.cylinder.linkage, Pins | FourBar):
             return self
         linkage = self.cylinder.linkage

@@ -33,13 +33,13 @@ class ThreePin(FileModel):
     retracted: Annotated[float, Field(gt=0)]  # m, pin to pin with the piston fully in
 
     def length(self, q: npt.ArrayLike) -> FloatArray:
-        """Distance of the two pins in m at joint position ``q`` in rad."""
+        """Compute the distance of the two pins in m at joint position ``q`` in rad."""
         q = np.asanyarray(q) * 1.0  # expressions stay what they are
         squared = self.a**2 + self.b**2 - 2 * self.a * self.b * np.cos(q + self.offset)
         return np.asarray(np.sqrt(np.maximum(squared, 0.0)))
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in rad."""
         return self.length(q) - self.retracted
 
 
@@ -51,7 +51,7 @@ class Rack(FileModel):
     zero: float = 0.0  # rad
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in rad."""
         return np.asarray(self.radius * (np.asanyarray(q) * 1.0 - self.zero))
 
 
@@ -61,7 +61,7 @@ class Direct(FileModel):
     type: Literal["direct"]
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in m."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in m."""
         return np.asarray(np.asanyarray(q) * 1.0)
 
 
@@ -72,7 +72,7 @@ class Polynomial(FileModel):
     coefficients: Annotated[tuple[float, ...], Field(min_length=2)]  # m / rad^k
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in rad or m."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in rad or m."""
         return np.asarray(np.polynomial.polynomial.polyval(np.asanyarray(q) * 1.0, self.coefficients))
 
 
@@ -108,7 +108,7 @@ class Pins(FileModel):
         return ThreePin(type="three_pin", a=a, b=b, offset=offset, retracted=self.retracted)
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in rad."""
         return self.three_pin.piston_position(q)
 
 
@@ -151,32 +151,32 @@ class FourBar(FileModel):
         )
 
     def link_pin(self, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The coupler's pin on the moving link, from the rocker's pivot and from the joint's axis, (..., 2) each, m."""
+        """Compute the coupler's pin on the moving link, from rocker's pivot and joint's axis, (..., 2) each, m."""
         theta = np.asarray(q, dtype=float) + (self.angle or 0.0)
         x, y = np.subtract(self.coupler_pin, self.link_pivot)
         arm = np.stack([x * np.cos(theta) - y * np.sin(theta), x * np.sin(theta) + y * np.cos(theta)], axis=-1)
         return np.subtract(self.base_pivot, self.rocker_pivot) + arm, arm
 
     def closing_cosine(self, q: npt.ArrayLike) -> FloatArray:
-        """Cosine of the angle between the coupler arm and the line to the link's pin; beyond 1 nothing closes."""
+        """Compute the cosine of coupler arm against the line to the link's pin; beyond 1 nothing closes."""
         g = np.linalg.norm(self.link_pin(q)[0], axis=-1)
         k, c = self.coupler_arm, self.coupler
         return np.asarray((k**2 + g**2 - c**2) / (2 * k * np.maximum(g, 1e-12)))
 
     def rocker(self, q: npt.ArrayLike) -> FloatArray:
-        """Direction of the coupler arm in the parent's plane, rad; where nothing closes, the nearest that it can."""
+        """Compute the coupler arm's direction in the parent's plane, rad; where nothing closes, the nearest."""
         reach = self.link_pin(q)[0]
         opening = np.arccos(np.clip(self.closing_cosine(q), -1.0, 1.0))
         bearing = np.arctan2(reach[..., 1], reach[..., 0])
         return np.asarray(bearing + (opening if self.side == "left" else -opening))
 
     def piston_position(self, q: npt.ArrayLike) -> FloatArray:
-        """Piston position ``x`` in m at joint position ``q`` in rad."""
+        """Compute the piston position ``x`` in m at joint position ``q`` in rad."""
         return self.at_rocker.piston_position(self.rocker(q))
 
 
 def _polar(point: Point, origin: Point) -> tuple[float, float]:
-    """Distance in m and bearing in rad of a point from another."""
+    """Compute a point's distance in m and bearing in rad from another."""
     x, y = point[0] - origin[0], point[1] - origin[1]
     return float(np.hypot(x, y)), float(np.arctan2(y, x))
 
@@ -187,7 +187,7 @@ def _apart(first: str, a: Point, second: str, b: Point) -> None:
 
 
 def reduced(linkage: Linkage) -> ThreePin | Rack | Direct | Polynomial | FourBar:
-    """The linkage with pins' coordinates turned into lengths; any other as it is."""
+    """Turn the pins' coordinates of a linkage into lengths; any other is as it is."""
     return linkage.three_pin if isinstance(linkage, Pins) else linkage
 
 

@@ -64,7 +64,7 @@ def check_machine(path: str | Path) -> Checked:
 
 
 def _of_the_parts(content: dict[str, Any]) -> list[str]:
-    """What does not belong together in a file of which parts are wrong, as far as that can be told."""
+    """List what does not belong together in a file of which parts are wrong, as far as possible."""
     joints, channels = content.get("joints"), content.get("channels")
     if not (isinstance(joints, list) and isinstance(channels, list)):
         return []
@@ -82,7 +82,7 @@ def _of_the_parts(content: dict[str, Any]) -> list[str]:
 
 
 def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Problem]:
-    """What does not belong together in a machine file and the files that it names: DBC, EDS, DCF."""
+    """List what does not belong together in a machine file and its files: DBC, EDS, DCF."""
     findings = []
     for number, bus in enumerate(machine.buses):
         own = [
@@ -114,7 +114,7 @@ def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Problem]:
 
 
 def _joint(raw: object) -> Joint | None:
-    """A joint, or as much of it as channels ask for; None without a name."""
+    """Parse a joint, or as much of it as channels need; None without a name."""
     if not isinstance(raw, dict) or not isinstance(raw.get("name"), str):
         return None
     try:
@@ -136,7 +136,7 @@ def _joint(raw: object) -> Joint | None:
 
 
 def _channel(raw: object) -> Channel | None:
-    """A channel, or as much of it as a joint asks for; None where it does not say what it measures."""
+    """Parse a channel, or as much of it as a joint needs; None without what it measures."""
     try:
         return Channel.model_validate(raw)
     except ValidationError:
@@ -151,7 +151,7 @@ def _channel(raw: object) -> Channel | None:
 
 
 def _alone(text: str, name: str) -> Problem:
-    """A finding from an error that is one line already."""
+    """Make a finding of an error that is one line already."""
     rest = text.removeprefix(name)
     line = None
     if rest.startswith(":") and rest[1:].split(":")[0].isdigit():
@@ -161,7 +161,7 @@ def _alone(text: str, name: str) -> Problem:
 
 
 def facts_of(machine: Machine) -> dict[str, Any]:
-    """What a valid machine file describes, for people and programs."""
+    """Return what a valid machine file describes, for people and programs."""
     return {
         "name": machine.name,
         "rate_hz": machine.rate_hz,

@@ -147,7 +147,7 @@ class Machine(FileModel):
 
     @property
     def at_motors(self) -> tuple[int, ...]:
-        """Numbers of the joints whose position only their motor tells."""
+        """Numbers of the joints whose position only their motor measures."""
         return tuple(
             number
             for number, joint in enumerate(self.joints)
@@ -156,7 +156,7 @@ class Machine(FileModel):
 
     @property
     def turning_at_motors(self) -> tuple[int, ...]:
-        """Numbers of the joints whose velocity only their motor tells."""
+        """Numbers of the joints whose velocity only their motor measures."""
         return tuple(
             number
             for number, joint in enumerate(self.joints)
@@ -164,14 +164,14 @@ class Machine(FileModel):
         )
 
     def joint(self, name: str) -> Joint:
-        """The joint of that name (KeyError if there is none)."""
+        """Return the joint of that name (KeyError if there is none)."""
         for joint in self.joints:
             if joint.name == name:
                 return joint
         raise KeyError(name)
 
     def channel(self, quantity: str, joint: str | None = None) -> Channel | None:
-        """The channel that measures ``quantity`` (of ``joint``), or None."""
+        """Return the channel that measures ``quantity`` (of ``joint``), or None."""
         for channel in self.channels:
             if channel.quantity == quantity and channel.joint == joint:
                 return channel
@@ -185,16 +185,16 @@ class Machine(FileModel):
 
     @property
     def pump_limit(self) -> float | None:
-        """m^3/s: the flow that the file says is there for all cylinders together, or None."""
+        """m^3/s: the flow that the file declares for all cylinders together, or None."""
         declared = None if self.supply is None else self.supply.flow_limit
         return declared or (None if self.hydraulics is None else self.hydraulics.pump_flow)
 
     def unseen_pistons(self) -> list[str]:
-        """Joints with a cylinder whose piston no channel shows once its rod is off the pin."""
+        """List cylinder joints whose piston no channel shows once its rod is off the pin."""
         return [j.name for j in self.joints if j.cylinder is not None and not self.channel("piston_position", j.name)]
 
     def si_unit(self, channel: Channel) -> str:
-        """The SI unit of a channel's quantity; for joint positions and efforts the type of joint decides.
+        """Return the SI unit of a channel's quantity; the joint's type decides for positions and efforts.
 
         Commands and spool positions keep the unit that they are sent in.
         """
@@ -204,7 +204,7 @@ class Machine(FileModel):
         return si_unit(channel.quantity, straight=joint is not None and joint.type == "prismatic")
 
     def conversion(self, channel: Channel) -> Conversion:
-        """Conversion from the channel's declared unit to SI."""
+        """Return the conversion from the channel's declared unit to SI."""
         if channel.quantity in SENT_QUANTITIES:
             return kept_as_sent(channel.unit)
         return conversion(channel.unit, self.si_unit(channel))
@@ -222,7 +222,7 @@ def load_machine(path: str | Path) -> Machine:
 
 
 def read_machine_text(path: Path) -> str:
-    """The text of a machine file; MachineFileError if there is none."""
+    """Read the text of a machine file; MachineFileError if there is none."""
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -250,7 +250,7 @@ def parse_machine(text: str, name: str = "machine file", folder: Path | None = N
 def machine_problems(
     text: str, name: str = "machine file", folder: Path | None = None
 ) -> tuple[Machine | None, list[Problem]]:
-    """The machine of a file's text, or None and what is wrong with it, the most telling problem first.
+    """Return the machine of a file's text, or None and its problems, the most significant first.
 
     Raises
     ------
@@ -278,12 +278,12 @@ def machine_problems(
 
 
 def machine_to_yaml(machine: Machine) -> str:
-    """The machine as the text of a machine file; :func:`parse_machine` reads it back unchanged."""
+    """Write the machine as machine file text; :func:`parse_machine` reads it back unchanged."""
     return safe_yaml.write(machine_content(machine))
 
 
 def machine_content(machine: Machine) -> dict[str, Any]:
-    """The machine as the content of a machine file."""
+    """Return the machine as the content of a machine file."""
     return machine.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
 
 

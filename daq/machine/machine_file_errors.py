@@ -21,7 +21,7 @@ _SHOWN = 60
 
 
 def did_you_mean(word: str, options: Sequence[str]) -> str:
-    """``; did you mean '...'?`` or nothing."""
+    """Return ``; did you mean '...'?`` or nothing."""
     near = difflib.get_close_matches(word, options, n=1)
     return f"; did you mean '{near[0]}'?" if near else ""
 
@@ -46,7 +46,7 @@ class Problem:
     level: Literal["error", "warning"] = "error"
 
     def under(self, name: str) -> str:
-        """One line with the file's name in front."""
+        """Return one line with the file's name in front."""
         place = f"{name}:{self.line}" if self.line else name
         parts = (place, "warning" if self.level == "warning" else "", self.key, self.text)
         return " ".join(": ".join(part for part in parts if part).split()) + (f"; {self.cure}" if self.cure else "")
@@ -55,7 +55,7 @@ class Problem:
 def all_problems(
     tree: yaml.Node | None, error: ValidationError, keys: Sequence[str], tags: Collection[str]
 ) -> list[Problem]:
-    """Everything that pydantic found, unknown keys first: they explain more than the missing ones they stand for.
+    """Return all that pydantic found, unknown keys first: they explain more than the missing ones they replace.
 
     Parameters
     ----------
@@ -95,17 +95,17 @@ def _problem(
 
 
 def of_the_whole(tree: yaml.Node | None, text: str) -> Problem:
-    """A problem of the file as a whole, which names its place in its text."""
+    """Make a problem of the file as a whole, which names its place in its text."""
     return Problem(line_of(tree, _place(text, tree)), "", text)
 
 
 def short(text: str) -> str:
-    """A text that fits into a line, cut in its middle."""
+    """Cut a text in its middle to fit into a line."""
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN // 2]}\u2026{text[-_SHOWN // 4 :]}"
 
 
 def _place(text: str, tree: yaml.Node | None) -> list[str | int]:
-    """Where a problem of the file as a whole is, which names its place in its text: ``channels[3]``, ``joints.arm``."""
+    """Locate a problem of the file as a whole, which names its place in its text: ``channels[3]``, ``joints.arm``."""
     indexed = re.match(r"(channels|joints)\[(\d+)\]", text)
     if indexed is not None:
         return [indexed[1], int(indexed[2])]
@@ -121,7 +121,7 @@ def _place(text: str, tree: yaml.Node | None) -> list[str | int]:
 
 
 def line_of(tree: yaml.Node | None, location: list[str | int]) -> int | None:
-    """Line (from 1) of the deepest part of ``location`` that is in the file."""
+    """Return the line (from 1) of the deepest part of ``location`` in the file."""
     node, line = tree, None
     for part in location:
         if isinstance(node, yaml.MappingNode):

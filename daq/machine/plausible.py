@@ -45,7 +45,7 @@ class Usual:
     others: Mapping[str, float]
 
     def doubts(self, place: Place, value: float | None, what: str) -> Iterator[Doubt]:
-        """One, if there is a value and it is outside."""
+        """Yield a remark if there is a value outside."""
         if value is None or self.low <= (size := abs(value)) <= self.high:
             return
         usual = f"{what} {value:g} {self.unit} is outside the usual {self.low:g} to {self.high:g} {self.unit}".strip()
@@ -82,7 +82,7 @@ _GRAVITIES = {"Earth": 9.81, "the Moon": 1.62, "Mars": 3.71}
 
 
 def doubts(content: Mapping[str, Any]) -> Iterator[Doubt]:
-    """Doubts about the content of a machine file, as it was read from YAML; what is malformed is passed over."""
+    """Yield remarks on a machine file's content as read from YAML; what is malformed is passed over."""
     yield from _of_the_machine(content)
     joints = content.get("joints")
     for index, joint in enumerate(joints if isinstance(joints, list) else []):
@@ -294,7 +294,7 @@ def _of_its_travel(place: Place, travel: Travel) -> Iterator[Doubt]:
 
 
 def _among_joints(joints: Sequence[Any]) -> Iterator[Doubt]:
-    """One bore ten times as large, or as small, as those of all other cylinders."""
+    """Find one bore ten times as large, or as small, as those of all others."""
     bores = {i: b for i, joint in enumerate(joints) if (b := _number(joint, "cylinder", "bore")) and b > 0}
     if len(bores) < 3:
         return
@@ -348,7 +348,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
 
 
 def valve_doubts(machine: Machine) -> Iterator[Doubt]:
-    """What a valid machine file leaves unsaid of its valves, and what that costs, joint by joint."""
+    """Report what a valid machine file omits of its valves, and what that costs, by joint."""
     for number, joint in enumerate(machine.joints):
         if joint.cylinder is None or joint.cylinder.valve is None:
             continue

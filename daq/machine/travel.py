@@ -39,7 +39,7 @@ class Travel:
         return self.joint.type == "revolute"
 
     def facts(self) -> dict[str, object]:
-        """Ranges for people: degrees or millimetres, from low to high."""
+        """Return ranges for people: degrees or millimetres, from low to high."""
         factor, unit = (180.0 / np.pi, "deg") if self.revolute else (1e3, "mm")
         facts: dict[str, object] = {"joint": self.joint.name, f"motion_{unit}": _range(factor * self.q)}
         if self.x is not None and self.r is not None and self.joint.cylinder is not None:
@@ -49,7 +49,7 @@ class Travel:
         return facts
 
     def text(self) -> str:
-        """The same in words."""
+        """Return the same in words."""
         facts = self.facts()
         unit = "deg" if self.revolute else "mm"
         words = f"{self.joint.name}: {_words(facts[f'motion_{unit}'])} {unit}"
@@ -81,13 +81,13 @@ class RodTravel:
         return float(np.sign(self.lever.mean()))
 
     def q(self, x: FloatArray | float) -> FloatArray:
-        """Joint positions of piston positions, in a straight line beyond the joint's limits."""
+        """Compute joint positions of piston positions, linear beyond the joint's limits."""
         order = slice(None, None, int(self.sense))
         inside = np.clip(x, self.range_x.min(), self.range_x.max())
         return np.asarray(np.interp(inside, self.range_x[order], self.range_q[order]) + (x - inside) / self.lever[0])
 
     def x(self, q: float) -> float:
-        """The inverse of :meth:`q`."""
+        """Invert :meth:`q`."""
         return float(np.interp(q, self.range_q, self.range_x))
 
     @property
@@ -97,7 +97,7 @@ class RodTravel:
 
 
 def travel_of(joint: Joint) -> Travel:
-    """A joint's motion from limit to limit."""
+    """Compute a joint's motion from limit to limit."""
     q = np.linspace(*joint.limits.position, _POINTS)
     if joint.cylinder is None:
         return Travel(joint, q, None, None)
@@ -106,7 +106,7 @@ def travel_of(joint: Joint) -> Travel:
 
 
 def lever_arm(linkage: Linkage, q: FloatArray) -> FloatArray:
-    """Lever arm ``dx/dq`` at joint positions (N,), m/rad (1)."""
+    """Compute the lever arm ``dx/dq`` at joint positions (N,), m/rad (1)."""
     return (linkage.piston_position(q + _STEP) - linkage.piston_position(q - _STEP)) / (2 * _STEP)
 
 

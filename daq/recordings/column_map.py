@@ -87,7 +87,7 @@ def load_map(path: str | Path, machine: Machine, name: str | None = None) -> Col
 
 
 def parse_map(text: str, machine: Machine, name: str = "map") -> ColumnMap:
-    """The map that a text describes (errors as :func:`load_map`)."""
+    """Parse a map from its text (errors as :func:`load_map`)."""
     if len(text) > MAXIMUM_MAP:
         raise InputError(f"{name}: is longer than a map of columns can be; write 'channel: column' lines")
     try:
@@ -133,7 +133,7 @@ def _source(name: str, channel: str, entry: Any) -> Source:
 
 
 def wanted_columns(machine: Machine, columns: ColumnMap | None = None) -> Callable[[str], bool]:
-    """Whether a column of a name may be a channel, or time: what need not be looked at in a large file."""
+    """Choose column names that may be channels, or time: others need no look in a large file."""
     own = {"time", *(channel.name for channel in machine.channels)}
     keys = {_key(name): name for name in own}
     asked = set() if columns is None else {source.column for source in columns.sources.values()}
@@ -152,18 +152,18 @@ _Found = tuple[str, str | None]
 def in_channels(
     path: Path, table: Table, machine: Machine, columns: ColumnMap | None = None, *, all_known: bool = True
 ) -> Table:
-    """The table with the machine's channel names for columns, time in seconds, and the file's units in its metadata.
+    """Return the table with the machine's channel names, time in seconds, and the file's units in its metadata.
 
     Parameters
     ----------
-    columns : what a person says of the columns
+    columns : what a person declared of the columns
     all_known : False where a file has columns of other things by nature (bags, measurement files): they are left out;
         otherwise they keep their names, for :func:`daq.recordings.recording_checks.columns_fit` to name
 
     Raises
     ------
     RecordingError
-        One line: the column, and what is in doubt about it.
+        One line: the column, and what is uncertain about it.
     """
     names = list(table.columns)
     own = {"time", *(channel.name for channel in machine.channels)}
@@ -213,7 +213,7 @@ def in_channels(
 
 
 def _stated(table: Table) -> dict[str, str]:
-    """Units of columns that the file itself carries."""
+    """Read units of columns that the file itself carries."""
     try:
         return table.units
     except ValueError:
@@ -221,7 +221,7 @@ def _stated(table: Table) -> dict[str, str]:
 
 
 def _is_seconds(table: Table) -> bool:
-    """Whether the column of time already holds seconds of machine time, not moments."""
+    """Return whether the column of time already holds seconds, not moments."""
     if "time" not in table.columns or table.rows == 0:
         return True
     if "hilfit.schema" in table.metadata:
@@ -242,7 +242,7 @@ def mapped_columns_are_there(path: Path, columns: ColumnMap | None, names: Seque
 def _mapped_column(
     path: Path, map_name: str, channel: str, source: Source, names: Sequence[str]
 ) -> tuple[str, str | None]:
-    """The column that a map names (with or without the unit of its header), and that unit."""
+    """Find the column that a map names (with or without its header's unit), and its unit."""
     if source.column in names:
         as_it_is = source.unit is None and (source.scale, source.offset) == (1.0, 0.0)
         return source.column, _split(source.column)[1] if as_it_is else None
@@ -256,7 +256,7 @@ def _mapped_column(
 
 
 def named_columns(names: Sequence[str], machine: Machine) -> dict[str, str]:
-    """Channels (and ``time``) to the one column whose name tells that it is that."""
+    """Find for channels (and ``time``) the one column whose name identifies them."""
     keys = {_key(name): name for name in ("time", *(channel.name for channel in machine.channels))}
     matches = [match for match in (_channel_of(name, keys, machine) for name in names) if match is not None]
     all_of = [channel for channel, _ in matches]
@@ -264,7 +264,7 @@ def named_columns(names: Sequence[str], machine: Machine) -> dict[str, str]:
 
 
 def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], aside: set[str]) -> dict[str, _Found]:
-    """The column of each channel; two for one are refused."""
+    """Find the column of each channel; two for one are refused."""
     keys = {_key(name): name for name in own}
     if len(keys) < len(own):  # names that only differ in case or signs have to be met exactly
         keys = {name: name for name in own}
@@ -285,7 +285,7 @@ def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], as
 
 
 def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[str, _Found] | None:
-    """The channel that a header names, and its unit."""
+    """Return the channel that a header names, and its unit."""
     if name in keys.values():
         return name, (name, None)
     bare, unit = _split(name)
@@ -307,18 +307,18 @@ def _channel_of(name: str, keys: Mapping[str, str], machine: Machine) -> tuple[s
 
 
 def _split(header: str) -> tuple[str, str | None]:
-    """Name and unit of a header, ``p1 [bar]``; all of it and None where it has none."""
+    """Split a header, ``p1 [bar]``, into name and unit; all of it and None without one."""
     found = _HEADER.fullmatch(header)
     return (header, None) if found is None else (found["name"], found["square"] or found["round"] or None)
 
 
 def _key(name: str) -> str:
-    """A name without what tools change in it: case, and the signs between its parts."""
+    """Reduce a name to what tools keep of it: no case, no signs between its parts."""
     return re.sub(r"[\s._/:-]+", "_", name.strip().strip("/")).casefold()
 
 
 def _spelt(unit: str) -> str:
-    """A unit as pint knows it."""
+    """Write a unit as pint knows it."""
     text = unit.strip().replace("²", "^2").replace("³", "^3").replace("μ", "u").replace("µ", "u")
     return _SPELLINGS.get(text.casefold(), text)
 
@@ -336,7 +336,7 @@ def _unit(path: Path, column: str, unit: str) -> str:
 
 
 def _fits(path: Path, column: str, unit: str | None, si: str, channel: Channel | None = None) -> str | None:
-    """The unit, if it measures what the channel (or time) does."""
+    """Return the unit, if it measures what the channel (or time) does."""
     if unit is None:
         return None
     try:

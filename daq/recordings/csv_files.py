@@ -56,13 +56,13 @@ class _Layout:
 
 
 def read_csv(path: Path, head: bytes) -> tuple[pa.Table, dict[str, str]]:
-    """The table of a CSV file, columns under the header's names, and the units of a line of units by name.
+    """Read a CSV file's table, columns under the header's names, and a line of units by name.
 
-    Columns of moments stay text; ``cycle`` and ``utc_ns`` are whole numbers, all else is float64.
+    Columns of moments remain text; ``cycle`` and ``utc_ns`` are whole numbers, all else is float64.
 
     Parameters
     ----------
-    head : the first bytes of the file, by which its encoding is told
+    head : the first bytes of the file, by which its encoding is recognised
 
     Raises
     ------
@@ -88,13 +88,13 @@ def read_csv(path: Path, head: bytes) -> tuple[pa.Table, dict[str, str]]:
 
 
 def _whole(path: Path) -> bytes:
-    """The bytes of a file, no more than may be in memory."""
+    """Read the bytes of a file, no more than may be in memory."""
     with path.open("rb") as file:
         return file.read(MAXIMUM_TEXT)
 
 
 def _is_plain(head: bytes) -> bool:
-    """Whether this is UTF-8 without a mark, that can be read from where it is."""
+    """Return whether this is unmarked UTF-8 that can be read in place."""
     if head.startswith((b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")) or b"\0" in head:
         return False
     try:
@@ -105,7 +105,7 @@ def _is_plain(head: bytes) -> bool:
 
 
 def _decoded(path: Path, content: bytes) -> bytes:
-    """The text as UTF-8."""
+    """Decode the text to UTF-8."""
     if content.startswith(b"\xef\xbb\xbf"):
         encodings = ["utf-8-sig"]
     elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -172,7 +172,7 @@ def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
 
 
 def _separator(path: Path, header: str, rows: list[str]) -> str:
-    """The one separator that the header and the first rows agree upon."""
+    """Find the one separator that the header and the first rows share."""
     found = []
     for separator in _SEPARATORS:
         width = len(_cells(header, separator))
@@ -186,7 +186,7 @@ def _separator(path: Path, header: str, rows: list[str]) -> str:
 
 
 def _decimal(path: Path, numbers: bytes, separator: str, moments: bool) -> str:
-    """The decimal sign of all numbers of the rows."""
+    """Find the decimal sign of all numbers of the rows."""
     if separator == ",":
         quoted = b'"' in numbers and re.search(rb'"[-+]?\d+,\d+"', numbers)
         if not quoted:
@@ -254,7 +254,7 @@ def names_differ(path: Path, names: list[str]) -> None:
 
 
 def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
-    """What is wrong with a row, in words, with the line of the file."""
+    """Word what is wrong with a row, with the line of the file."""
     bad = re.search(r"column #(\d+).*invalid value '(.*?)'", text, re.DOTALL)
     if bad is not None and int(bad[1]) < len(names):
         column, value = int(bad[1]), bad[2]
@@ -271,7 +271,7 @@ def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
 
 
 def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> str:
-    """The line of the file of the first row that is wrong, in words; empty where none is found."""
+    """Word the file's line of the first row that is wrong; empty where none is found."""
     reader = csv.reader(io.StringIO(body.decode("utf-8", errors="replace"), newline=""), delimiter=layout.separator)
     with contextlib.suppress(csv.Error):  # an unclosed quote or the like
         for row in reader:
@@ -281,7 +281,7 @@ def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> 
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    """Cells of one line, trimmed, without quotes."""
+    """Split one line into cells, trimmed, without quotes."""
     try:
         row = next(csv.reader([line], delimiter=separator), [])
     except csv.Error:

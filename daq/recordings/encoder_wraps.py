@@ -23,9 +23,9 @@ _NEAR, _ORDINARY = 0.25, 0.1
 
 
 def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Values (N,) in SI of a position without its wraps, and the rows before which there was one.
+    """Unwrap values (N,) in SI of a position, and return the rows before which there was a wrap.
 
-    The turns are counted so that most of the motion lies where the joint can be; missing values stay.
+    The turns are counted so that most of the motion lies where the joint can be; missing values are kept.
     """
     nothing = np.zeros(0, dtype=np.int64)
     if channel.quantity not in ("joint_position", "motor_position") or machine.si_unit(channel) != "rad":
@@ -48,6 +48,6 @@ def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[F
 
 
 def wrap_text(path: str | Path, channel: str, rows: IntArray, time: FloatArray) -> str:
-    """What was seen, for people: file, channel, how often, and the first row (counted from 1)."""
+    """Word the wraps: file, channel, how often, and the first row (counted from 1)."""
     row, seconds = int(rows[0]), float(time[rows[0]])
     return f"{path}: {channel}: the encoder wraps {len(rows)} times, the first at row {row + 1} ({seconds:.6g} s)"

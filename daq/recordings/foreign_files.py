@@ -42,12 +42,12 @@ class _Kind(NamedTuple):
 
 
 def is_foreign(path: Path) -> bool:
-    """Whether a file or folder is one of these, by content (a bag also by what lies in the folder)."""
+    """Return whether a file or folder is one of these, by content (a bag also by its folder's)."""
     return _kind(path) is not None
 
 
 def read_rasters(path: Path, wanted: Wanted) -> list[Table]:
-    """The tables of a file, one per time base, each with ``time`` in seconds.
+    """Read the tables of a file, one per time base, each with ``time`` in seconds.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _kind(path: Path) -> _Kind | None:
 
 
 def _guarded(path: Path, kind: _Kind, wanted: Wanted) -> list[_Raster]:
-    """The rasters of a file; what goes wrong in its library is said as people need it, in one line.
+    """Read a file's rasters; report what goes wrong in its library in one plain line.
 
     A library that dies half-way may complain once more when its objects are taken down; nobody has use for that.
     """
@@ -113,7 +113,7 @@ def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: s
 
 
 def _mdf(path: Path, wanted: Wanted) -> list[_Raster]:
-    """One raster per time base of an MDF file."""
+    """Read one raster per time base of an MDF file."""
     from asammdf import MDF
 
     rasters: list[_Raster] = []
@@ -147,7 +147,7 @@ def _numbers_only(path: Path, name: str, samples: Any) -> None:
 
 
 def _mat(path: Path, wanted: Wanted) -> list[_Raster]:
-    """The vectors of a MAT file (also inside structures, ``data.q``, and columns of matrices, ``q(:,1)``)."""
+    """Read a MAT file's vectors (also in structures, ``data.q``, and matrix columns, ``q(:,1)``)."""
     with path.open("rb") as file:
         if file.read(len(_MAT_73)) == _MAT_73:
             raise RecordingError(
@@ -182,7 +182,7 @@ def _vectors(content: dict[str, Any], prefix: str) -> Iterator[tuple[str, npt.ND
 
 
 def _bag(path: Path, wanted: Wanted) -> list[_Raster]:
-    """A raster per topic: ``/topic/joint/position`` (velocity, effort) of a JointState, ``/topic`` of a Float64."""
+    """Read a raster per topic: ``/topic/joint/position`` (velocity, effort) of JointState, ``/topic`` of Float64."""
     found = [(times, columns) for times, columns in _bag_topics(path, wanted).values() if columns]
     begin = min((min(times) for times, _ in found), default=0)
     rasters: list[_Raster] = []
@@ -193,7 +193,7 @@ def _bag(path: Path, wanted: Wanted) -> list[_Raster]:
 
 
 def _bag_topics(path: Path, wanted: Wanted) -> dict[str, tuple[list[int], dict[str, list[float]]]]:
-    """Per topic the stamps in ns, and the columns."""
+    """Read per topic the stamps in ns, and the columns."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 

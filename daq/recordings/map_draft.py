@@ -43,7 +43,7 @@ def write_draft(error: UnknownColumnsError, machine: Machine) -> Path:
 
 
 def draft(path: Path, columns: Sequence[str], machine: Machine) -> str:
-    """The draft's text: valid YAML, in which what has to be looked at is commented out."""
+    """Write the draft: valid YAML, in which what has to be looked at is commented out."""
     known = named_columns(columns, machine)
     free = [column for column in columns if column not in known.values()]
     lines = [
@@ -62,5 +62,5 @@ def draft(path: Path, columns: Sequence[str], machine: Machine) -> str:
 
 
 def _quoted(column: str) -> str:
-    """A YAML scalar that a header of any signs fits into."""
+    """Quote a YAML scalar that a header of any signs fits into."""
     return json.dumps(column, ensure_ascii=not column.isprintable())

@@ -40,7 +40,7 @@ class RecordedEvent:
 def recorded_events(
     metadata: Mapping[str, str], utc_ns: npt.NDArray[np.int64] | None = None
 ) -> tuple[RecordedEvent, ...]:
-    """The events in a recording's metadata (``hilfit.events``), oldest first; what cannot be read is left out.
+    """Read the events in a recording's metadata (``hilfit.events``), oldest first, without unreadable ones.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class Recording:
         return float(self.time[-1] - self.time[0]) + 1.0 / self.rate_hz
 
     def cut(self, part: slice) -> Recording:
-        """Some rows as a recording of their own, in memory."""
+        """Cut some rows as a recording of their own, in memory."""
         return replace(
             self,
             time=self.time[part],
@@ -111,7 +111,7 @@ class Recording:
         return joined if self.cycle is None else joined & (np.diff(self.cycle) == 1)
 
     def segments(self, channels: tuple[str, ...] | list[str] | None = None) -> tuple[slice, ...]:
-        """Maximal runs of rows without a missing value in ``channels`` (default: all) and without a missing cycle.
+        """Find maximal runs of rows without a missing value in ``channels`` (default: all) or a missing cycle.
 
         Filters and derivatives are to be taken inside one segment only.
         """
@@ -134,13 +134,13 @@ def read_recording(
 
     Parameters
     ----------
-    path : Parquet, CSV, MDF4, MAT or a ROS 2 bag, told apart by content
+    path : Parquet, CSV, MDF4, MAT or a ROS 2 bag, recognised by content
     machine : its channels have to be the file's columns, no fewer and no more
     role : one of :data:`ROLES`
     minimum_seconds : of rows in which every channel of a joint was measured
-    columns : which column is which channel, where the file's names do not tell (:mod:`daq.recordings.column_map`)
+    columns : which column is which channel, where the file's names are ambiguous (:mod:`daq.recordings.column_map`)
     resample : whether a file of another rate is brought to the machine's (:mod:`daq.recordings.resampling`); ``notes``
-        then say so
+        then report it
 
     Raises
     ------
@@ -207,7 +207,7 @@ def write_recording(
     age: Mapping[str, npt.ArrayLike] | None = None,
     quality: Mapping[str, npt.ArrayLike] | None = None,
 ) -> Path:
-    """Write a recording as its suffix says (``.parquet`` or ``.csv``), whole or not at all.
+    """Write a recording by its suffix (``.parquet`` or ``.csv``), whole or not at all.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def recording_table(
     quality: Mapping[str, npt.ArrayLike] | None = None,
     name: str = "recording",
 ) -> pa.Table:
-    """The Arrow table of :func:`write_recording`, with its metadata."""
+    """Build the Arrow table of :func:`write_recording`, with its metadata."""
     names = [channel.name for channel in machine.channels]
     for given in (values_si, age or {}, quality or {}):
         for key in given:
@@ -268,12 +268,12 @@ def recording_table(
 
 
 def _shelf(table: Table) -> MutableMapping[str, npt.NDArray[Any]]:
-    """Where columns are kept: where the table has its own."""
+    """Return the shelf of columns: the table's own if it has one."""
     return ScratchColumns(table.columns.scratch) if isinstance(table.columns, ScratchColumns) else {}
 
 
 def _cut(columns: Mapping[str, npt.NDArray[_Kind]], part: slice) -> Mapping[str, npt.NDArray[_Kind]]:
-    """Some rows of every column."""
+    """Cut some rows of every column."""
     if isinstance(columns, ScratchColumns):
         return columns.cut(part)
     return {name: column[part] for name, column in columns.items()}

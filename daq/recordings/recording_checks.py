@@ -40,19 +40,19 @@ MISMATCH = 0.1  # of the stroke, between piston encoder and linkage: far above o
 
 
 def regular_steps(time: FloatArray, rate_hz: float) -> BoolArray:
-    """For every step between rows whether it is one period (within jitter); shape (N-1,)."""
+    """Return for every step between rows if it is one period (within jitter); (N-1,)."""
     return np.asarray(np.abs(np.diff(time) * rate_hz - 1.0) <= STEP_TOLERANCE)
 
 
 def lost_between(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
-    """Rows that are lost in every step between two: 0 also where a step is no whole number of periods; (N-1,)."""
+    """Count rows lost in every step between two: 0 also where a step is no whole number of periods; (N-1,)."""
     periods = np.diff(time) * rate_hz
     whole = np.rint(periods)
     return np.where(np.abs(periods - whole) <= STEP_TOLERANCE, np.maximum(whole - 1, 0), 0).astype(np.int64)
 
 
 def uneven_steps(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
-    """Places of the steps that put a rate in doubt: too many that are no whole number of periods, or rows lost."""
+    """Find steps that contradict a rate: too many that are no whole number of periods, or rows lost."""
     irregular, lost = ~regular_steps(time, rate_hz), lost_between(time, rate_hz) > 0
     odd = irregular & ~lost
     if np.count_nonzero(odd) > max(1, int(GAP_SHARE * len(odd))):
@@ -62,7 +62,7 @@ def uneven_steps(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
 
 
 def runs(inside: BoolArray, joined: BoolArray | None = None) -> tuple[slice, ...]:
-    """Maximal runs of true rows; ``joined`` (N-1,) says whether neighbouring rows belong together at all."""
+    """Find maximal runs of true rows; ``joined`` (N-1,): neighbouring rows belong together at all."""
     if len(inside) == 0:
         return ()
     together = inside[1:] & inside[:-1]
@@ -74,7 +74,7 @@ def runs(inside: BoolArray, joined: BoolArray | None = None) -> tuple[slice, ...
 
 
 def long_runs(inside: BoolArray, least: float) -> BoolArray:
-    """Of the true rows those in runs of ``least`` or more."""
+    """Keep of the true rows those in runs of ``least`` or more."""
     result = np.zeros_like(inside)
     for run in runs(inside):
         result[run] = run.stop - run.start >= least
@@ -82,7 +82,7 @@ def long_runs(inside: BoolArray, least: float) -> BoolArray:
 
 
 def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, role: str) -> None:
-    """The schema is known, the machine is this one, and an unloaded recording is used as one."""
+    """Check that the schema is known, the machine this one, and unloaded used as such."""
     schema = metadata.get("hilfit.schema")
     if schema is None:
         return
@@ -101,7 +101,7 @@ def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, rol
 
 
 def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] = ()) -> None:
-    """Columns are time, the machine's channels, and what our recorder adds; only what no joint needs may be missing.
+    """Check that columns are time, the machine's channels, our recorder's; only what no joint needs may be missing.
 
     ``seen`` are the columns as the file has them.
     """
@@ -142,18 +142,18 @@ def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] 
 
 
 def same_rate(one_hz: float, other_hz: float) -> bool:
-    """Whether two rates are one within the tolerance of printed times."""
+    """Return whether two rates agree within the tolerance of printed times."""
     return abs(other_hz / one_hz - 1.0) <= RATE_TOLERANCE
 
 
 def runs_at(time: FloatArray, rate_hz: float) -> bool:
-    """Whether an increasing clock runs at a rate, with few holes: what :func:`time_runs` asks for."""
+    """Return whether an increasing clock fits a rate, with few holes: as :func:`time_runs` asks."""
     few = not len(uneven_steps(time, rate_hz))
     return few and same_rate(1.0 / float(np.median(np.diff(time))), rate_hz)
 
 
 def time_increases(path: Path, time: FloatArray) -> None:
-    """Time is finite and increases strictly."""
+    """Check that time is finite and increases strictly."""
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
         raise RecordingError(f"{path}: time: row {row + 1} is not a number; cut the row out")
@@ -167,7 +167,7 @@ def time_increases(path: Path, time: FloatArray) -> None:
 
 
 def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
-    """Time is finite, increases strictly and at the machine's rate, with few holes."""
+    """Check that time is finite, increases strictly, at the machine's rate, few holes."""
     time_increases(path, time)
     steps = np.diff(time)
     if len(steps) == 0:
@@ -194,7 +194,7 @@ def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
 
 
 def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> None:
-    """The cycle counter increases strictly."""
+    """Check that the cycle counter increases strictly."""
     steps = np.diff(cycle)
     if np.any(steps <= 0):
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
@@ -206,7 +206,7 @@ def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> 
 def values_are_numbers(
     path: Path, name: str, values: FloatArray, time: FloatArray, quality: npt.NDArray[np.uint8] | None
 ) -> None:
-    """Every value is finite unless its quality says that it was not measured."""
+    """Check that every value is finite unless its quality marks it as unmeasured."""
     if np.any(np.isinf(values)):
         row = int(np.flatnonzero(np.isinf(values))[0])
         raise RecordingError(
@@ -227,7 +227,7 @@ def values_are_numbers(
 
 
 def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, minimum_seconds: float) -> None:
-    """At least ``minimum_seconds`` of rows in which every channel of a joint was measured."""
+    """Check for ``minimum_seconds`` of rows with every channel of a joint measured."""
     rows = len(next(iter(values.values())))
     if rows < minimum_seconds * machine.rate_hz:
         raise RecordingError(
@@ -250,9 +250,9 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
 
 
 def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatArray, time: FloatArray) -> None:
-    """No sensor sat at its limit; a command may (full speed is one), and a spool.
+    """Check that no sensor sat at its limit; a command may (full speed is one), and a spool.
 
-    With a declared range: three consecutive samples at or beyond it. Without: a pressure that stays exactly at its
+    With a declared range: three consecutive samples at or beyond it. Without: a pressure that is exactly at its
     extreme value although it is noisy elsewhere, or whose extreme value is repeated exactly for a second or more in all
     and in 2 % of the samples and far more often than any value near it, which neither noise nor coarse steps do.
     """
@@ -285,22 +285,22 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
 
 
 def _repeats(values: FloatArray) -> float:
-    """Share of values that equal the one before."""
+    """Compute the share of values that equal the one before."""
     return float(np.mean(np.diff(values) == 0)) if len(values) > 1 else 0.0
 
 
 def noise_covers_steps(values: FloatArray) -> bool:
-    """Whether noise changes a value wherever it stands: else a fine sensor repeats itself where the signal rests.
+    """Return whether noise changes every resting value: else a fine sensor repeats itself at rest.
 
     With a standard deviation of two steps eight equal values in a row have a chance of 3e-6; the lower quartile of the
-    second differences tells it, because motion makes the larger ones.
+    second differences shows it, because motion makes the larger ones.
     """
     step = float(np.diff(np.unique(values)).min(initial=np.inf))
     return bool(np.percentile(np.abs(np.diff(values, 2)), 25) > 1.5 * step)
 
 
 def cut_off(values: FloatArray, extreme: float) -> bool:
-    """Whether a signal arrives at a value (or leaves it) as fast as it usually moves; where it rests it slows down."""
+    """Return whether a signal reaches (or leaves) a value at its usual speed; at rest it slows down."""
     kept = [(run.start, run.stop) for run in runs(values == extreme) if run.stop - run.start >= KEPT]
     usual = float(np.median(np.abs(values[KEPT:] - values[:-KEPT])))
     before = [abs(extreme - values[a - KEPT]) for a, _ in kept if a >= KEPT]
@@ -310,7 +310,7 @@ def cut_off(values: FloatArray, extreme: float) -> bool:
 
 
 def piled_up(values: FloatArray, extreme: float) -> int:
-    """How many of finite ``values`` are exactly ``extreme``, their largest or smallest; 0 if values near are as many.
+    """Count finite ``values`` exactly at ``extreme``, their largest or smallest; 0 if as many are near it.
 
     Clipping piles up there what would have gone beyond. A coarse signal that dwells near its end has as many values on
     the levels beside it, to within chance: ten times their mean within a twentieth of the range is no chance, unless
@@ -331,10 +331,10 @@ def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: s
 
 
 def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[str, FloatArray]) -> None:
-    """Every channel of a joint changes, at least by its noise.
+    """Check that every channel of a joint changes, at least by its noise.
 
-    Temperatures, supply, tank and base may stand still, and a valve that nobody moves. In ``unloaded`` the joint
-    encoder may (the arm is parked) and so may the piston of a cylinder that is not moved, told from a dead encoder by
+    Temperatures, supply, tank and base may be constant, and a valve that nobody moves. In ``unloaded`` the joint
+    encoder may (the arm is parked) and so may the piston of a cylinder that is not moved, known from a dead encoder by
     its pressures, which then only carry noise. In ``operation`` any joint may be parked.
     """
     for channel in machine.channels:
@@ -363,7 +363,7 @@ def _constant(values: FloatArray) -> bool:
 
 
 def _driven(machine: Machine, joint: str | None, values: Mapping[str, FloatArray]) -> bool:
-    """Whether a pressure of the joint does more than its noise, which is what its successive differences show."""
+    """Return whether a pressure of the joint exceeds its noise, shown by successive differences."""
     for quantity in ("head_pressure", "rod_pressure"):
         channel = machine.channel(quantity, joint)
         if channel is not None:
@@ -374,9 +374,9 @@ def _driven(machine: Machine, joint: str | None, values: Mapping[str, FloatArray
 
 
 def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str, FloatArray]) -> None:
-    """Joint and piston encoder of a loaded joint tell the same story through the declared linkage, roughly.
+    """Check that a loaded joint's joint and piston encoder agree through the linkage, roughly.
 
-    Encoder offsets and pin errors, which identification is to find, stay below a tenth of the stroke; another
+    Encoder offsets and pin errors, which identification is to find, are below a tenth of the stroke; another
     machine's recording under the same channel names, or a wrong unit, does not.
     """
     for joint in machine.joints:

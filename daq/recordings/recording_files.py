@@ -47,7 +47,7 @@ class Table:
 
     @property
     def units(self) -> dict[str, str]:
-        """Units of columns, as far as the metadata say them (ValueError where they are damaged)."""
+        """Units of columns, as far as the metadata give them (ValueError where they are damaged)."""
         units = json.loads(self.metadata.get(UNITS, "{}"))
         if not isinstance(units, dict):
             raise ValueError("no units")
@@ -60,10 +60,10 @@ class Table:
 
 
 def read_table(path: Path) -> Table:
-    """Read a Parquet or CSV file; integers stay integers (exact), all else becomes float64, null becomes NaN.
+    """Read a Parquet or CSV file; integers remain integers (exact), all else becomes float64, null becomes NaN.
 
     Columns have the file's own names (:func:`daq.recordings.column_map.in_channels` finds channels); a CSV's moments
-    stay text.
+    remain text.
 
     Raises
     ------
@@ -111,13 +111,13 @@ def read_table(path: Path) -> Table:
 
 
 def digest_of(path: Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal."""
+    """Compute SHA-256 of a file's bytes, hexadecimal."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _moments_counted(table: pa.Table) -> pa.Table:
-    """A table of a data frame with moments or durations as whole nanoseconds, and their unit in its metadata."""
+    """Convert a data frame's moments or durations to whole nanoseconds, and their unit to metadata."""
     units = {}
     for number, entry in enumerate(table.schema):
         if pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type):
@@ -136,7 +136,7 @@ def _metadata(schema: pa.Schema) -> dict[str, str]:
 
 @contextmanager
 def _whole_parquet(path: Path) -> Iterator[None]:
-    """What goes wrong while a Parquet file is read, said as people need it."""
+    """Word for people what goes wrong while a Parquet file is read."""
     try:
         yield
     except (pa.ArrowException, OSError):
@@ -146,7 +146,7 @@ def _whole_parquet(path: Path) -> Iterator[None]:
 
 
 def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
-    """Columns by row groups into a scratch file: no more than some thousand rows are in memory."""
+    """Read by row groups into a scratch file: no more than some thousand rows in memory."""
     schema, rows = file.schema_arrow, file.metadata.num_rows
     names_differ(path, schema.names)
     columns = ScratchColumns(Scratch())
@@ -166,7 +166,7 @@ def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
 
 
 def _room_for(rows: int) -> None:
-    """MemoryError where what the checks hold at once finds no room: before a small file has filled the disk."""
+    """Raise MemoryError where the checks' arrays find no room: before a small file has filled the disk."""
     try:
         np.empty((_COLUMNS_AT_ONCE, rows))  # nothing is written there, so no memory is taken
     except ValueError:  # more than an address can say: whoever wrote the file made its number of rows up
@@ -174,13 +174,13 @@ def _room_for(rows: int) -> None:
 
 
 def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
-    """Whether a column may have rows without a value."""
+    """Return whether a column may have rows without a value."""
     found = [metadata.row_group(group).column(column).statistics for group in range(metadata.num_row_groups)]
     return any(entry is None or not entry.has_null_count or entry.null_count for entry in found)
 
 
 def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:
-    """True for whole numbers, False for others; what holds no numbers is refused."""
+    """Return True for whole numbers, False for others; refuse what holds no numbers."""
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
         raise RecordingError(f"{path}: {name}: holds {kind}, not numbers; remove the column or export numbers")
     return bool(pa.types.is_integer(kind))
@@ -202,7 +202,7 @@ def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.f
 
 
 def _numbers(values: pa.Array) -> npt.NDArray[Any]:
-    """Whole numbers without nulls, or floating ones with NaN for nulls.
+    """Convert to whole numbers without nulls, or floats with NaN for nulls.
 
     For ``to_numpy`` pyarrow loads pandas where that is installed: 0.15 s of each process that reads a recording.
     """
@@ -218,7 +218,7 @@ def _numbers(values: pa.Array) -> npt.NDArray[Any]:
 
 
 def write_table(path: Path, table: pa.Table) -> None:
-    """Write a table as its suffix says (``.parquet``, ``.csv``), whole or not at all.
+    """Write a table by its suffix (``.parquet``, ``.csv``), whole or not at all.
 
     Raises
     ------

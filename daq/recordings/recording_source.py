@@ -38,14 +38,14 @@ def load_table(
     resampled: bool = False,
     role: str | None = None,
 ) -> tuple[Table, tuple[str, ...]]:
-    """The table of a file in the machine's channels, and lines that say what was done to it.
+    """Load a file's table in the machine's channels, and lines on what was done to it.
 
     Channels of no joint that the file does not have are there, marked missing in every row.
 
     Parameters
     ----------
-    path : CSV, Parquet, MDF4, MAT or a ROS 2 bag, told apart by content
-    columns : which column is which channel, where names do not tell
+    path : CSV, Parquet, MDF4, MAT or a ROS 2 bag, recognised by content
+    columns : which column is which channel, where names are ambiguous
     resampled : whether another rate than the machine's may be brought to it (:mod:`daq.recordings.resampling`)
     role : what the recording is to be used as; None where that is not decided
 
@@ -69,7 +69,7 @@ def load_table(
 def _loaded(
     path: Path, machine: Machine, columns: ColumnMap | None, *, resampled: bool, role: str | None
 ) -> tuple[Table, tuple[str, ...]]:
-    """As :func:`load_table`, with the channels that the file has."""
+    """Load as :func:`load_table`, with the channels that the file has."""
     if not is_foreign(path):
         found = read_table(path)
         as_role = role or found.metadata.get("hilfit.role", "operation")
@@ -93,7 +93,7 @@ def _loaded(
 
 
 def _of_rasters(path: Path, machine: Machine, columns: ColumnMap | None) -> list[Table]:
-    """The tables of a file of several time bases that have a channel of the machine; each channel once."""
+    """Choose tables with a channel of the machine in a file of several time bases; each channel once."""
     names = {channel.name for channel in machine.channels}
     rasters = _merged(read_rasters(path, wanted_columns(machine, columns)))
     mapped_columns_are_there(path, columns, [name for raster in rasters for name in raster.columns])
@@ -114,7 +114,7 @@ def _of_rasters(path: Path, machine: Machine, columns: ColumnMap | None) -> list
 
 
 def _merged(rasters: Sequence[Table]) -> list[Table]:
-    """The same tables, those of one clock put together."""
+    """Merge tables of one clock."""
     result: list[Table] = []
     for raster in rasters:
         time = raster.columns.get("time")
@@ -129,7 +129,7 @@ def _merged(rasters: Sequence[Table]) -> list[Table]:
 
 
 def _is_other(table: Table, rate_hz: float) -> bool:
-    """Whether a table is of another rate, or of a clock that is too uneven to be taken as it is."""
+    """Return whether a table is of another rate, or of a too uneven clock."""
     time = np.asarray(table.columns["time"], dtype=np.float64)
     return len(time) > 2 and bool(np.all(np.diff(time) > 0)) and not checks.runs_at(time, rate_hz)
 
@@ -170,7 +170,7 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
 def channel_columns(
     path: Path, table: Table, machine: Machine, time: FloatArray
 ) -> Iterator[tuple[Channel, FloatArray, npt.NDArray[np.uint8] | None, Conversion]]:
-    """Each channel that a table has, its (N,) values as on disk, its (N,) qualities where there are any, and its unit.
+    """Iterate over a table's channels: values (N,) as on disk, qualities (N,) where there are any, and unit.
 
     The unit is the one that the file carries, else the one that the machine file declares.
 
@@ -202,7 +202,7 @@ def channel_columns(
 
 
 def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> dict[str, FloatArray]:
-    """The channels of a table as measured, NaN where they were not; what a low pass would hide is looked at first."""
+    """Return a table's channels as measured, NaN where not; what a low pass would hide is checked first."""
     found = {}
     for channel, raw, flags, to_si in channel_columns(path, table, machine, time):
         values = raw if flags is None else np.where(np.isin(flags, MEASURED), raw, np.nan)
@@ -267,7 +267,7 @@ def import_file(
 
 
 def recording_metadata(machine: Machine, role: str | None) -> dict[str, str]:
-    """What the Arrow schema of a recording says about it; ``role`` None: whoever uses it decides."""
+    """Build the metadata of a recording's Arrow schema; ``role`` None: whoever uses it decides."""
     return {
         "hilfit.schema": SCHEMA,
         "hilfit.machine": machine.name,
@@ -278,7 +278,7 @@ def recording_metadata(machine: Machine, role: str | None) -> dict[str, str]:
 
 
 def stored_notes(table: Table) -> tuple[str, ...]:
-    """Lines that an earlier import left in the file of what it did; others' texts are cut to what a report can hold."""
+    """Read an earlier import's lines on what it did in the file; others' texts are cut to a report's size."""
     try:
         notes = json.loads(table.metadata.get("hilfit.notes", "[]"))
     except ValueError:

@@ -54,25 +54,25 @@ class Resampled:
 
     @property
     def gap_seconds(self) -> float:
-        """Time in which at least one column says nothing."""
+        """Time in which at least one column has no values."""
         known = np.all([np.isfinite(v) for v in self.values.values()], axis=0)
         return float(np.count_nonzero(~known)) * float(self.time[1] - self.time[0]) if len(self.time) > 1 else 0.0
 
 
 def native_rate(time: FloatArray) -> float:
-    """Samples per second of a clock, by its median step; lost samples do not count."""
+    """Compute samples per second of a clock, by median step; lost samples do not count."""
     return 1.0 / float(np.median(np.diff(time)))
 
 
 def grid(times: Sequence[FloatArray], rate_hz: float) -> FloatArray:
-    """The even clock on which all of several clocks run."""
+    """Make the even clock on which all of several clocks run."""
     begin, end = max(float(t[0]) for t in times), min(float(t[-1]) for t in times)
     count = int(np.floor((end - begin) * rate_hz * (1.0 + 1e-12) + 1e-9)) + 1
     return begin + np.arange(max(count, 0)) / rate_hz
 
 
 def resample(time: FloatArray, columns: Mapping[str, FloatArray], rate_hz: float, at: FloatArray) -> Resampled:
-    """Columns at other times.
+    """Resample columns at other times.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def resample(time: FloatArray, columns: Mapping[str, FloatArray], rate_hz: float
 
 
 def _even(time: FloatArray, values: FloatArray, rate: float) -> tuple[FloatArray, float, float, bool]:
-    """Values (M, k) on an even grid: as they are where they stand on one, else by a spline.
+    """Return values (M, k) on an even grid: unchanged where already on one, else by a spline.
 
     Returns values, first time and step of the grid, and whether they had to be interpolated.
     """
@@ -123,7 +123,7 @@ def _even(time: FloatArray, values: FloatArray, rate: float) -> tuple[FloatArray
 
 
 def _through(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Values (N, k) at ``at`` of a spline through values (M, k)."""
+    """Evaluate at ``at`` (N, k) a spline through values (M, k)."""
     degree = min(_DEGREE, (len(time) - 2) | 1)  # odd, and below the number of samples
     inside = np.clip(at, time[0], time[-1])
     # Takes longer to load than most recordings to read, and few clocks are uneven.
@@ -133,7 +133,7 @@ def _through(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray
 
 
 def _low_passed(values: FloatArray, start: float, step: float, at: FloatArray, rate_hz: float) -> FloatArray:
-    """Values (N, k) at ``at`` of an even series (M, k); NaN where the low pass reaches beyond the series."""
+    """Low-pass an even series (M, k) at ``at`` (N, k); NaN where the filter reaches beyond the series."""
     rate = 1.0 / step
     nyquist = 0.5 * min(rate, rate_hz)
     transition = (1.0 - PASSBAND) * nyquist

@@ -24,17 +24,17 @@ _EPOCH_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def looks_like_moment(text: str) -> bool:
-    """Whether a text is a moment as ISO 8601 has it, with a date."""
+    """Return whether a text is a moment by ISO 8601, with a date."""
     return _MOMENT.fullmatch(text.strip()) is not None
 
 
 def seconds(values: npt.NDArray[Any], unit: str | None) -> FloatArray:
-    """Seconds of a column of time; moments relative to the first row, all else as it counts.
+    """Convert a column of time to seconds; moments relative to the first row, all else as it counts.
 
     Parameters
     ----------
     values : (N,) numbers, or texts like ``2026-03-02T09:14:05.020Z``
-    unit : what the numbers count; None where the file does not say: seconds then, or of moments since 1970 whatever
+    unit : what the numbers count; None where undeclared: seconds then, or of moments since 1970 whatever
         makes them lie between 1973 and 2096
 
     Raises

@@ -52,11 +52,11 @@ class ArrivalTimes:
         return max(self._came, self._empty)
 
     def nothing_at(self, now_ns: int) -> None:
-        """No frame waited at monotonic ``now_ns``."""
+        """Note that no frame waited at monotonic ``now_ns``."""
         self._empty = now_ns
 
     def of(self, stamp_s: float, taken_ns: int) -> int:
-        """Monotonic ns at which the frame came; ``taken_ns`` itself where the interface gives no stamp (0)."""
+        """Return the monotonic ns of a frame's arrival; ``taken_ns`` where the interface gives no stamp (0)."""
         if not stamp_s > 0:
             return taken_ns
         stamp = stamp_s * NS

@@ -50,7 +50,7 @@ class BusHealth:
         return f"bus '{self._bus}': {_ADVICE[self.state]}" if self.state in _ADVICE else ""
 
     def on_error_frame(self, identifier: int, data: bytes, now_ns: int) -> None:
-        """An error frame came."""
+        """Count an error frame."""
         self.error_frames += 1
         self._last_ns = now_ns
         found: str | None = None
@@ -74,12 +74,12 @@ class BusHealth:
             self._set(found)
 
     def look(self, now_ns: int) -> None:
-        """To be called now and then: a limit that nothing has been heard of for a while is over; bus-off is not."""
+        """End a limit that has not been reported for a while (not bus-off); to be called now and then."""
         if self.state in ("warning", "passive") and now_ns - self._last_ns > QUIET_S * NS:
             self._set("active")
 
     def opened(self) -> None:
-        """The interface was opened anew, and the controller reset with it."""
+        """Reset: the interface was opened anew, the controller with it."""
         self._set("active")
 
     def _set(self, state: str) -> None:
@@ -108,14 +108,14 @@ class CanDriver(BusDriver):
         self.health = BusHealth(config.name, context.events)
 
     def opened(self) -> None:
-        """The controller was reset."""
+        """Forget what was before a controller's reset."""
         self.health.opened()
 
     def condition(self) -> tuple[str, str]:
-        """As error frames say."""
+        """Return the condition by error frames."""
         return self.health.state, self.health.line
 
     def statistics(self) -> DriverStatistics:
-        """State of the bus and of every device, and counters since the start."""
+        """Return the state of the bus and of every device, and counters since the start."""
         found = super().statistics()
         return replace(found, counts={**found.counts, "error_frames": self.health.error_frames})

@@ -37,15 +37,15 @@ class CanAccess:
     """How a port gets at its bus: by the interface. A trace and a replay have ways of their own."""
 
     def attach(self, port: CanPort, config: CanBus) -> Any:
-        """A python-can bus for a port that is being opened; may raise BusError."""
+        """Make a python-can bus for a port that is being opened; may raise BusError."""
         return open_bus(config)
 
     def begin(self, port: CanPort) -> None:
-        """The port is ready: let it receive, in a thread of its own."""
+        """Begin to receive, in a thread of its own: the port is ready."""
         port.start_receiving()
 
     def noted(self, name: str) -> Callable[[can.Message], None] | None:
-        """Called with every frame of a bus, its time stamp UTC; None: nobody wants to know."""
+        """Return a callback for every frame of a bus, its time stamp UTC; None if unwanted."""
         return None
 
 
@@ -107,7 +107,7 @@ class CanPort(Port):
                 return
 
     def take(self, message: can.Message) -> int:
-        """A frame came; when it was taken, monotonic ns. It is counted once it is handed on."""
+        """Take a frame, and return when it was taken, monotonic ns. It is counted once it is passed on."""
         now = self._monotonic_ns()
         if self.frames % LOOK_EVERY == 0:
             self.health.look(now)
@@ -132,26 +132,26 @@ class CanPort(Port):
 
     @property
     def sure_ns(self) -> float:  # type: ignore[override]
-        """As the estimate says."""
+        """Arrival by the estimate."""
         return self._times.sure_ns
 
     def heard_ns(self, now_ns: int) -> int:
-        """As its receive thread says; what has none takes everything at once."""
+        """Return the receive thread's moment; what has none takes everything at once."""
         return min(now_ns, self._times.heard_ns) if self._times.watched else now_ns
 
     @property
     def lost(self) -> int:
-        """Frames that the kernel had no room for; 0 where it does not tell."""
+        """Frames that the kernel had no room for; 0 where unknown."""
         with contextlib.suppress(OSError):  # closed: what it told last
             self._lost = lost_frames(self._bus)
         return self._lost
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
-        """A data frame came, at monotonic ``at_ns``."""
+        """Dispatch a data frame that came at monotonic ``at_ns``."""
         raise NotImplementedError
 
     def remote_frame(self, identifier: int, at_ns: int) -> None:
-        """A remote frame came, at monotonic ``at_ns``."""
+        """Handle a remote frame that came at monotonic ``at_ns``."""
 
     def permit(self, message: can.Message) -> None:
         """Raise an error of python-can's if a frame must not be sent: none may, unless a subclass knows better."""
@@ -168,7 +168,7 @@ class CanPort(Port):
             self._noted(sent)
 
     def counts(self) -> dict[str, int]:
-        """Frames since it was opened."""
+        """Count frames since it was opened."""
         return {
             "frames": self.frames,
             "extended_frames": self.extended,
@@ -187,7 +187,7 @@ class CanPort(Port):
 
 
 def open_bus(config: CanBus) -> Any:
-    """A python-can bus as the machine file describes it.
+    """Open a python-can bus as the machine file describes it.
 
     Raises
     ------
@@ -220,7 +220,7 @@ def open_bus(config: CanBus) -> Any:
 
 
 def _silent(interface: str) -> dict[str, Any]:
-    """Options that keep an interface from even acknowledging frames; socketcan's is set by ``ip link``, not by us."""
+    """Return options that keep an interface from acknowledging; socketcan's is set by ``ip link``, not by us."""
     found: dict[str, dict[str, Any]] = {
         "pcan": {"state": can.BusState.PASSIVE}, "kvaser": {"driver_mode": False}, "slcan": {"listen_only": True}
     }  # fmt: skip
@@ -240,7 +240,7 @@ def _of(bus: Any) -> socket.socket | None:
 
 
 def lengthen(bus: Any) -> None:
-    """Let the kernel keep more frames for a python-can bus, as many as it lets us."""
+    """Let the kernel keep more frames for a python-can bus, as many as it allows."""
     queue = _of(bus)
     if queue is None:
         return
@@ -250,7 +250,7 @@ def lengthen(bus: Any) -> None:
 
 
 def lost_frames(bus: Any) -> int:
-    """Frames that the kernel had no room for since the bus was opened; 0 where nobody tells.
+    """Count frames that the kernel had no room for since opening; 0 where unknown.
 
     Raises
     ------

@@ -45,7 +45,7 @@ class _SignalsPort(CanPort):
         self.open()
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
-        """Into the inbox of its message."""
+        """Put it into the inbox of its message."""
         identifier = message.arbitration_id
         received = self._by_id.get((message.is_extended_id, identifier))
         if received is not None:
@@ -79,7 +79,7 @@ class _Received:
             self.parts.append((Stream(listed.name + part, device, positions, declared), members))
 
     def mixed(self) -> bool:
-        """Whether more than one device sends it."""
+        """Return whether more than one device sends it."""
         if len(self.senders) > 1:
             newest = max(self.senders.values())
             self.senders = {who: at for who, at in self.senders.items() if newest - at < FORGET_S * NS}
@@ -99,11 +99,11 @@ class CanSignalsDriver(Listener, CanDriver):
         self.streams = [stream for received in self._received for stream, _ in received.parts]
 
     def connected(self) -> CanPort:
-        """The bus, its frames into the inboxes."""
+        """Connect the bus, its frames into the inboxes."""
         return _SignalsPort(self._bus, self.context, self.health, self._received)
 
     def decode(self, answers: Answers) -> None:
-        """All frames of multiplexed messages, of others the newest."""
+        """Decode all frames of multiplexed messages, of others the newest."""
         for received in self._received:
             frames = list(received.inbox.taken())
             for data, at_ns, _ in frames if received.listed.message.is_multiplexed() else frames[-1:]:
@@ -142,7 +142,7 @@ class CanSignalsDriver(Listener, CanDriver):
                 self.alike(stream, answers)
 
     def _refuse(self, received: _Received, answers: Answers) -> None:
-        """Two devices send one message: nothing of it is a measurement."""
+        """Refuse a message sent by two devices: nothing of it is a measurement."""
         self.counts["two_senders"] += 1
         senders = " and ".join(f"0x{sender:02X}" for sender in sorted(received.senders))
         for stream, members in received.parts:

@@ -72,14 +72,14 @@ class SocketcandBus(can.BusABC):  # type: ignore[misc]  # python-can gives it as
         self._rest += data
 
     def _take(self) -> None:
-        """Frames that are whole."""
+        """Take frames that are whole."""
         whole, end, self._rest = self._rest.rpartition(b">")
         self._messages.extend(_message(*found) for found in _MESSAGE.findall(whole + end))
         if len(self._rest) > _LONGEST:
             raise can.CanOperationError("the gateway sends no frames of socketcand's")
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """The next frame; None if none comes within ``timeout`` s.
+        """Receive the next frame; None if none comes within ``timeout`` s.
 
         Raises
         ------

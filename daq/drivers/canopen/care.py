@@ -37,11 +37,11 @@ class Start:
         self._tried = threading.Condition()
 
     def expect(self, numbers: Iterable[int]) -> None:
-        """These nodes are being commissioned."""
+        """Note which nodes are being commissioned."""
         self._untried = set(numbers)
 
     def tried(self, number: int) -> bool:
-        """A node was commissioned, or could not be; whether the start is under way, which will check it."""
+        """Note that a node was commissioned or could not be; return whether its start is under way."""
         with self._tried:
             self._untried.discard(number)
             self._tried.notify_all()
@@ -83,7 +83,7 @@ class NodeCare:
         self.keeper = Keeper(f"keeper-{bus}-{node.config.node}", self._care, self._broke, context.monotonic_ns)
 
     def verify(self) -> None:
-        """The node runs if each of its TPDOs came; else it failed, and is tried again."""
+        """Check that each of the node's TPDOs came: it runs; else it failed, and is tried again."""
         node = self.node
         if node.complete():
             self._counts["commissioned"] += 1
@@ -100,7 +100,7 @@ class NodeCare:
         )
 
     def failed(self, detail: str) -> None:
-        """The node cannot be used; it is tried again after a while."""
+        """Mark the node as unusable; it is tried again after a while."""
         self.node.operational = False
         self.node.gone("failed", "failed", detail)
         self.keeper.later()
@@ -155,13 +155,13 @@ class NodeCare:
         return True
 
     def _keep(self, setup: FoundSetup) -> None:
-        """Before a node is changed: keep what it was like."""
+        """Keep a node's settings before it is changed."""
         if self._context.found is not None:
             state = -1 if self.node.found_state is None else self.node.found_state
             self._context.found.keep(self._bus, self.node.config.node, replace(setup, state=state))
 
     def _ask(self, link: CanLink) -> None:
-        """Once it runs: what it says of itself. A node that does not answer this goes on all the same."""
+        """Ask a running node about itself. A node that does not answer this goes on all the same."""
         node = self.node
         node.to_be_asked = False
         try:
@@ -178,7 +178,7 @@ class NodeCare:
             time.sleep(self._context.period_s / 4)
 
     def _start_anew(self, link: CanLink) -> None:
-        """Let a node stop and start, so that its answers and our SYNCs are counted from one point again."""
+        """Stop and start a node, so that its answers and our SYNCs are counted from one point."""
         node = self.node
         self._command(link, PRE_OPERATIONAL)
         time.sleep(UNDER_WAY * self._context.period_s)

@@ -100,7 +100,7 @@ def _await_answer(sdo: Sdo, place: str, monotonic_ns: Callable[[], int], boot_up
 
 
 def _alone(sdo: Sdo, place: str, wait_s: float = 0.0) -> None:
-    """Two devices with one node-ID both answer; nothing is written before this was asked for the first time."""
+    """Check that no two devices answer with one node-ID, before anything is written for the first time."""
     sdo.read_unsigned(0x1000)  # by now the second answer to the first request has come, as a rule
     if not sdo.surplus:
         time.sleep(wait_s)
@@ -136,12 +136,12 @@ def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
 
 
 def identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
-    """Device type, vendor, product, revision and serial number, as far as the node has them."""
+    """Read device type, vendor, product, revision and serial number, as far as the node has them."""
     return _read_there(sdo, [(0x1000, 0), *((0x1018, subindex) for subindex in range(1, 5))])
 
 
 def _read_there(sdo: Sdo, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, int], bytes]:
-    """Objects that the node has."""
+    """Read objects that the node has."""
     found = {}
     for index, subindex in keys:
         with contextlib.suppress(SdoRefusedError):
@@ -150,7 +150,7 @@ def _read_there(sdo: Sdo, keys: Iterable[tuple[int, int]]) -> dict[tuple[int, in
 
 
 def _present(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping]) -> dict[tuple[int, int], bytes]:
-    """Everything that commissioning may write, as it is."""
+    """Read everything that commissioning may write."""
     needed = {mapping.number for mapping in mappings}
     found: dict[tuple[int, int], bytes] = {}
     for number in range(1, TPDO_COUNT + 1):
@@ -165,7 +165,7 @@ def _present(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping]) -> dict[tuple
 
 
 def _wanted(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping], found: Objects) -> dict[tuple[int, int], bytes]:
-    """The same objects, as they have to be."""
+    """Return the same objects, as they have to be."""
     wanted: dict[tuple[int, int], bytes] = {}
     needed = {mapping.number: mapping for mapping in mappings}
     for number in range(1, TPDO_COUNT + 1):
@@ -191,7 +191,7 @@ def _wanted(sdo: Sdo, node: CanNode, mappings: Sequence[Mapping], found: Objects
 
 
 def _pdo(key: tuple[int, int]) -> int | None:
-    """Number (from 0) of the TPDO that an object belongs to."""
+    """Return the number (from 0) of the TPDO that an object belongs to."""
     return key[0] & 0x1FF if 0x1800 <= key[0] < 0x1C00 else None
 
 
@@ -254,13 +254,13 @@ def _read_back(sdo: Sdo, index: int, subindex: int, data: bytes, place: str) -> 
 
 
 def _object(key: str) -> tuple[int, int, str | None]:
-    """Index, subindex and, if it is given, data type of a settings key like ``0x6131:1 uint32``."""
+    """Parse index, subindex and, if given, data type of a settings key like ``0x6131:1 uint32``."""
     place, _, data_type = key.partition(" ")
     return *object_of(place), data_type.strip() or None
 
 
 def _encode(sdo: Sdo, index: int, subindex: int, data_type: str | None, value: float) -> bytes:
-    """The value in the object's data type: the declared one, else an integer of the size that the node holds now."""
+    """Encode the value in the object's data type: the declared one, else an integer of the node's present size."""
     if data_type is not None:
         return wire.encode(data_type, value)
     size = len(sdo.read(index, subindex))

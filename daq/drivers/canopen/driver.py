@@ -107,7 +107,7 @@ class CanopenDriver(CanDriver):
         )
 
     def _refused(self) -> None:
-        """Another master leads, and nothing was sent yet: whoever starts this is told."""
+        """Refuse to start: another master leads, and nothing was sent yet."""
         self.stop()
         self.failure = (
             f"bus '{self._bus.name}': another master leads it ({self._leadership.told()} within "
@@ -121,7 +121,7 @@ class CanopenDriver(CanDriver):
         return [self._names[position] for mapping in node.mappings for entry in mapping.positions for position in entry]
 
     def _first_syncs(self, link: CanLink, ready: Sequence[Node]) -> None:
-        """SYNCs without a cycle, each waited for until everybody has answered."""
+        """Send SYNCs without a cycle, each until everybody has answered."""
         for number in range(-VERIFY_CYCLES, 0):
             if all(node.complete() for node in ready):
                 return
@@ -129,7 +129,7 @@ class CanopenDriver(CanDriver):
             self._lead.cycle.whole(max(self.context.period_s, ANSWER_S) + self.context.patience_s)
 
     def connected(self) -> CanPort:
-        """The bus, frames of its nodes to them, or to the guest."""
+        """Connect the bus, frames of its nodes to them, or to the guest."""
         link = CanLink(self._bus, self.context, self.health, self._leadership)
         if self._guest is not None:
             self._guest.attach(link)
@@ -152,7 +152,7 @@ class CanopenDriver(CanDriver):
         self._take_lead()
 
     def _take_lead(self) -> None:
-        """Listen for as long as the machine file says, then lead; a start that may not take long goes on before."""
+        """Listen for as long as the machine file asks, then lead; a start that may not take long goes on before."""
         link = self.port
         assert isinstance(link, CanLink)
         hurried = self._start.under_way and self.context.start_s is not None
@@ -165,14 +165,14 @@ class CanopenDriver(CanDriver):
             care.keeper.soon()
 
     def went_down(self) -> None:
-        """No node can be reached."""
+        """Note that no node can be reached."""
         self._lead.link = None
         for node in self._nodes.values():
             node.operational = False
             node.gone("failed", "bus_down", self.failure)
 
     def _hand_over(self) -> Guest:
-        """Another master was heard while we led, or before: go on without sending."""
+        """Go on without sending: another master was noticed while we led, or before."""
         line = (
             f"bus '{self._bus.name}': another master leads it ({self._leadership.reason}); nothing is sent any more, "
             "its PDOs are taken as they are; disconnect it and start again, or describe its PDOs with listen_only: true"
@@ -195,11 +195,11 @@ class CanopenDriver(CanDriver):
 
     @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`: another master's, since it was heard."""
+        """Whether the cycle is to be led by :meth:`next_sync`: another master's, since it was noticed."""
         return self._guest is not None and self._guest.external_sync
 
     def next_sync(self, deadline_ns: int) -> int | None:
-        """When the other master's next SYNC came, monotonic ns, or None if none has until the deadline."""
+        """Return the monotonic ns of the other master's next SYNC, or None at the deadline."""
         return None if self._guest is None else self._guest.next_sync(deadline_ns)
 
     # The cycle
@@ -220,7 +220,7 @@ class CanopenDriver(CanDriver):
         self.counts["sync"] += 1
 
     def collect(self, until_ns: int) -> Samples:
-        """TPDOs of this cycle, as soon as all that are expected came."""
+        """Collect TPDOs of this cycle, as soon as all that are expected came."""
         if not self.working():
             return nothing(len(self._names), Quality.BUS_ERROR)
         if self._guest is not None:
@@ -239,7 +239,7 @@ class CanopenDriver(CanDriver):
     # What it says
 
     def devices(self, failure: str) -> Iterable[DeviceStatus]:
-        """State of every node."""
+        """Return the state of every node."""
         if self._guest is not None:
             yield from self._guest.devices(failure)
             return
@@ -250,7 +250,7 @@ class CanopenDriver(CanDriver):
             )
 
     def statistics(self) -> DriverStatistics:
-        """State of the bus and of every node, and counters since the start."""
+        """Return the state of the bus and of every node, and counters since the start."""
         told = super().statistics()
         codes = _emergency_codes(self._nodes.values())
         guest = {} if self._guest is None else {name: n for name, n in self._guest.counts.items() if n}
@@ -274,7 +274,7 @@ class CanopenDriver(CanDriver):
 
 
 def _emergency_codes(nodes: Iterable[Node]) -> dict[str, int]:
-    """How often each error code came, the most frequent ones by name."""
+    """Count each error code, the most frequent ones by name."""
     found: Counter[int] = Counter()
     for node in nodes:
         found.update({code: count for code, count in list(node.emergencies.items()) if code})
@@ -285,5 +285,5 @@ def _emergency_codes(nodes: Iterable[Node]) -> dict[str, int]:
 
 
 def canopen_driver(bus: CanopenBus, channels: Sequence[Channel], context: DriverContext) -> Driver:
-    """The driver for a CANopen bus: one that leads it, or one that only listens."""
+    """Make the driver for a CANopen bus: one that leads it, or one that only listens."""
     return (ListeningDriver if bus.listen_only else CanopenDriver)(bus, channels, context)

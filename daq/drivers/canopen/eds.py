@@ -66,7 +66,7 @@ class Pdo:
     entries: tuple[tuple[int, int, int], ...]
 
     def places(self) -> dict[tuple[int, int], Place]:
-        """For every object (index, subindex) in it, its first place."""
+        """Find for every object (index, subindex) in it its first place."""
         found: dict[tuple[int, int], Place] = {}
         synchronous, length = self.transmission <= SYNCHRONOUS, (sum(bits for *_, bits in self.entries) + 7) // 8
         bit = 0
@@ -78,7 +78,7 @@ class Pdo:
 
 
 def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
-    """For every object (index, subindex) that a node sends, its first place.
+    """Find for every object (index, subindex) that a node sends its first place.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
 
 
 def pdos_of(value: Callable[[int, int], int | None], most: int) -> Iterator[Pdo]:
-    """Of the first ``most`` TPDOs of a device those that are in use.
+    """Read those of a device's first ``most`` TPDOs that are in use.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def pdos_of(value: Callable[[int, int], int | None], most: int) -> Iterator[Pdo]
 
 
 def read_eds(path: str, node: int, place: str) -> Any:
-    """An EDS or DCF as an object dictionary of canopen (MachineFileError, beginning with ``place``, if it is none)."""
+    """Read an EDS or DCF as canopen's object dictionary (MachineFileError, beginning with ``place``, if invalid)."""
     check_device_file(path, SUFFIXES, place)
     try:
         data = Path(path).read_bytes()
@@ -130,7 +130,7 @@ def read_eds(path: str, node: int, place: str) -> Any:
 
 
 def _in_order(text: str) -> io.StringIO:
-    """A file as the standard has it, whatever its maker's habits; what nothing is asked of is left out.
+    """Normalise a file to the standard, whatever its maker's habits; unused parts are left out.
 
     Sections and keys that are there twice, members before their object or in capitals, without a name, and mappings in
     compact lists (CiA 306, 4.6.3.2) are common, and canopen's reader stumbles over them.
@@ -166,7 +166,7 @@ def _in_order(text: str) -> io.StringIO:
 
 
 def value_of(dictionary: Any, index: int, subindex: int) -> int | None:
-    """An object's value, else its default, else None."""
+    """Return an object's value, else its default, else None."""
     variable = variable_of(dictionary, index, subindex)
     value = getattr(variable, "value", None)
     value = getattr(variable, "default", None) if value is None else value
@@ -174,7 +174,7 @@ def value_of(dictionary: Any, index: int, subindex: int) -> int | None:
 
 
 def variable_of(dictionary: Any, index: int, subindex: int) -> ODVariable | None:
-    """An object, or the part of one; None if it is not there."""
+    """Return an object, or the part of one; None if it is not there."""
     held = dictionary.get(index)
     if isinstance(held, ODVariable):
         return held if subindex == 0 else None

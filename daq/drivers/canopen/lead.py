@@ -35,7 +35,7 @@ class Lead:
         self._synced = threading.Condition()
 
     def working_link(self) -> CanLink | None:
-        """The link, if it can be used, and is ours to lead."""
+        """Return the link, if it can be used, and is ours to lead."""
         link = self.link
         usable = link is not None and link.failure is None and link.leadership.state is State.LEADING
         return link if usable else None
@@ -53,7 +53,7 @@ class Lead:
             self._synced.notify_all()
 
     def no_sync(self, number: int) -> None:
-        """Cycle ``number`` begins without a bus, and nothing is waited for."""
+        """Begin cycle ``number`` without a bus; nothing is waited for."""
         self.cycle.begin(number, self._context.monotonic_ns(), set())
 
     def command(self, link: CanLink, node: Node, command: int, *, behind_sync: bool) -> None:

@@ -95,7 +95,7 @@ class Leadership:
         self._trouble_ns: dict[int, int] = {}
 
     def opened(self) -> None:
-        """A link is about to be opened: whatever was known of the bus is to be heard again."""
+        """Reset what is known of the bus: a link is about to be opened."""
         with self._lock:
             if self.state is not State.GUEST:
                 self.state = State.LISTENING
@@ -122,7 +122,7 @@ class Leadership:
         return self.state is State.LEADING
 
     def permit(self, message: can.Message) -> None:
-        """A frame is about to be sent; NotLeadingError if it must not be."""
+        """Permit a frame to be sent; NotLeadingError if it must not be."""
         if self.state is not State.LEADING:
             raise NotLeadingError("nothing may be sent: " + (self.told() or "the bus is still listened to"))
         if message.arbitration_id == SYNC_ID:
@@ -134,19 +134,19 @@ class Leadership:
             self._commanded[node] = (AFTER[command], self._now())
 
     def told(self) -> str:
-        """Signs of another master in words; empty if there were none."""
+        """Word signs of another master; empty if there were none."""
         return ", ".join(f"{count} {sign}" for sign, count in self.signs.most_common(4))
 
     def count(self, what: str) -> int:
-        """Signs of one kind so far."""
+        """Count signs of one kind so far."""
         return sum(count for sign, count in list(self.signs.items()) if sign.startswith(what))
 
     def excused(self, node: int) -> bool:
-        """Whether a node of ours may have changed its state by itself, or never was in the one that we asked for."""
+        """Return whether a node of ours may have changed state by itself, or never was in the state asked for."""
         return node not in self._commanded or node not in self._confirmed
 
     def heard(self, identifier: int, data: bytes | bytearray, at_ns: int, *, remote: bool = False) -> bool:
-        """A frame with 11 bits came; whether it made us a guest."""
+        """Take an 11-bit frame; return whether it made us a guest."""
         sign = self._sign(identifier, data, at_ns, remote)
         if sign is None:
             return False
@@ -183,7 +183,7 @@ class Leadership:
         return "RPDOs" if function in RPDOS else "TPDOs that we did not ask for"
 
     def _answers(self, identifier: int, node: int, at_ns: int) -> bool:
-        """Whether a TPDO may be a node's answer to us."""
+        """Return whether a TPDO may be a node's answer to us."""
         if self.state is State.LEADING:
             if node in self._commanded and self._commanded[node][0] == OPERATIONAL and at_ns > self._commanded[node][1]:
                 self._confirmed.setdefault(node, 0)

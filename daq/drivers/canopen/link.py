@@ -58,11 +58,11 @@ class CanLink(CanPort):
         self.open()
 
     def permit(self, message: can.Message) -> None:
-        """As leadership says."""
+        """Ask leadership."""
         self.leadership.permit(message)
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
-        """Let leadership hear it, then call the handler of its COB-ID."""
+        """Pass it to leadership, then call the handler of its COB-ID."""
         identifier = message.arbitration_id
         if identifier not in self._answers and self.leadership.heard(identifier, message.data, at_ns):
             self._let_go()
@@ -71,7 +71,7 @@ class CanLink(CanPort):
             handler(message.data, at_ns)
 
     def remote_frame(self, identifier: int, at_ns: int) -> None:
-        """Only a master asks nodes for their state, and for their PDOs."""
+        """Note a master: only one asks nodes for their state, and for their PDOs."""
         if self.leadership.heard(identifier, b"", at_ns, remote=True):
             self._let_go()
 
@@ -81,7 +81,7 @@ class CanLink(CanPort):
             client.responses.put(b"")
 
     def hurry(self) -> None:
-        """From now on ask a node that does not answer once only: who stops need not wait for it."""
+        """Ask a node that does not answer once only from now on: who stops need not wait for it."""
         self._attempts = 1
         for client in list(self._clients.values()):
             client.attempts = 1
@@ -105,7 +105,7 @@ class CanLink(CanPort):
             self.fail(error)
 
     def sdo(self, node: int) -> Sdo:
-        """SDO access to a node."""
+        """Return SDO access to a node."""
         if node not in self._clients:
             client = self._clients[node] = _Client(self._network, node, self._monotonic_ns)
             client.attempts = self._attempts
@@ -145,7 +145,7 @@ class _Client(SdoClient):  # type: ignore[misc]  # canopen comes without types
         return super().read_response()
 
     def receive(self, data: bytearray, at_ns: int) -> None:
-        """In the receive thread."""
+        """Receive, in the receive thread."""
         while self._asked and at_ns - self._asked[0] > SDO_ANSWER_S * NS:
             self._asked.popleft()
         if self._asked:
@@ -169,7 +169,7 @@ class Sdo:
         return self._client.surplus
 
     def read(self, index: int, subindex: int = 0) -> bytes:
-        """Bytes of an object.
+        """Read bytes of an object.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class Sdo:
         return bytes(self._transfer(lambda: self._client.upload(index, subindex), f"read {what}"))
 
     def read_unsigned(self, index: int, subindex: int = 0) -> int:
-        """An unsigned object, little endian."""
+        """Read an unsigned object, little endian."""
         return int.from_bytes(self.read(index, subindex), "little")
 
     def write(self, index: int, subindex: int, data: bytes) -> None:

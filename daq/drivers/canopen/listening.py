@@ -65,7 +65,7 @@ class _Pdo:
         self.due = threading.Event()
 
     def receive(self, data: bytearray, at_ns: int) -> None:
-        """In the receive thread."""
+        """Receive, in the receive thread."""
         self.inbox.receive(data, at_ns)
         self.newest_ns = at_ns
         self.due.set()
@@ -118,7 +118,7 @@ class ListeningDriver(Listener, CanDriver):
         return self._fits
 
     def _judge_rate(self) -> None:
-        """SYNC's period is its mean over the span; it fits within a tolerance and four standard errors of that."""
+        """Judge SYNC's period, its mean over the span: within a tolerance and four standard errors."""
         steps = np.diff(self._syncs)
         if not len(steps):
             return
@@ -133,7 +133,7 @@ class ListeningDriver(Listener, CanDriver):
             )
 
     def next_sync(self, deadline_ns: int) -> int | None:
-        """When the next SYNC came, monotonic ns, or None if none has until the deadline."""
+        """Return the monotonic ns of the next SYNC, or None at the deadline."""
         with self._sync_came:
             left = (deadline_ns - self.context.monotonic_ns()) / NS
             self.led = self._sync_came.wait_for(self._new_sync, max(0.0, left))
@@ -167,13 +167,13 @@ class ListeningDriver(Listener, CanDriver):
     # Frames
 
     def connected(self) -> CanPort:
-        """The bus, its PDOs into the inboxes."""
+        """Connect the bus, its PDOs into the inboxes."""
         made = CanLink(self._bus, self.context, self.health)
         self.attach(made)
         return made
 
     def attach(self, link: CanLink) -> None:
-        """Let a link's frames come here."""
+        """Attach a link's frames."""
         handlers: dict[int, Handler] = {cob_id: pdo.receive for cob_id, pdo in self._pdos.items()}
         for node in {pdo.node for pdo in self._pdos.values()}:
             handlers.setdefault(EMERGENCY_ID + node, partial(self._on_emergency, node))
@@ -203,16 +203,16 @@ class ListeningDriver(Listener, CanDriver):
         self.booted(node)
 
     def booted(self, node: int) -> None:
-        """A node booted; what that means for its mapping its master knows."""
+        """Note that a node booted; its mapping is known to its master."""
 
     def trigger(self, cycle: int) -> None:
-        """Nothing is sent; the cycle began at the other master's SYNC, or now."""
+        """Send nothing; the cycle began at the other master's SYNC, or now."""
         super().trigger(cycle)
         if self.led:
             self.cycle_ns = self._taken_ns
 
     def collect(self, until_ns: int) -> Samples:
-        """What came since the last cycle; of a cycle that a SYNC leads, what was sampled at it."""
+        """Collect what came since the last cycle; of a SYNC-led cycle, what was sampled at it."""
         if self.led and self.port is not None and self.port.failure is None:
             self._await(until_ns)
         return super().collect(until_ns)
@@ -227,7 +227,7 @@ class ListeningDriver(Listener, CanDriver):
                     return
 
     def decode(self, answers: Answers) -> None:
-        """The newest frame of every PDO."""
+        """Decode the newest frame of every PDO."""
         for pdo in self._pdos.values():
             for data, at_ns, _ in pdo.inbox.taken():
                 quality = self.came(pdo.stream, at_ns, answers)
@@ -246,7 +246,7 @@ class ListeningDriver(Listener, CanDriver):
                     self.alike(pdo.stream, answers)
 
     def _fault(self, pdo: _Pdo, data: bytes) -> str:
-        """Why nothing of a frame is taken; empty if it is."""
+        """Return why nothing of a frame is taken; empty if it is."""
         if pdo.node in self.refused:
             return self.refused[pdo.node]
         pdo.length = pdo.length or max(len(data), *(-(-(m.place.bit + m.place.bits) // 8) for m in pdo.members))
@@ -259,7 +259,7 @@ class ListeningDriver(Listener, CanDriver):
         )
 
     def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
-        """A PDO that was sampled at SYNC: at which, and whether it was in time."""
+        """Judge a PDO sampled at SYNC: at which, and whether in time."""
         period_ns = self.context.period_s * NS
         with self._sync_came:  # the receiving thread adds to them
             sync_ns = max((sync for sync in self._syncs if self.cycle_ns < sync <= at_ns), default=self.cycle_ns)
@@ -271,7 +271,7 @@ class ListeningDriver(Listener, CanDriver):
         return Quality.LATE if ago or self.late(sync_ns, behind_ns, 0.5) else Quality.FRESH
 
     def device_line(self, device: str) -> str:
-        """Its emergency, or what is wrong with the SYNC that should lead."""
+        """Return its emergency, or what is wrong with the SYNC that should lead."""
         code = self._emergencies.get(int(device.split()[1]))
         return self._wrong_rate if code is None else f"emergency 0x{code:04X}"
 
@@ -296,7 +296,7 @@ class Guest(ListeningDriver):
         self.refused |= refused
 
     def attach(self, link: CanLink) -> None:
-        """As any listener, and to what the other master writes."""
+        """Attach as any listener, and to what the other master writes."""
         super().attach(link)
         for pdo in self._pdos.values():
             link.handlers[SDO_ID + pdo.node] = partial(self._on_request, pdo.node)
@@ -306,7 +306,7 @@ class Guest(ListeningDriver):
             self._refuse(node, "another master changes its PDOs")
 
     def booted(self, node: int) -> None:
-        """Its mapping is not ours any more."""
+        """Note that its mapping is not ours any more."""
         self._refuse(node, "it booted, and its mapping is another one")
 
     def _refuse(self, node: int, why: str) -> None:
@@ -316,7 +316,7 @@ class Guest(ListeningDriver):
 
 
 def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
-    """Where the channels are in the TPDOs that commissioning maps."""
+    """Return the channels' places in the TPDOs that commissioning maps."""
     found = []
     for node, members in by_device(channels, lambda source: source.node).items():
         for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
@@ -330,12 +330,12 @@ def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
 
 
 def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
-    """Where each channel is: as its source says, else as the EDS of its node.
+    """Return each channel's place: of its source, else of the EDS of its node.
 
     Raises
     ------
     MachineFileError
-        If neither says it.
+        If neither has it.
     """
     nothing_to_ask(bus, channels)
     files = {node.node: node.eds for node in bus.nodes}

@@ -61,12 +61,12 @@ class Look:
             constant.flags.writeable = False
 
     def samples(self, cycle: Cycle, heard_ns: int) -> Samples:
-        """Samples of a cycle; ``heard_ns`` is the moment up to which all that came was taken."""
+        """Return samples of a cycle; all that came up to ``heard_ns`` was taken."""
         whole = self._whole(cycle.number, heard_ns)
         return self._one_by_one(cycle, heard_ns) if whole is None else whole
 
     def _whole(self, number: int, heard_ns: int) -> Samples | None:
-        """Samples of a cycle that is as nearly always; None, and nothing changed, if there is anything to be seen."""
+        """Return samples of a cycle that is usual; None, and nothing changed, if there is anything to be seen."""
         arrivals = self._arrivals(number, heard_ns)
         if arrivals is None:
             return None
@@ -81,7 +81,7 @@ class Look:
         return Samples(decoded[self._from], self._fresh, self._no_cycles, self._at_sync, plain=True)
 
     def _arrivals(self, number: int, heard_ns: int) -> list[Arrival] | None:
-        """What came, in the order of nodes and TPDOs, if it is all that is due and there is nothing else to be seen."""
+        """Return what came, by node and TPDO, if it is all that is due and there is nothing else to be seen."""
         if not self._possible:
             return None
         found: list[Arrival] = []
@@ -119,7 +119,7 @@ class Look:
         return found
 
     def _one_by_one(self, cycle: Cycle, heard_ns: int) -> Samples:
-        """What happened to each node is noticed, and its keeper told."""
+        """Notice what happened to each node, and notify its keeper."""
         number, heard = cycle.number, heard_ns > cycle.sync_ns
         answers = Answers(self._count)
         for care in self._cares:
@@ -134,7 +134,7 @@ class Look:
         return answers.samples()
 
     def take(self, care: NodeCare, number: int, answers: Answers, *, heard: bool) -> None:
-        """What came from one node that runs; ``heard``: whether this process has listened since the SYNC."""
+        """Take what came from one running node; ``heard``: whether this process listened since the SYNC."""
         node = care.node
         brought = timely = current = 0
         mixed = node.surplus_run > 0
@@ -165,7 +165,7 @@ class Look:
             self._judge(care, brought, timely, current)
 
     def _judge(self, care: NodeCare, brought: int, timely: int, current: int) -> None:
-        """Whether a node that brought so many TPDOs, some in time and some of this cycle, goes on as it is."""
+        """Decide whether a node with so many TPDOs, some in time, some of this cycle, goes on as it is."""
         node = care.node
         node.misses = 0 if brought else node.misses + 1
         node.late_run = node.late_run + 1 if brought and not timely else 0

@@ -24,7 +24,7 @@ TPDO_COUNT = 4
 
 
 def laid_out(entries: Iterable[int]) -> Iterator[tuple[int, int, int, int]]:
-    """Index, subindex, first bit and bits of what mapping entries put into a PDO, one behind the other."""
+    """Lay out mapping entries in a PDO, one behind the other: index, subindex, first bit and bits."""
     bit = 0
     for entry in entries:
         yield entry >> 16, entry >> 8 & 0xFF, bit, entry & 0xFF
@@ -42,14 +42,14 @@ class PdoDecoder:
         self._alike = np.dtype("<" + codes[0]) if len(set(codes)) == 1 and not self._wide else None
 
     def unpack(self, data: bytes) -> tuple[float, ...]:
-        """The numbers in as many bytes as they take."""
+        """Unpack the numbers in as many bytes as they take."""
         found: tuple[float, ...] = self._struct.unpack(data)
         if not self._wide:
             return found
         return tuple(wire.number(kind, value) for kind, value in zip(self.data_types, found, strict=True))
 
     def array(self, data: bytes) -> npt.NDArray[np.float64]:
-        """The same as an array: at once where all are of one type, as nearly always."""
+        """Unpack into an array: at once where all are of one type, as nearly always."""
         if self._alike is None:
             return np.array(self.unpack(data), dtype=np.float64)
         return np.frombuffer(data, self._alike).astype(np.float64)

@@ -96,14 +96,14 @@ class Node:
         self.wrong_run = 0
 
     def handlers(self) -> dict[int, Handler]:
-        """What to call for which COB-ID."""
+        """Return the handler of each COB-ID."""
         found: dict[int, Handler] = {t.mapping.cob_id: t.receive for t in self.tpdos}
         found[0x700 + self.config.node] = self.on_heartbeat
         found[0x080 + self.config.node] = self.on_emergency
         return found
 
     def on_heartbeat(self, data: bytearray, now_ns: int) -> None:
-        """Heartbeat or boot-up message; bit 7 is node guarding's toggle bit."""
+        """Handle a heartbeat or boot-up message; bit 7 is node guarding's toggle."""
         state = data[0] & 0x7F if data else -1
         self.heartbeat_ns = now_ns
         self.heartbeat_state = state
@@ -111,7 +111,7 @@ class Node:
             self.boot_ups += 1
 
     def on_emergency(self, data: bytearray, now_ns: int) -> None:
-        """EMCY message: 16 bits of error code first; 0x00xx says that the error is gone (CiA 301, 7.2.7)."""
+        """Handle EMCY: 16 bits of error code first; 0x00xx reports that the error is gone (CiA 301, 7.2.7)."""
         if len(data) < _EMERGENCY.size:
             return
         code = int(_EMERGENCY.unpack_from(data)[0])
@@ -120,14 +120,14 @@ class Node:
         self.errors += bool(code & 0xFF00)
 
     def wrong_lengths(self) -> int:
-        """TPDOs of a wrong length so far."""
+        """Count TPDOs of a wrong length."""
         found = 0
         for tpdo in self.tpdos:  # once per cycle and node: cheaper than a generator
             found += tpdo.wrong
         return found
 
     def take_surplus(self) -> int:
-        """TPDOs that no SYNC asked for, since the last look."""
+        """Count TPDOs that no SYNC asked for, since the last look."""
         found = 0
         for tpdo in self.tpdos:
             found += tpdo.surplus - tpdo.surplus_seen
@@ -135,7 +135,7 @@ class Node:
         return found
 
     def last_tpdo_ns(self) -> int:
-        """When the last TPDO came."""
+        """Return when the last TPDO came."""
         newest = 0
         for tpdo in self.tpdos:
             if tpdo.arrived_ns > newest:
@@ -143,7 +143,7 @@ class Node:
         return newest
 
     def short(self) -> str | None:
-        """A line about a TPDO of the wrong length, if one came since the last commissioning."""
+        """Word a TPDO of the wrong length, if one came since the last commissioning."""
         for tpdo in self.tpdos:
             if tpdo.wrong_length:
                 return (
@@ -153,7 +153,7 @@ class Node:
         return None
 
     def forget(self) -> None:
-        """Before a commissioning: what came so far does not count, and it answers no SYNC."""
+        """Forget before a commissioning what came so far: it answers no SYNC."""
         self.operational = False
         self.emergency = None
         self.heartbeat_state = -1
@@ -163,20 +163,20 @@ class Node:
         self.forget_answers()
 
     def forget_answers(self) -> None:
-        """What came on SYNC so far does not count."""
+        """Forget what came on SYNC so far."""
         self.misses = self.late_run = self.behind_run = self.surplus_run = 0
         for tpdo in self.tpdos:
             tpdo.forget()
 
     def in_doubt(self) -> bool:
-        """Whether its TPDOs may be credited to the wrong SYNC."""
+        """Return whether its TPDOs may be credited to the wrong SYNC."""
         for tpdo in self.tpdos:  # noqa: SIM110  # once per cycle and node: cheaper than a generator
             if tpdo.in_doubt:
                 return True
         return False
 
     def learn(self, sdo: Sdo) -> None:
-        """Ask for its heartbeat time, and the decimals of its channels (CommissioningError if none, or too many)."""
+        """Ask for its heartbeat time, and its channels' decimals (CommissioningError if none, or too many)."""
         try:
             self.heartbeat_ms = sdo.read_unsigned(0x1017)
         except SdoRefusedError:
@@ -189,17 +189,17 @@ class Node:
                 )
 
     def accept_boot_ups(self) -> None:
-        """Boot-ups up to now are no news."""
+        """Ignore boot-ups up to now."""
         self.boot_ups_seen = self.boot_ups
 
     def complete(self) -> bool:
-        """Whether every TPDO came at least once since :meth:`forget`."""
+        """Return whether every TPDO came at least once since :meth:`forget`."""
         return all(tpdo.count > 0 for tpdo in self.tpdos)
 
     # What is noticed
 
     def gone(self, state: str, what: str, detail: str) -> None:
-        """It is not running any more (or still not), and why."""
+        """Note that it is not running any more (or still not), and why."""
         self.state, self.detail = state, detail
         if not self.away:
             self.away = what
@@ -210,7 +210,7 @@ class Node:
             self._context.events.note(self._name, what, detail)
 
     def back(self) -> None:
-        """It is running."""
+        """Note that it runs."""
         self.state, self.detail, self.misses = "running", "", 0
         self.watched_ns = self._context.monotonic_ns()
         heartbeat_s = WATCHDOG_PERIODS * max((self.heartbeat_ms or NO_HEARTBEAT_MS) * 1e-3, self._context.period_s)
@@ -278,7 +278,7 @@ class Node:
         return False
 
     def _heartbeat(self, since_ns: int, limit_ns: float) -> None:
-        """Its TPDOs come; whether its heartbeat does as well."""
+        """Check its heartbeat while its TPDOs come."""
         lost = since_ns > limit_ns and self.heartbeat_ms > 0
         if lost and not self.heartbeat_lost:
             self._counts["heartbeat_lost"] += 1
@@ -291,7 +291,7 @@ class Node:
         return f"{self.place}: TPDOs come, but no heartbeat; check what else writes to it (0x1017)"
 
     def _out_of_step(self) -> bool:
-        """Alive, but no longer doing what it was commissioned for, by its own doing and not another master's."""
+        """Return whether it is alive but out of its commissioned state by its own doing, not another master's."""
         if self.starting_anew:
             return False
         if self.heartbeat_state in (PRE_OPERATIONAL, STOPPED):
@@ -300,13 +300,13 @@ class Node:
         return self.misses >= MISSES_LOST
 
     def miscounted(self, brought: int) -> bool:
-        """Whether its TPDOs may be credited to wrong SYNCs, so that it has to be started anew."""
+        """Return whether TPDOs may be credited to wrong SYNCs, so that it must restart."""
         if not brought:
             return False
         return self.in_doubt() or (self.behind_run >= LATE_TOLERATED and not self.slow)
 
     def line(self) -> str:
-        """What there is to say about it, also while it runs."""
+        """Return what there is to report about it, also while it runs."""
         if self.detail:
             return self.detail
         if self.emergency is not None:
@@ -327,7 +327,7 @@ def make_nodes(
     context: DriverContext,
     counts: MutableMapping[str, int],
 ) -> dict[int, Node]:
-    """The nodes that the channels of a bus come from, by node-ID, each with its mapping."""
+    """Make the nodes of a bus's channels, by node-ID, each with its mapping."""
     known = {node.node: node for node in bus.nodes}
     nodes = {}
     for number, members in by_device(channels, lambda source: source.node).items():

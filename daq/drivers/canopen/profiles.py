@@ -65,22 +65,22 @@ class Measured:
 
 
 def profile_of(device_type: int) -> int:
-    """Number of the profile; 0 for none."""
+    """Return the number of the profile; 0 for none."""
     return device_type & 0xFFFF
 
 
 def profile_name(device_type: int) -> str:
-    """What it calls itself, in words."""
+    """Return its own name, in words."""
     number = profile_of(device_type)
     return NAMES.get(number, f"CiA {number}" if number else "no profile")
 
 
 def measured(device_type: int, objects: Objects) -> list[Measured]:
-    """What a device measures, as far as its profile says it.
+    """Return what a device measures, as far as its profile defines it.
 
     Parameters
     ----------
-    objects : those of :data:`ASKED` that it has; also process values themselves, which tell that they are there
+    objects : those of :data:`ASKED` that it has; also process values themselves, which show that they are there
     """
     number = profile_of(device_type)
     if number == 404:
@@ -119,12 +119,12 @@ Told = dict[str, int | str]
 
 
 def key(index: int, subindex: int) -> str:
-    """How an object is called: ``0x1018:4``."""
+    """Write an object as ``0x1018:4``."""
     return f"0x{index:04X}:{subindex}"
 
 
 def ask(sdo: Sdo) -> Told:
-    """Objects that the node has, by :func:`key`: numbers, and texts of at most 60 characters.
+    """Ask for objects that the node has, by :func:`key`: numbers, texts of at most 60 characters.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Cycle:
                 self._whole.release()
 
     def arrived(self, cob_id: int, number: int) -> None:
-        """A TPDO of cycle ``number`` came."""
+        """Take a TPDO of cycle ``number``."""
         with self._lock:
             if number == self.number and self._pending:
                 self._pending.discard(cob_id)
@@ -89,14 +89,14 @@ class Tpdo:
         self._unanswered: deque[tuple[int, int]] = deque()
 
     def asked(self, number: int, sync_ns: int) -> None:
-        """A SYNC is about to be sent that the node will answer."""
+        """Expect the node's answers to a SYNC about to be sent."""
         if len(self._unanswered) >= UNANSWERED:
             self._unanswered.popleft()
             self.in_doubt = True
         self._unanswered.append((number, sync_ns))
 
     def give_up(self) -> None:
-        """What is still due is taken for lost; should it come all the same, it must not pass for fresh."""
+        """Take what is still due for lost; should it come all the same, it must not pass for fresh."""
         if self._unanswered:
             self._unanswered.clear()
             self.in_doubt = True
@@ -118,7 +118,7 @@ class Tpdo:
         self._of.arrived(self.mapping.cob_id, number)
 
     def forget(self) -> None:
-        """What came and what was asked does not count."""
+        """Forget what came and what was asked."""
         self._unanswered.clear()
         self.latest = None
         self.count = self.taken = 0

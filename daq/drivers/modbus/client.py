@@ -133,7 +133,7 @@ class ModbusConnection:
             raise BusError(f"{self.place} cannot be opened; check address and cable, and that the device is on")
 
     def read(self, unit: int, table: str, address: int, count: int) -> Answer:
-        """One block of registers; never raises, and takes no longer than three time-outs."""
+        """Read one block of registers; never raises, and takes no longer than three time-outs."""
         if unit in self._doubtful:
             # An exception is an answer as well; one that was late itself puts a wrong length under the next request.
             probe = self._ask(unit, table, address, count - 1 if count > 1 else 2)
@@ -163,8 +163,8 @@ class ModbusConnection:
         return Answer(registers=tuple(registers))
 
     def identity(self, unit: int) -> dict[str, str]:
-        """``vendor``, ``product`` and ``revision`` as the unit tells them (function 43, 14); what it does not tell is
-        left out. Never raises, and takes no longer than a time-out.
+        """Read ``vendor``, ``product`` and ``revision`` from the unit (function 43, 14); what it does not have is left
+        out. Never raises, and takes no longer than a time-out.
         """
         ask = self._client.read_device_information
         response = self._talk(lambda: ask(read_code=1, object_id=0, device_id=unit))
@@ -174,7 +174,7 @@ class ModbusConnection:
         return {name: text for name, text in words.items() if text}
 
     def _talk(self, ask: Callable[[], Any]) -> Any:
-        """What comes back to a question that follows on silence; a line where nothing does."""
+        """Return the answer to a question that follows on silence; a line without one."""
         try:
             if not self._client.connect():
                 return f"{self.place} cannot be reached"
@@ -203,7 +203,7 @@ class ModbusConnection:
 
 
 def _words(told: Any) -> str:
-    """Text of a device: one line that can be shown; pymodbus makes a list of an object that comes twice."""
+    """Return a device's text as one line that can be shown; pymodbus lists an object that comes twice."""
     content = told[0] if isinstance(told, list) and told else told
     text = content.decode("latin-1") if isinstance(content, bytes) else ""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:60]

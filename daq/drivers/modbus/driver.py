@@ -66,7 +66,7 @@ class Poller:
         self._go.set()
 
     def begun(self) -> None:
-        """The start is over: what was read belongs to no cycle, and who has not answered is silent."""
+        """End the start: what was read belongs to no cycle, and who has not answered is silent."""
         with self.lock:
             for unit in self.units:
                 unit.forget()
@@ -74,7 +74,7 @@ class Poller:
                     self._is(unit, "silent", f"{unit.place}: has not answered yet; check its power")
 
     def patience(self) -> bool:
-        """Whether its round is worth waiting for: some unit answered lately, and in time."""
+        """Return whether its round is worth waiting for: some unit answered lately, in time."""
         return any(unit.failures < MISSES_TOLERATED and not unit.slow for unit in self.units)
 
     def _run(self) -> None:
@@ -128,7 +128,7 @@ class Poller:
             self._is(unit, "running" if any_good else "failed", problem)
 
     def _name_units(self, cycle: int) -> None:
-        """Ask units that answer what they are, once: one that does not know the question costs a time-out.
+        """Ask answering units what they are, once: one that does not know the question costs a time-out.
 
         While cycles go on that may cost nobody else, and not much: only a unit with a connection of its own and a short
         time-out, or one that has answered the question before, is asked then.
@@ -145,7 +145,7 @@ class Poller:
                 unit.identity = self.connection.identity(unit.number)
 
     def _decimals(self, unit: Unit) -> bool:
-        """Ask for the decimals that are not known; whether they now are."""
+        """Ask for unknown decimals; return whether they now are known."""
         for table, register in unit.unknown_decimals():
             answer = self.connection.read(unit.number, table, register, 1)
             unit.requests += 1
@@ -223,7 +223,7 @@ class _ModbusDriver:
         self._sync_ns = 0
 
     def _groups(self) -> list[list[Unit]]:
-        """Units that share a connection."""
+        """Group units that share a connection."""
         raise NotImplementedError
 
     @property
@@ -257,7 +257,7 @@ class _ModbusDriver:
             poller.trigger(cycle, self._sync_ns)
 
     def collect(self, until_ns: int) -> Samples:
-        """Registers of this cycle, as soon as all units that are alive have answered."""
+        """Collect registers of this cycle, as soon as all units that are alive have answered."""
         answers = Answers(len(self._names))
         for poller in self._pollers:
             remaining = (until_ns - self._context.monotonic_ns()) / NS
@@ -303,7 +303,7 @@ class _ModbusDriver:
         answers.value(position, value, Quality.FRESH)
 
     def statistics(self) -> DriverStatistics:
-        """State of every unit, and counters since the start."""
+        """Return the state of every unit, and counters since the start."""
         devices = tuple(
             DeviceStatus(
                 f"unit {u.number}",

@@ -51,13 +51,13 @@ class Block:
         return f"{self.table} registers {self.address} to {self.address + self.count - 1}"
 
     def parts(self) -> tuple[Block, ...]:
-        """The same channels in blocks without a register that no channel needs."""
+        """Split into blocks of the same channels without a register that no channel needs."""
         absolute = [(position, source) for position, _, source in self.members]
         return tuple(_grouped(self.table, self.rate_hz, absolute, maximum_gap=0))
 
 
 def blocks(channels: Sequence[tuple[int, Channel]], maximum_gap: int = BLOCK_REGISTERS) -> tuple[Block, ...]:
-    """The fewest blocks that cover one unit's channels.
+    """Find the fewest blocks that cover one unit's channels.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class Unit:
         self._rounds: deque[tuple[int, float]] = deque(maxlen=ROUNDS)  # cycles and ms that each took
 
     def unknown_decimals(self) -> list[tuple[str, int]]:
-        """Table and register of decimals that have to be asked for."""
+        """List table and register of decimals that have to be asked for."""
         return [place for place, held in self._decimals_at.items() if not held[0].known]
 
     def learn_decimals(self, table: str, register: int, answer: Answer) -> str:
@@ -150,16 +150,16 @@ class Unit:
         return ""
 
     def forget_decimals(self) -> None:
-        """The unit may have been set up anew when it is back."""
+        """Forget decimals: the unit may be set up anew when it is back."""
         for decimals in self.decimals.values():
             decimals.forget()
 
     def due(self, cycle: int) -> list[Block]:
-        """Blocks that are to be asked in this cycle."""
+        """Return the blocks to be asked in this cycle."""
         return [block for block in self.blocks if block.next_cycle is None or cycle >= block.next_cycle]
 
     def took(self, cycles: int, milliseconds: float) -> None:
-        """A round of its blocks was answered while so many cycles began."""
+        """Note how many cycles began while a round was answered."""
         self._rounds.append((cycles, milliseconds))
         self.cycles = float(median(cycles for cycles, _ in self._rounds))
         self._milliseconds = median(milliseconds for _, milliseconds in self._rounds)
@@ -170,14 +170,14 @@ class Unit:
         return self.cycles > 1.0
 
     def slowness(self, rate_hz: float) -> str:
-        """A line about that, or nothing."""
+        """Word that in a line, or nothing."""
         if not self.slow:
             return ""
         rate = f"{rate_hz / self.cycles:.3g} times a second instead of {rate_hz:g}"
         return f"{self.place}: answers in {self._milliseconds:.0f} ms, so its values come {rate}, and are marked late"
 
     def split(self, block: Block) -> bool:
-        """Ask for the parts of a block one by one, because not all of its registers exist; whether it had parts."""
+        """Ask for a block's parts one by one, as some registers do not exist; return whether it had parts."""
         parts = block.parts()
         if len(parts) < 2:
             return False
@@ -185,7 +185,7 @@ class Unit:
         return True
 
     def problem(self, block: Block, answer: Answer) -> str | None:
-        """One line about what is wrong with an answer, or None."""
+        """Return one line on what is wrong with an answer, or None."""
         if answer.failure is not None:
             return f"{self.place}: {answer.failure} ({block.registers}); check its power, address and cable"
         if answer.exception is not None:
@@ -194,12 +194,12 @@ class Unit:
         return None
 
     def forget(self) -> None:
-        """What came until now belongs to no cycle."""
+        """Forget what came until now: it belongs to no cycle."""
         for block in self.blocks:
             block.taken = block.asked
 
     def lost(self) -> tuple[str, ...]:
-        """Names of the channels whose last answer was no measurement."""
+        """Return the channels whose last answer was no measurement."""
         return tuple(
             self.names[position]
             for block in self.blocks
@@ -209,5 +209,5 @@ class Unit:
 
 
 def gap_is_to_blame(answer: Answer) -> bool:
-    """Whether the answer is what a unit says about a register that it does not have."""
+    """Return whether the answer is a unit's for a register that it does not have."""
     return answer.exception == ILLEGAL_ADDRESS
