@@ -94,7 +94,7 @@ class BaseParameters:
         return len(self.standard_names) == self.inertial_columns
 
     def regressor(self, Y: FloatArray) -> FloatArray:
-        """The kept columns of a standard regressor, shape (..., p) to (..., nb).
+        """Keep the base columns of a standard regressor, shape (..., p) to (..., nb).
 
         Raises
         ------
@@ -106,11 +106,11 @@ class BaseParameters:
         return Y[..., self.independent]
 
     def from_standard(self, pi: npt.ArrayLike) -> FloatArray:
-        """Base parameters of an arm with the standard parameters ``pi``, (p,) or (n, p / n)."""
+        """Compute base parameters of standard parameters ``pi``, (p,) or (n, p / n)."""
         return np.asarray(self.regrouping @ np.asarray(pi, dtype=float).ravel())
 
     def standard_example(self, base: npt.ArrayLike) -> FloatArray:
-        """One ``pi`` (p,) with these base parameters: each on its kept column, the rest zero.
+        """Return one ``pi`` (p,) with these base parameters: each on its kept column, the rest zero.
 
         Enough to compute efforts; the numbers themselves are no link's mass or inertia.
         """
@@ -129,7 +129,7 @@ def base_regressor(
     gravity: npt.ArrayLike | None = None,
     speed_noise: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Regressor of the base parameters, shape (N, n, nb); only the kept columns are computed.
+    """Compute the regressor of the base parameters, shape (N, n, nb); only the kept columns.
 
     Arguments as in :func:`fitting.arm.dynamics.rigid_body_regressor`; ``speed_noise`` (n,) is that of the joints'
     speeds, for the sign of a coupled motor's speed.
@@ -151,7 +151,7 @@ def base_regressor(
 def base_gravity_regressor(
     machine: Machine | Geometry, base: BaseParameters, q: npt.ArrayLike, direction: npt.ArrayLike
 ) -> FloatArray:
-    """What a unit change of gravity adds to :func:`base_regressor`, shape (N, n, nb); nothing to a motor's columns.
+    """Compute what a unit change of gravity adds to :func:`base_regressor`, (N, n, nb); not to a motor's columns.
 
     Arguments as in :func:`fitting.arm.dynamics.gravity_regressor`.
     """
@@ -203,7 +203,7 @@ def reduce_parameters(
 
 
 def _offered(geometry: Geometry, kinds: int) -> list[int]:
-    """All columns in the order in which they are offered to the reduction."""
+    """List all columns in the order in which they are offered to the reduction."""
     orders = []
     for i in range(geometry.joints):
         if not geometry.revolute[i]:
@@ -220,9 +220,9 @@ def _offered(geometry: Geometry, kinds: int) -> list[int]:
 
 
 def _random_observation(geometry: Geometry, kinds: int, rng: np.random.Generator, states: int) -> FloatArray:
-    """Stacked regressor at random states, each kind of motion brought to a like size.
+    """Stack the regressor at random states, each kind of motion brought to a like size.
 
-    Speeds and accelerations are drawn at unit size, not at the machine's: what can be told in principle does
+    Speeds and accelerations are drawn at unit size, not at the machine's: what is identifiable in principle does
     not depend on how slow the arm is, and small numbers would blur the rank.
     """
     n = geometry.joints
@@ -236,7 +236,7 @@ def _random_observation(geometry: Geometry, kinds: int, rng: np.random.Generator
 
 
 def _independent(W: FloatArray) -> tuple[list[int], tuple[float, float]]:
-    """Columns of ``W`` (unit norms), in order, that are no combination of kept ones before; and the gap.
+    """Find columns of ``W`` (unit norms), in order, that are independent of kept ones before; and the gap.
 
     Gram-Schmidt, each column orthogonalised twice (twice is enough for full precision: Kahan and Parlett).
     """
@@ -279,7 +279,7 @@ def _reading_key(column: int, kinds: int, joints: int) -> tuple[int, int]:
 
 
 def _expression(row: FloatArray, own: int, names: Sequence[str]) -> str:
-    """``ZZ2 + 0.5824 (m3 + m4) - XX3``: terms with equal coefficients together, its own name first."""
+    """Write ``ZZ2 + 0.5824 (m3 + m4) - XX3``: equal coefficients together, own name first."""
     groups: dict[tuple[float, bool], list[str]] = {}
     for k in np.flatnonzero(row):
         if k != own:
@@ -316,20 +316,20 @@ def _unit(column: int, kinds: int, geometry: Geometry) -> str:
 
 
 def unidentifiable(W: FloatArray, base: BaseParameters | Sequence[str], *, rtol: float = 1e-7) -> list[str]:
-    """Base parameters that a motion cannot tell, by name; empty where it excites all of them.
+    """List base parameters that a motion leaves undetermined, by name; empty if none.
 
     Parameters
     ----------
     W : observation matrix of the motion, shape (rows, nb), or a triangular factor ``R`` of it with the same columns
     base : the base parameters, or just names for the columns
     rtol : singular values of the column-scaled ``W`` below ``rtol`` times the largest count as zero. For measured
-        motions take the noise's share of the signals instead of round-off's (1e-3, say)
+        motions take the noise's share of the signals instead of round-off's (as 1e-3)
 
     Returns
     -------
     list of str
         Every parameter that has a part in the null space: those with a zero column, and all members of a
-        group of which only combinations are told. In the order of the columns.
+        group of which only combinations are determined. In the order of the columns.
     """
     names = list(base.names) if isinstance(base, BaseParameters) else list(base)
     if W.shape[1] != len(names):
@@ -351,9 +351,9 @@ def unidentifiable(W: FloatArray, base: BaseParameters | Sequence[str], *, rtol:
 
 
 def condition_number(W: FloatArray) -> float:
-    """Condition number of ``W`` with its columns scaled to unit norm; infinite where it lacks rank.
+    """Compute the condition number of ``W``, columns scaled to unit norm; infinite without rank.
 
-    The scaling takes the units out: what is left is how much parameters stand in for one another (van der
+    The scaling takes the units out: what is left is how much parameters replace one another (van der
     Sluis: no other column scaling is better by more than the root of the number of columns).
     """
     norms = np.linalg.norm(W, axis=0)

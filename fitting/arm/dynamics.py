@@ -67,13 +67,13 @@ def rigid_body_regressor(
     columns: Sequence[int] | IntArray | None = None,
     gravity: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Regressor of the rigid-body dynamics, for all samples at once.
+    """Compute the regressor of the rigid-body dynamics, for all samples at once.
 
     Parameters
     ----------
     machine : arm of ``n`` joints
     q, qd, qdd : joint positions, speeds and accelerations, shape (N, n); rad or m, per second, per second squared
-    columns : which of the ``10 n`` columns to compute (the independent ones of a base-parameter set, say); all if None
+    columns : which of the ``10 n`` columns to compute (e.g. the independent ones of a base set); all if None
     gravity : acceleration of gravity in the base frame instead of the machine's, m/s^2; shape (3,), or (N, 3) where the
         base tilts while it moves
 
@@ -117,7 +117,7 @@ def gravity_regressor(
     *,
     columns: Sequence[int] | IntArray | None = None,
 ) -> FloatArray:
-    """What a unit change of gravity along ``direction`` (base frame) adds to the regressor.
+    """Compute what a unit change of gravity along ``direction`` (base frame) adds to the regressor.
 
     ``Y`` is linear in gravity: ``Y(g + e dg) = Y(g) + gravity_regressor(e) dg``. A base that tilts by small
     angles ``t`` (rad, about the axis ``k``) changes gravity by ``-t k x g``. Shapes as in
@@ -135,7 +135,7 @@ def standard_regressor(
     *,
     gravity: npt.ArrayLike | None = None,
 ) -> FloatArray:
-    """Regressor of all standard parameters, shape (N, n, 13 n + 3 c), in the order of :func:`standard_names`."""
+    """Compute all standard parameters' regressor, (N, n, 13 n + 3 c), in the order of :func:`standard_names`."""
     geometry = geometry_of(machine)
     n = geometry.joints
     rigid = rigid_body_regressor(machine, q, qd, qdd, gravity=gravity)
@@ -154,7 +154,7 @@ def standard_regressor(
 def coupled_regressor(
     machine: Machine | Geometry, qd: npt.ArrayLike, qdd: npt.ArrayLike, *, speed_noise: npt.ArrayLike | None = None
 ) -> FloatArray:
-    """Regressor of motors that turn with several joints, shape (N, n, 3 c): ``f_cm, f_vm, Jm`` of each.
+    """Compute the regressor of motors of several joints, (N, n, 3 c): ``f_cm, f_vm, Jm`` of each.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def coupled_regressor(
 
 
 def stacked(Y: FloatArray) -> FloatArray:
-    """The observation matrix ``W``, shape (n N, p): joint 1's samples first, then joint 2's, and so on.
+    """Stack the observation matrix ``W``, shape (n N, p): joint 1's samples first, then joint 2's, and so on.
 
     A view, in Fortran order, of what the functions of this module return; a copy of anything else.
     """
@@ -184,14 +184,14 @@ def stacked(Y: FloatArray) -> FloatArray:
 
 
 def standard_of_link(mass: float, centre: npt.ArrayLike, central: FloatArray) -> FloatArray:
-    """The ten parameters of a link from its mass (kg), centre of mass (3,) and inertia (3, 3) about that, its frame."""
+    """Compute a link's ten parameters from mass (kg), centre of mass (3,) and inertia (3, 3) about that, its frame."""
     c = np.asarray(centre, dtype=float)
     inertia = central + mass * (c @ c * np.eye(3) - np.outer(c, c))
     return np.array([mass, *(mass * c), *inertia[np.triu_indices(3)]])
 
 
 def self_check(machine: Machine | Geometry) -> float:
-    """Largest difference of ``Y pi`` from a Newton-Euler recursion, relative to the largest effort of that joint.
+    """Compute the largest difference of ``Y pi`` from a Newton-Euler recursion over that joint's largest effort.
 
     The recursion shares no code with the regressor. It works in the base frame with the transforms of
     :func:`fitting.arm.geometry.link_frames`, centres of mass and central inertias, one sample and one link at a time.
@@ -260,7 +260,7 @@ def _newton_euler(
 
 
 def _product(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Cross product of two vectors (3,), ten times as fast as numpy's of arrays."""
+    """Compute the cross product of vectors (3,), ten times as fast as numpy's of arrays."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -273,7 +273,7 @@ def _samples(geometry: Geometry, values: npt.ArrayLike, what: str) -> FloatArray
 
 
 def _components(motion: list[FloatArray], part: slice) -> list[list[Component]]:
-    """Per joint ``[q, qd, qdd]`` as contiguous arrays; a column of zeros becomes 0.0."""
+    """Return per joint ``[q, qd, qdd]`` as contiguous arrays; zeros become 0.0."""
     columns = [np.ascontiguousarray(values[part].T) for values in motion]
     if len({array.shape for array in columns}) != 1:
         raise ValueError("q, qd and qdd must have the same number of samples")
@@ -343,7 +343,7 @@ class _Link:
 
 
 def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iterator[_Link]:
-    """Forward recursion: velocities and accelerations of the links, base to tip."""
+    """Iterate forward: velocities and accelerations of the links, base to tip."""
     w: Vector = _ZERO
     wd: Vector = _ZERO
     unit: _Units = []
@@ -357,11 +357,11 @@ def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iter
         d: Component = float(geometry.d[i]) if revolute else geometry.d[i] + q
 
         def about_x(v: Vector, ca: float = ca, sa: float = sa) -> Vector:
-            """``Rx(alpha)' v``."""
+            """Compute ``Rx(alpha)' v``."""
             return v[0], _add(_mul(ca, v[1]), _mul(sa, v[2])), _sub(_mul(ca, v[2]), _mul(sa, v[1]))
 
         def about_z(v: Vector, ct: Component = ct, st: Component = st) -> Vector:
-            """``Rz(theta)' v``."""
+            """Compute ``Rz(theta)' v``."""
             return _add(_mul(ct, v[0]), _mul(st, v[1])), _sub(_mul(ct, v[1]), _mul(st, v[0])), v[2]
 
         if geometry.modified:  # link i - 1 reaches to joint i before that moves
@@ -385,13 +385,13 @@ def _links(geometry: Geometry, states: list[list[Component]], a: Vector) -> Iter
 def _turned(
     turn: Callable[[Vector], Vector], moving: tuple[Vector, Vector, Vector], unit: _Units
 ) -> tuple[tuple[Vector, Vector, Vector], _Units]:
-    """Motion ``(w, wd, a)`` and velocities per unit of joint speed in a frame that is turned."""
+    """Turn the motion ``(w, wd, a)`` and velocities per unit of joint speed into a frame."""
     w, wd, a = moving
     return (turn(w), turn(wd), turn(a)), [(turn(u), turn(s)) for u, s in unit]
 
 
 def _carried(arm: Vector, moving: tuple[Vector, Vector, Vector], unit: _Units) -> tuple[Vector, _Units]:
-    """Acceleration, and velocities per unit of joint speed, of the point at ``arm`` on the same body."""
+    """Compute acceleration, and velocities per unit of joint speed, at ``arm`` on the same body."""
     w, wd, a = moving
     a = _plus(a, _plus(_cross(wd, arm), _cross(w, _cross(w, arm))))
     return a, [(u, _plus(s, _cross(u, arm))) for u, s in unit]
@@ -449,7 +449,7 @@ def _accumulate(out: FloatArray, terms: Iterable[tuple[Component, Component]], s
 
 
 def _moment_matrix(w: Vector, wd: Vector) -> tuple[Vector, Vector, Vector]:
-    """Columns of ``B = S(wd) + S(w) S(w)``; ``S(w) S(w) = w w' - |w|^2 E``."""
+    """Compute columns of ``B = S(wd) + S(w) S(w)``; ``S(w) S(w) = w w' - |w|^2 E``."""
     xx, yy, zz = (_mul(c, c) for c in w)
     xy, xz, yz = _mul(w[0], w[1]), _mul(w[0], w[2]), _mul(w[1], w[2])
     return (
@@ -460,7 +460,7 @@ def _moment_matrix(w: Vector, wd: Vector) -> tuple[Vector, Vector, Vector]:
 
 
 def _moment_of_inertia(w: Vector, wd: Vector, row: int, column: int) -> Vector:
-    """``E wd + w x (E w)`` for the symmetric unit inertia ``E`` with ones at (row, column)."""
+    """Compute ``E wd + w x (E w)`` for the symmetric unit inertia ``E`` with ones at (row, column)."""
     Ew: list[Component] = [0.0, 0.0, 0.0]
     Ewd: list[Component] = [0.0, 0.0, 0.0]
     Ew[row], Ewd[row] = w[column], wd[column]

@@ -19,13 +19,13 @@ _FAR = 6.0
 
 
 def expected_sign(speed: npt.ArrayLike, noise: float) -> FloatArray:
-    """``E[sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation."""
+    """Compute ``E[sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation."""
     speed = np.asanyarray(speed)
     return np.asanyarray(np.sign(speed) if noise <= 0 else erf(speed / (np.sqrt(2.0) * noise)))
 
 
 def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> FloatArray:
-    """``E[|v|^p sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation.
+    """Compute ``E[|v|^p sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation.
 
     With ``u = speed / noise``: ``noise^p 2^((p+1)/2) Gamma(1 + p/2) / sqrt(pi) u M((1-p)/2, 3/2, -u^2/2)``, ``M``
     Kummer's function (the normal distribution's signed fractional moments; Abramowitz and Stegun, ch. 13); beyond six

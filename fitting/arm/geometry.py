@@ -86,7 +86,7 @@ class Geometry:
         """Where the material of every link is: the ends (3,), (3,) of each of its stretches, in its own frame, m.
 
         A link reaches from its own joint to the next. Along a sliding joint, at the middle of its travel, both links
-        that it joins reach: what slides, and what guides it. The table does not say where the last link of a modified
+        that it joins reach: what slides, and what guides it. The table does not show where the last link of a modified
         one ends: where it begins.
         """
         slides = ~self.revolute
@@ -108,14 +108,14 @@ class Geometry:
         return tuple(found)
 
     def uncoupled(self) -> Geometry:
-        """The same arm with every motor on its own joint only."""
+        """Return the same arm with every motor on its own joint only."""
         return replace(self, coupled=(), coupling=np.zeros((0, self.joints)))
 
     def squared_up(self) -> Geometry:
-        """The same arm with twist angles within :data:`_SQUARE` of a multiple of 90 degrees made exact.
+        """Make twist angles within :data:`_SQUARE` of a multiple of 90 degrees exact.
 
-        Files say 1.5708 where they mean pi/2. The 4e-6 rad between the two make parameters formally
-        identifiable that no measurement will ever tell; counting is done on the arm that was meant.
+        Files hold 1.5708 where they mean pi/2. The 4e-6 rad between the two make parameters formally
+        identifiable that no measurement will determine; counting is done on the arm that was meant.
         """
         quarter = np.round(self.alpha / (np.pi / 2)) * (np.pi / 2)
         return replace(self, alpha=np.where(np.abs(self.alpha - quarter) <= _SQUARE, quarter, self.alpha))
@@ -126,7 +126,7 @@ def _clean(values: FloatArray) -> FloatArray:
 
 
 def geometry_of(machine: Machine | Geometry) -> Geometry:
-    """The geometry in a machine file (a :class:`Geometry` is returned as it is)."""
+    """Return the geometry of a machine file (or a :class:`Geometry` as it is)."""
     if isinstance(machine, Geometry):
         return machine
     joints = machine.joints
@@ -156,7 +156,7 @@ def geometry_of(machine: Machine | Geometry) -> Geometry:
 
 
 def link_frames(machine: Machine | Geometry, q: npt.ArrayLike) -> FloatArray:
-    """Poses of the base and of all link frames.
+    """Compute the poses of the base and of all link frames.
 
     Parameters
     ----------

@@ -22,12 +22,12 @@ from fitting.arrays import FloatArray
 
 
 def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machine, tuple[Recording, ...]]:
-    """The machine and its recordings with joint channels in place of motor channels.
+    """Replace motor channels by joint channels in a machine and its recordings.
 
     Parameters
     ----------
     machine : as the machine file has it
-    recordings : of that machine; what a joint channel measures is kept, what only motors tell is computed. A row in
+    recordings : of that machine; what a joint channel measures is kept, what only motors show is computed. A row in
         which one of the motors is missing is missing at every joint that the motor turns with
 
     Returns
@@ -51,7 +51,7 @@ def at_joints(machine: Machine, recordings: Sequence[Recording]) -> tuple[Machin
 
 
 def _derived(machine: Machine) -> list[Channel]:
-    """Joint channels that motors tell of."""
+    """Make the joint channels that motors determine."""
     joints = machine.joints
     unmeasured = [j for j in joints if machine.channel("joint_effort", j.name) is None]
     said: tuple[tuple[str, Quantity, list[Joint]], ...] = (
@@ -110,7 +110,7 @@ def _converted(
 
 
 def _measured(machine: Machine, recording: Recording, quantity: str) -> FloatArray:
-    """What all joints' channels of a quantity say, (N, n), NaN where there is none."""
+    """Return all joints' channels of a quantity, (N, n), NaN where there is none."""
     values = np.full((len(recording), len(machine.joints)), np.nan)
     for number, joint in enumerate(machine.joints):
         channel = machine.channel(quantity, joint.name)
@@ -120,7 +120,7 @@ def _measured(machine: Machine, recording: Recording, quantity: str) -> FloatArr
 
 
 def _joint_positions(machine: Machine, recording: Recording) -> FloatArray:
-    """Positions of all joints (N, n), NaN for one that no motor and no joint sensor tells."""
+    """Compute all joints' positions (N, n), NaN where no motor and no sensor has one."""
     q = _measured(machine, recording, "joint_position")
     for number, joint in enumerate(machine.joints):
         piston = machine.channel("piston_position", joint.name)
@@ -134,7 +134,7 @@ def _joint_positions(machine: Machine, recording: Recording) -> FloatArray:
 def _solved(
     machine: Machine, recording: Recording, known: FloatArray, unknown: Sequence[int], quantity: str
 ) -> FloatArray:
-    """Joint values (N, n) with the columns ``unknown`` from what their motors' channels of ``quantity`` say."""
+    """Solve for joint values (N, n), columns ``unknown``, from their motors' channels of ``quantity``."""
     places = list(unknown)
     if places:
         R = machine.ratios[places]

@@ -29,7 +29,7 @@ _STEP = 1e-5  # m: differences of a closed form over twice this are right to 1e-
 
 
 def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
-    """Lever arm ``r = dx/dq``.
+    """Compute the lever arm ``r = dx/dq``.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def lever_arm(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
 
 def lever_arms(machine: Machine, q: FloatArray) -> FloatArray:
-    """Lever arms (N, n) of all joints at positions (N, n); 1 of a joint without a cylinder."""
+    """Compute lever arms (N, n) at positions (N, n); 1 of a joint without a cylinder."""
     columns = [
         np.ones(len(q)) if joint.cylinder is None else lever_arm(joint.cylinder.linkage, q[:, j])
         for j, joint in enumerate(machine.joints)
@@ -65,7 +65,7 @@ def lever_arms(machine: Machine, q: FloatArray) -> FloatArray:
 
 
 def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
-    """``dr/dq`` in m/rad^2, shape of ``q``; ``x'' = r q'' + (dr/dq) q'^2``.
+    """Compute ``dr/dq`` in m/rad^2, shape of ``q``; ``x'' = r q'' + (dr/dq) q'^2``.
 
     For three pins ``r' = (a b cos(q + offset) - r^2) / length``.
     """
@@ -82,10 +82,10 @@ def lever_arm_slope(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
 
 def _rocker_motion(linkage: FourBar, q: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Direction of a four-bar linkage's coupler arm (rad) and its first and second derivative by ``q`` (1, 1/rad).
+    """Compute a four-bar's coupler arm direction (rad) and its first two derivatives by ``q`` (1, 1/rad).
 
     With ``w`` from the rocker's pivot to the coupler's pin on the link (length ``g``, bearing ``gamma``), ``u`` from
-    the joint's axis to that pin, ``k`` the coupler arm and ``c`` the coupler, the arm stands at ``phi = gamma +- beta``
+    the joint's axis to that pin, ``k`` the coupler arm and ``c`` the coupler, the arm is at ``phi = gamma +- beta``
     with ``cos beta = (k^2 + g^2 - c^2) / (2 k g)``. The pin moves on a circle, ``w' = z x u`` and ``w'' = -u`` per unit
     of ``q``, so ``g' = w . w' / g``, ``gamma' = w . u / g^2`` and so on; ``beta`` depends on ``g`` alone.
     """
@@ -112,7 +112,7 @@ def _rocker_motion(linkage: FourBar, q: npt.ArrayLike) -> tuple[FloatArray, Floa
 def piston_motion(
     linkage: Linkage, q: npt.ArrayLike, qd: npt.ArrayLike, qdd: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Piston position (m), speed (m/s) and acceleration (m/s^2) for a joint's motion."""
+    """Compute piston position (m), speed (m/s), acceleration (m/s^2) of a joint's motion."""
     qd, qdd = np.asanyarray(qd), np.asanyarray(qdd)
     r = lever_arm(linkage, q)
     return linkage.piston_position(q), r * qd, r * qdd + lever_arm_slope(linkage, q) * qd**2
@@ -121,7 +121,7 @@ def piston_motion(
 def joint_motion(
     joint: Joint, x: npt.ArrayLike, xd: npt.ArrayLike, xdd: npt.ArrayLike
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Joint position, speed and acceleration for a piston's motion; inverse of :func:`piston_motion`."""
+    """Compute joint position, speed and acceleration of a piston's motion; inverts :func:`piston_motion`."""
     linkage = _linkage(joint)
     xd, xdd = np.asarray(xd, dtype=float), np.asarray(xdd, dtype=float)
     q = joint_position(joint, x)
@@ -131,7 +131,7 @@ def joint_motion(
 
 
 def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
-    """Joint position ``q(x)`` on the branch that the joint's limits lie on.
+    """Compute the joint position ``q(x)`` on the branch of the joint's limits.
 
     The machine file guarantees that ``x(q)`` is monotone within ``limits.position``, so the inverse is
     unique. Three pins are inverted in closed form with the law of cosines: ``q + offset = +-arccos((a^2 + b^2
@@ -142,7 +142,7 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
     ----------
     joint : joint with a cylinder
     x : piston positions in m, any shape. Positions that the linkage cannot reach (measurement noise beyond a stretched
-        linkage, say) give the nearest joint position that it can; NaN stays NaN
+        linkage, say) give the nearest joint position that it can; NaN remains NaN
 
     Returns
     -------
@@ -194,7 +194,7 @@ def _tabled_position(linkage: Polynomial | FourBar, limits: tuple[float, float],
 
 
 def stroke_limits(joint: Joint) -> tuple[float, float]:
-    """Joint positions that both ``limits.position`` and the cylinder's stroke allow, in rad (m).
+    """Return joint positions within both ``limits.position`` and the cylinder's stroke, rad (m).
 
     ``limits.position`` itself for a joint without a cylinder.
     """
@@ -207,7 +207,7 @@ def stroke_limits(joint: Joint) -> tuple[float, float]:
 
 
 def parameter_names(linkage: Linkage) -> tuple[str, ...]:
-    """Names of the linkage's parameters, in the order of :func:`parameter_derivatives`.
+    """Name the linkage's parameters, in the order of :func:`parameter_derivatives`.
 
     Pins given by coordinates have those of the three-pin linkage that they are.
     """
@@ -224,7 +224,7 @@ def parameter_names(linkage: Linkage) -> tuple[str, ...]:
 
 
 def parameter_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
-    """Derivatives of the piston position with respect to the linkage's parameters, at fixed ``q``.
+    """Differentiate the piston position by the linkage's parameters, at fixed ``q``.
 
     Three pins, with ``phi = q + offset`` and ``L`` the pin distance: ``dx/da = (a - b cos phi) / L``,
     ``dx/db = (b - a cos phi) / L``, ``dx/doffset = a b sin phi / L``, ``dx/dretracted = -1``.
@@ -255,7 +255,7 @@ def parameter_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
 
 def lever_arm_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
-    """Derivatives of the lever arm ``r`` with respect to the linkage's parameters, at fixed ``q``.
+    """Differentiate the lever arm ``r`` by the linkage's parameters, at fixed ``q``.
 
     The derivative of :func:`parameter_derivatives` along ``q``, because mixed derivatives commute:
     ``dr/dp = d(dx/dp)/dq``. Three pins: with ``c = a - b cos phi`` and ``s = a b sin phi``,
@@ -282,14 +282,14 @@ def lever_arm_derivatives(linkage: Linkage, q: npt.ArrayLike) -> FloatArray:
 
 
 def _varied(linkage: FourBar) -> Iterator[tuple[Linkage, Linkage]]:
-    """The linkage with each of its parameters a step longer and a step shorter."""
+    """Vary each of the linkage's parameters, a step longer and a step shorter."""
     for name in _FOUR_BAR:
         value = getattr(linkage, name)
         yield with_parameter(linkage, name, value + _STEP), with_parameter(linkage, name, value - _STEP)
 
 
 def with_parameter(linkage: Linkage, name: str, value: float) -> Linkage:
-    """The linkage with another value of one of its parameters (without what was computed from the old one)."""
+    """Set one of the linkage's parameters (without what was computed from the old one)."""
     return linkage.model_validate({**linkage.model_dump(), name: value})
 
 

@@ -39,7 +39,7 @@ def check(
     ] = False,
     json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Say what may be wrong with recordings and machine file; exit code 1 if something is."""
+    """Check recordings and machine file for mistakes; exit code 1 if there may be one."""
     from daq.machine.machine_file import load_machine
     from daq.recordings.column_map import load_map
     from fitting.checks.check import check_files

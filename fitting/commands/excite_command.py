@@ -119,7 +119,7 @@ def excite(
     effects: Forecast = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Design a motion that tells the parameters: all joints, one joint's experiment, or free cylinders for stage 1."""
+    """Design a motion that determines the parameters: all joints, one joint's experiment, or free pistons (stage 1)."""
     described = load_machine(machine)
     base = reduce_parameters(geometry_of(described).uncoupled())
     options = _options(criterion, max_frequency)
@@ -162,7 +162,7 @@ def _options(criterion: str, max_frequency: float | None) -> ExcitationOptions:
 def _written(
     output: Path, machine: Machine, found: Sequence[tuple[Motion, dict[str, Any]]], notes: Sequence[str]
 ) -> dict[str, Any]:
-    """Write the motions, and say which file holds which; the last one's figures are those of all together."""
+    """Write the motions, and report which file holds which; the last one's figures are those of all together."""
     several = len(found) > 1
     files = [output.with_stem(f"{output.stem}-{k + 1}") if several else output for k in range(len(found))]
     for path, (motion, _) in zip(files, found, strict=True):
@@ -188,7 +188,7 @@ def _guess(machine: Machine, base: BaseParameters, parameters: Path | None) -> G
 def _limits(
     machine: Machine, guess: Guess, max_flow: float | None, max_pressure: float | None
 ) -> tuple[HydraulicLimits, list[str]]:
-    """Hydraulic limits of the command line, or else of the machine file; and what is to be said of them."""
+    """Take hydraulic limits of the command line, or of the machine file; with remarks on them."""
     notes: list[str] = []
     limits = limits_of_machine(
         machine,
@@ -213,7 +213,7 @@ def _limits(
 
 
 def _unseen(machine: Machine) -> list[str]:
-    """What no channel shows once the rods are off their pins."""
+    """List what no channel shows once the rods are off their pins."""
     hidden = machine.unseen_pistons()
     if not hidden:
         return []
@@ -224,7 +224,7 @@ def _unseen(machine: Machine) -> list[str]:
 
 
 def _read(path: Path, machine: Machine) -> Motion | Recording:
-    """A motion file, or a recording in whatever role it was made; one that does not say may have parked joints."""
+    """Read a motion file, or a recording in any role; an undeclared one may have parked joints."""
     try:
         with path.open("rb") as file:
             is_motion = file.read(64).decode("utf-8-sig", "replace").startswith(f"# {SCHEMA}")
@@ -280,7 +280,7 @@ def _whole_arm(
 
 
 def _asked(options: _Options, plan: _Plan) -> _Options:
-    """The usual options with what was asked for."""
+    """Apply what was asked for to the usual options."""
     asked: dict[str, Any] = {"seconds": plan.seconds, "use": plan.use, "starts": plan.starts}
     return replace(options, **{name: value for name, value in asked.items() if value is not None})
 
@@ -335,7 +335,7 @@ def _forecast(
     guess: Guess,
     there: Sequence[Motion | Recording],
 ) -> dict[str, Any]:
-    """What the plan, with what is there already, will show."""
+    """Forecast what the plan will show, with what is there already."""
     from fitting.effects import effects as catalogue  # loads every effect: only where it is asked for
     from fitting.planning.forecast import forecast, forecast_to_json
 

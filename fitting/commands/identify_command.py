@@ -96,7 +96,7 @@ def identify(
 
 
 def list_effects(json: Annotated[bool, typer.Option("--json", help="For programs.")] = False) -> None:
-    """All effects that the loop knows."""
+    """List all effects that the loop knows."""
     from fitting.effects import effects
 
     if json:
@@ -114,7 +114,7 @@ def show_effect(
     effect_id: Annotated[str, typer.Argument(metavar="ID", help="Effect id, as in the list.")],
     json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:
-    """One effect: equation, parameters, what it is confused with, and the experiment that tells."""
+    """Show one effect: equation, parameters, alternatives, and the experiment that separates them."""
     from fitting.effects import effect, effects
 
     try:

@@ -61,7 +61,7 @@ def valve(
 
 
 def print_valves(report: Mapping[str, Any]) -> None:
-    """The report in a few lines on a terminal."""
+    """Print the report in a few lines on a terminal."""
     from rich.console import Console
     from rich.table import Table
 

@@ -30,7 +30,7 @@ def valve_motion(
     level: Annotated[float, typer.Option(help="Largest command as a share of full.", min=0.05, max=1.0)] = 0.8,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Plan what the arm's own controller is to do with its valves: a table and a Structured Text program per axis."""
+    """Plan what the arm's controller is to do with its valves: a table and a Structured Text program per axis."""
     from daq.machine.machine_file import load_machine
     from fitting.planning.excite_text import show
     from fitting.valve.motion import expected_of, plan_valve_motions, written_plan

@@ -16,15 +16,15 @@ __all__ = ["DriveView", "Effect", "FoundBy", "Parameter", "Parity", "effect", "e
 
 @lru_cache(maxsize=1)
 def effects() -> tuple[Effect, ...]:
-    """All registered effects, sorted by id."""
+    """List all registered effects, sorted by id."""
     return EFFECTS.all(Effect)
 
 
 def effect(name: str) -> Effect:
-    """The effect with this id (KeyError if there is none)."""
+    """Return the effect with this id (KeyError if there is none)."""
     return {e.id: e for e in effects()}[name]
 
 
 def line_effect() -> Effect:
-    """The effect that a spectral line of the residual is."""
+    """Return the effect of a spectral line of the residual."""
     return next(e for e in effects() if e.found_by is FoundBy.LINES)

@@ -26,6 +26,6 @@ class ActuatorInertia(Effect):
     source = "drive inertia of the standard parameters"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         column = view.segment.qdd[:, view.joint] / view.r
         return (column if view.segment.loaded else np.zeros_like(column))[:, None]

@@ -29,6 +29,6 @@ class AsymmetricFriction(Effect):
     source = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         extending = 0.5 * (1.0 + view.s)
         return np.column_stack([extending, np.maximum(view.v, 0.0)])

@@ -48,23 +48,23 @@ class Backlash(Effect):
     source = "play operator driven by the load"
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """Seen between two position sensors only; from efforts it cannot be told from presliding."""
+        """Return whether two position sensors can show it; in efforts it equals presliding."""
         return False
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Piston error through the cylinder's stiffness: nothing that efforts could show by themselves."""
+        """Compute the piston error through the cylinder's stiffness: invisible in efforts alone."""
         raise NotImplementedError("backlash is found between two position sensors, not from efforts")
 
     def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Along the cylinder or about the joint, with the friction of the seals or without, and how soft."""
+        """Return shapes along the cylinder or about the joint, with the seals' friction or not, and how soft."""
         return [{**site, "width": width * view.range.force} for site in SITES for width in WIDTHS]
 
     def gap_units(self, shape: Shape) -> tuple[str, ...]:
-        """Along the cylinder a length, about the joint an angle."""
+        """Return a length along the cylinder, an angle about the joint."""
         return ("rad",) if shape.get("about") else ("m",)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """Half the play, on the side that the force pushes to; within the width it is being crossed."""
+        """Compute half the play, on the side that the force pushes to; being crossed within the width."""
         if not has_both_positions(view.machine, view.joint):
             return None
         lever = gap_lever(view, shape)
@@ -75,18 +75,18 @@ class Backlash(Effect):
         return (0.5 * lever * np.clip(bending / width, -1.0, 1.0))[:, None]
 
     def places(self, shape: Shape) -> Sequence[Shape]:
-        """In the pin, or between piston and its sensor: friction jumps with the piston's own speed."""
+        """Return the pin, and the place between piston and sensor: friction jumps with the piston's speed."""
         return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0))
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """Play in the pin, or at the piston's sensor; see :meth:`places`."""
+        """Apply play in the pin, or at the piston's sensor; see :meth:`places`."""
         return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
 
 
 def _mean_lever(view: DriveView) -> float:
-    """Stroke per angle of the whole travel, as magnitude, m."""
+    """Compute stroke per angle of the whole travel, as magnitude, m."""
     joint = view.machine.joints[view.joint]
     assert joint.cylinder is not None
     low, high = joint.limits.position

@@ -147,7 +147,7 @@ class DriveView:
         return expected_sign(self.v, self.noise[self.joint].speed)
 
     def power(self, exponent: float) -> FloatArray:
-        """Expected ``|v|^exponent sgn(v)``, given the speed's noise."""
+        """Compute expected ``|v|^exponent sgn(v)``, given the speed's noise."""
         return expected_power(self.v, self.noise[self.joint].speed, exponent)
 
     @property
@@ -161,7 +161,7 @@ class DriveView:
         return self.loads[:, self.joint]
 
     def bending_force(self, friction: bool) -> FloatArray:
-        """What bends a structure or takes up a play between two position sensors, N at the piston.
+        """Compute what bends a structure or takes up play between position sensors, N at the piston.
 
         With ``friction`` what the chambers give, else what the arm asks of the piston.
         """
@@ -182,17 +182,17 @@ class DriveView:
 
     @property
     def p2(self) -> FloatArray:
-        """Expected rod pressure, Pa: what motion and model force tell of it, without its own noise."""
+        """Expected rod pressure, Pa: by motion and model force, without its own noise."""
         return self.rod_pressure_of(self.joint)
 
     def head_pressure_of(self, joint: int) -> FloatArray:
-        """:attr:`p1` of any joint that has a cylinder with pressures."""
+        """Return :attr:`p1` of any joint that has a cylinder with pressures."""
         cylinder = self.machine.joints[joint].cylinder
         assert cylinder is not None
         return (self.forces[:, joint] + self.rod_pressure_of(joint) * cylinder.rod_area) / cylinder.head_area
 
     def rod_pressure_of(self, joint: int) -> FloatArray:
-        """:attr:`p2` of any joint that has a cylinder with pressures."""
+        """Return :attr:`p2` of any joint that has a cylinder with pressures."""
         if "rod_pressures" not in self.shared:
             self.shared["rod_pressures"] = self.rod_pressures()
         return self.shared["rod_pressures"][:, joint]
@@ -203,7 +203,7 @@ class DriveView:
         return self.ranges[self.joint]
 
     def body_change(self, position: FloatArray) -> FloatArray:
-        """Change (N, n) of all drive efforts when this joint's link moves by ``position`` (N,), to first order.
+        """Compute the change (N, n) of all drive efforts when this link moves by ``position`` (N,), first order.
 
         Along the whole trajectory: speed and acceleration change with the position.
         """
@@ -227,7 +227,7 @@ class DriveView:
         return self.cache["body_slopes"]
 
     def speed_of(self, other: int) -> FloatArray:
-        """Speed of another joint's driving element."""
+        """Return the speed of another joint's driving element."""
         return self.segment.v[:, other]
 
 
@@ -315,27 +315,27 @@ class Effect(ABC):
     includes: ClassVar[tuple[str, ...]] = ()
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """Whether the joint can have this effect, and its channels can show it."""
+        """Return whether the joint can have this effect, and its channels show it."""
         return machine.joints[joint].cylinder is not None or not self.needs_cylinder
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shape parameters; one empty shape if there are none. ``view`` gives scales (its ranges)."""
+        """Return the grid of shape parameters; one empty shape if none. ``view`` gives scales (its ranges)."""
         return ({},)
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Other joints that the effect may involve, one candidate each; one empty tuple if none."""
+        """Return other joints that the effect may involve, one candidate each; one empty tuple if none."""
         return ((),)
 
     @abstractmethod
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all joints."""
+        """Compute columns, drive effort per unit of each parameter: (N, k), or (N, n, k) where it acts on all."""
 
     def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn] | None:
-        """Its columns as changes of the rigid body, which exports write out; None where they are none."""
+        """Return its columns as changes of the rigid body, for exports; None where they are none."""
         return None
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Values that the formula counts from and that no parameter holds: name to value and unit.
+        """Return values that the formula counts from outside its parameters: name to value and unit.
 
         Where the recordings or the machine file set them (a middle of the stroke that was used), coefficients of two
         identifications can be compared only beside them.
@@ -343,36 +343,36 @@ class Effect(ABC):
         return {}
 
     def signal(self, shape: Shape) -> str:
-        """Signal that its formula is one of, in this shape, as :attr:`variable` names it."""
+        """Return the signal of its formula, in this shape, as :attr:`variable` names it."""
         return self.variable
 
     def overtone(self, shape: Shape) -> Shape | None:
-        """Shape of what is mixed into a periodic formula in nature; None where it is not periodic."""
+        """Return the shape of nature's overtone to a periodic formula; None where not periodic."""
         return None
 
     def confined(self, shape: Shape) -> bool:
-        """Whether the effect, in this shape, acts in single recordings only: no other can confirm or refuse it."""
+        """Return whether the effect, in this shape, acts in single recordings only: no other tests it."""
         return False
 
     def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
-        """The same between two position sensors, where it may have others there."""
+        """Return the shapes between two position sensors, where others are possible."""
         return self.shapes(view)
 
     def gap_units(self, shape: Shape) -> tuple[str, ...]:
-        """Units of its parameters there, in a shape."""
+        """Return the units of its parameters there, in a shape."""
         return tuple(parameter.unit for parameter in self.parameters)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """Columns (N, k) of what one unit adds to (piston position less x(joint position)), m; None if nothing."""
+        """Compute what a unit adds to (piston position less x(joint position)), m, columns (N, k); None if nothing."""
         return None
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
-        """What these values add to that gap, m (N,), however large they are; None if nothing."""
+        """Compute what these values add to that gap, m (N,), of any size; None if nothing."""
         columns = self.gap_columns(view, shape)
         return None if columns is None else np.asarray(columns @ np.asarray(values))
 
     def places(self, shape: Shape) -> Sequence[Shape]:
-        """Shapes among which only the efforts can choose, for what is found between position sensors."""
+        """Return shapes among which only efforts can choose, for a finding between position sensors."""
         return (shape,)
 
     def apply_to_signals(
@@ -382,13 +382,13 @@ class Effect(ABC):
         raise NotImplementedError(f"{self.id} is no effect on positions")
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
-        """Whether each value lies, within two standard deviations, in its parameter's interval."""
+        """Return whether each value is in its parameter's interval within two std."""
         return all(
             p.low - 2 * s <= value <= p.high + 2 * s for p, value, s in zip(self.parameters, values, stds, strict=True)
         )
 
     def possible(self, values: Sequence[float], stds: Sequence[float]) -> float:
-        """Share, 0 to 1, of normal values about these ones with these deviations that is physically possible."""
+        """Compute the share, 0 to 1, of normal values about these with these deviations that is possible."""
         share = 1.0
         for p, value, std in zip(self.parameters, values, stds, strict=True):
             if std > 0:
@@ -397,7 +397,7 @@ class Effect(ABC):
 
 
 def has_both_positions(machine: Machine, joint: int) -> bool:
-    """Whether piston and joint are measured independently, so that kinematics can be checked without dynamics."""
+    """Return whether piston and joint are measured independently, so kinematics is checked without dynamics."""
     name = machine.joints[joint].name
     both = all(machine.channel(quantity, name) is not None for quantity in ("joint_position", "piston_position"))
     return both and machine.joints[joint].cylinder is not None
@@ -409,12 +409,12 @@ SITES: tuple[Shape, ...] = tuple({"about": a, "friction": f} for a in (0.0, 1.0)
 
 
 def gap_lever(view: DriveView, shape: Shape) -> FloatArray:
-    """Piston stroke (N,) per unit of what gives way at a site, and effort there per force at the piston."""
+    """Compute piston stroke (N,) per unit of what gives way at a site, and effort there per piston force."""
     return view.r if shape.get("about", 1.0) else np.ones(len(view))
 
 
 def position_change(view: DriveView, error: FloatArray) -> FloatArray:
-    """Change (N,) of (piston position less x(joint position)) where the joint's reading is too large by ``error``."""
+    """Compute the change (N,) of (piston position less x(joint position)) by a joint reading too large by ``error``."""
     cylinder = view.machine.joints[view.joint].cylinder
     assert cylinder is not None
     linkage = cylinder.linkage
@@ -422,11 +422,11 @@ def position_change(view: DriveView, error: FloatArray) -> FloatArray:
 
 
 def has_pressures(machine: Machine, joint: int) -> bool:
-    """Whether both chambers of the joint's cylinder are measured."""
+    """Return whether both chambers of the joint's cylinder are measured."""
     name = machine.joints[joint].name
     return all(machine.channel(quantity, name) is not None for quantity in ("head_pressure", "rod_pressure"))
 
 
 def geometric(low: float, high: float, count: int) -> tuple[float, ...]:
-    """``count`` values from ``low`` to ``high`` with equal ratios."""
+    """Return ``count`` values from ``low`` to ``high`` with equal ratios."""
     return tuple(float(value) for value in np.geomspace(low, high, count))

@@ -34,11 +34,11 @@ class BaseTilt(Effect):
     machine_wide = True
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """There has to be gravity."""
+        """Return whether there is gravity."""
         return any(machine.gravity)
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 2) for all joints."""
+        """Compute columns (N, n, 2) for all joints."""
         segment = view.segment
         if not segment.loaded:
             return np.zeros((len(segment), len(view.machine.joints), 2))
@@ -49,13 +49,13 @@ class BaseTilt(Effect):
         return np.stack(columns, axis=2)
 
     def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
-        """The fitted links in fields across gravity."""
+        """Return the fitted links in fields across gravity."""
         gravity = np.asarray(machine.gravity, dtype=float)
         return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in across(gravity)]
 
 
 def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Two unit vectors across gravity, shape (3,) each."""
+    """Compute two unit vectors across gravity, shape (3,) each."""
     down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
     start = np.eye(3)[int(np.argmin(np.abs(down)))]
     first = np.cross(down, start)

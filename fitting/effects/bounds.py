@@ -42,7 +42,7 @@ class Inside:
 
 
 def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatArray) -> Inside | None:
-    """The best values inside an effect's bounds; None where they are the ``free`` ones (k,).
+    """Find the best values inside an effect's bounds; None where the ``free`` ones (k,) are.
 
     Parameters
     ----------
@@ -70,5 +70,5 @@ def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatAr
 
 @cache
 def limits(effect: Effect) -> Bounds:
-    """Lower and upper bounds (k,) of an effect's parameters."""
+    """Return lower and upper bounds (k,) of an effect's parameters."""
     return np.array([p.low for p in effect.parameters]), np.array([p.high for p in effect.parameters])

@@ -56,7 +56,7 @@ class _Bench:
 
 
 def check_effect(effect: Effect) -> None:
-    """Raise ``AssertionError``, with a text that says what is wrong, if the effect breaks the contract.
+    """Raise ``AssertionError``, with a text that names what is wrong, if the effect breaks the contract.
 
     Checked: texts are there; parameters are named once; on every joint that it applies to, every shape gives finite
     columns of the right form, beyond the fitted ranges as well, that add something in a loaded recording; a joint's
@@ -194,7 +194,7 @@ def _columns(effect: Effect, view: DriveView, shape: Shape, place: str) -> Float
 
 
 def _both(bench: _Bench) -> list[int]:
-    """Joints of a bench with two position sensors."""
+    """List joints of a bench with two position sensors."""
     return [
         j
         for j, joint in enumerate(bench.machine.joints)
@@ -204,7 +204,7 @@ def _both(bench: _Bench) -> list[int]:
 
 
 def _with_efforts(view: DriveView) -> DriveView:
-    """The view with measured efforts, which what bends between two position sensors may look at."""
+    """Add measured efforts to the view, for what bends between two position sensors."""
     return replace(view, segment=replace(view.segment, effort=view.forces), cache={})
 
 
@@ -231,7 +231,7 @@ def _like(first: FloatArray, second: FloatArray) -> bool:
 
 
 def _beyond(view: DriveView) -> DriveView:
-    """The view of a recording that goes three times as far, and is three times as fast, as those that were fitted."""
+    """Return the view of a recording that goes three times as far, three times as fast, as the fitted ones."""
     ranges = tuple(
         replace(own, x=(own.middle - own.span / 6, own.middle + own.span / 6), v=own.v / 3, force=own.force / 3)
         for own in view.ranges
@@ -240,13 +240,13 @@ def _beyond(view: DriveView) -> DriveView:
 
 
 def _turned(view: DriveView) -> DriveView:
-    """The view with every speed turned round; positions, accelerations and forces as they were."""
+    """Return the view with all speeds reversed; positions, accelerations and forces as they are."""
     segment = replace(view.segment, v=-view.segment.v, qd=-view.segment.qd)
     return replace(view, segment=segment, cache={}, shared={})
 
 
 def _stronger(view: DriveView) -> DriveView:
-    """The view of a model with twice the forces."""
+    """Return the view of a model with twice the forces."""
     return replace(
         view,
         forces=2 * view.forces,

@@ -33,12 +33,12 @@ class CounterbalanceValve(Effect):
     source = "ISO 8643 (load-holding valves of earth-moving machinery)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
+        """Return the grid of shapes; see :class:`Effect`."""
         # A valve opens over a band of load; were it as wide as the largest load, it would be friction under load.
         return [{"side": side, "band": band} for side in (1.0, -1.0) for band in (0.0, 0.1, 0.4)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         side, band = shape["side"], shape.get("band", 0.0) * max(view.range.force, 1e-12)
         load = np.maximum(side * view.load, 0.0)
         open_share = np.tanh(load / band) if band else (load > 0).astype(float)

@@ -38,16 +38,16 @@ class CrossCylinderCoupling(Effect):
     source = "Merritt, Hydraulic Control Systems, 1967 (line losses)"
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Every other joint in turn."""
+        """Return every other joint in turn."""
         return [(other,) for other in range(len(machine.joints)) if other != joint]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         speed = view.speed_of(int(shape["other"]))
         return np.column_stack([np.abs(speed), speed**2, speed, speed * np.abs(speed)])
 
     def possible(self, values: Sequence[float], stds: Sequence[float]) -> float:
-        """Share of values with which a line's loss grows at least as fast as the flow.
+        """Compute the share of values with which a line's loss grows at least like the flow.
 
         Then the linear and the quadratic part push the same way, in the even and in the odd part each.
         """

@@ -38,33 +38,33 @@ class EncoderEccentricity(Effect):
     includes = ("encoder_offset",)
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """From the efforts only where kinematics cannot tell it better."""
+        """Return whether efforts are needed: kinematics cannot show it better."""
         revolute = machine.joints[joint].type == "revolute"
         return revolute and not has_both_positions(machine, joint)
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Periods per turn."""
+        """Return the periods per turn."""
         return [{"n": float(n)} for n in (1, 2, 3, 4, 6, 8)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 3): all efforts of the links from this joint on."""
+        """Compute columns (N, n, 3): all efforts of the links from this joint on."""
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 3))
         waves = _waves(view.q, shape)
         return np.stack([view.body_change(-wave) for wave in waves.T], axis=2)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``-r sin n q``, ``-r cos n q`` and ``-r``."""
+        """Return ``-r sin n q``, ``-r cos n q`` and ``-r``."""
         return -view.r[:, None] * _waves(view.q, shape)
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """The encoder's error, by its own reading."""
+        """Correct the encoder's error, by its own reading."""
         return corrections.with_position_error(joint, lambda q: _error(q, shape, values))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
-        """The same for an error of any size."""
+        """Compute the same for an error of any size."""
         return position_change(view, _error(view.q, shape, values))
 
 
@@ -74,7 +74,7 @@ def _waves(q: FloatArray, shape: Shape) -> FloatArray:
 
 
 def _error(reading: FloatArray, shape: Shape, values: Sequence[float]) -> FloatArray:
-    """Error (N,) of readings (N,), rad: it is a harmonic of the disc's angle, not of what is read."""
+    """Compute the error (N,) of readings (N,), rad: a harmonic of the disc's angle, not of the reading."""
     angle = reading
     for _ in range(_TURNS):
         angle = reading - _waves(angle, shape) @ np.asarray(values)

@@ -32,25 +32,25 @@ class EncoderOffset(Effect):
     spreads = True
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """From the efforts only where kinematics cannot tell it better."""
+        """Return whether efforts are needed: kinematics cannot show it better."""
         return not has_both_positions(machine, joint) and joint > 0
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 1): all efforts of the links from this joint on."""
+        """Compute columns (N, n, 1): all efforts of the links from this joint on."""
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 1))
         return view.body_change(-np.ones(len(view)))[:, :, None]
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``-r``: x(q) is taken at a position that is too large by the offset."""
+        """Return ``-r``: x(q) is taken at a position that is too large by the offset."""
         return -view.r[:, None]
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """The encoder's zero."""
+        """Correct the encoder's zero."""
         return corrections.with_position_error(joint, lambda q: np.full_like(q, values[0]))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
-        """The same for an offset of any size."""
+        """Compute the same for an offset of any size."""
         return position_change(view, np.full(len(view), values[0]))

@@ -35,7 +35,7 @@ class EndCushion(Effect):
     source = "ISO 10100 (cylinders, cushioning)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
+        """Return the grid of shapes; see :class:`Effect`."""
         return [
             {"side": side, "share": share, "n": n}
             for side in (-1.0, 1.0)
@@ -44,13 +44,13 @@ class EndCushion(Effect):
         ]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Values that the formula counts from; see :class:`Effect`."""
+        """Return values that the formula counts from; see :class:`Effect`."""
         low, high = _stroke(view)
         depth = shape["share"] * (high - low)
         return {"x_c": (high - depth if shape["side"] > 0 else low + depth, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         low, high = _stroke(view)
         depth = shape["share"] * (high - low)
         inside = np.maximum(0.0, view.x - (high - depth) if shape["side"] > 0 else (low + depth) - view.x)
@@ -59,7 +59,7 @@ class EndCushion(Effect):
 
 
 def _stroke(view: DriveView) -> tuple[float, float]:
-    """Ends of the stroke that the joint may use, or went to, m: a cushion sits there, wherever recordings were."""
+    """Return ends of the allowed or reached stroke, m: a cushion is there, wherever recordings were."""
     joint, (low, high) = view.machine.joints[view.joint], view.range.x
     assert joint.cylinder is not None
     ends = np.clip(joint.cylinder.linkage.piston_position(np.array(joint.limits.position)), 0.0, joint.cylinder.stroke)

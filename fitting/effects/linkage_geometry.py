@@ -39,12 +39,12 @@ class LinkageGeometry(Effect):
     source = "derivative of F_l = tau / r with respect to a pin coordinate"
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """The linkage has to have parameters."""
+        """Return whether the linkage has parameters."""
         cylinder = machine.joints[joint].cylinder
         return cylinder is not None and len(parameter_names(cylinder.linkage)) > 0
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """One parameter of the linkage, alone or with what a displaced pin changes beside it.
+        """Return one parameter of the linkage, alone or with what a displaced pin changes too.
 
         A pin moves in a plane: its distance from the axis changes (``parameter``, its number), and its bearing
         (``turn``: 1). The piston's sensor may have been zeroed before or after (``zero``: 1; only where both positions
@@ -67,25 +67,25 @@ class LinkageGeometry(Effect):
         ]
 
     def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
-        """The same, but for a bearing alone: between two position sensors that is an encoder's offset."""
+        """Return the same, but no bearing alone: between position sensors that is an encoder's offset."""
         return [shape for shape in self.shapes(view) if shape["parameter"] >= 0 or shape["zero"]]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, 3); see :class:`Effect`."""
+        """Compute columns (N, 3); see :class:`Effect`."""
         linkage = _linkage(view)
         if not view.segment.loaded:
             return np.zeros((len(view), 3))
         return -view.load[:, None] * _chosen(linkage, lever_arm_derivatives(linkage, view.q), shape) / view.r[:, None]
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``dx/dp``: the piston is where the true linkage puts it, the model's x(q) where the file's does."""
+        """Return ``dx/dp``: the piston is at the true linkage's x(q), the model at the file's."""
         linkage = _linkage(view)
         return _chosen(linkage, parameter_derivatives(linkage, view.q), shape)
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """The machine's linkage, as it is found to be."""
+        """Correct the machine's linkage to the finding."""
         machine = corrections.machine
         number = next(n for n, each in enumerate(machine.joints) if each.name == joint)
         cylinder = machine.joints[number].cylinder
@@ -97,13 +97,13 @@ class LinkageGeometry(Effect):
         return replace(corrections, machine=machine.model_copy(update={"joints": tuple(joints)}))
 
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
-        """The same for a displacement of any size."""
+        """Compute the same for a displacement of any size."""
         linkage = _linkage(view)
         return changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
 
 
 def changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
-    """The linkage with its parameters changed by ``values``, as :class:`LinkageGeometry` names them."""
+    """Change the linkage's parameters by ``values``, as :class:`LinkageGeometry` names them."""
     for number, value in zip(_numbers(linkage, shape), values, strict=True):
         if number is None or not value:
             continue
@@ -124,7 +124,7 @@ def _linkage(view: DriveView) -> Linkage:
 
 
 def _numbers(linkage: Linkage, shape: Shape) -> tuple[int | None, int | None, int | None]:
-    """Numbers of the linkage's parameters that the three values change; None for those that stay."""
+    """Return the numbers of the linkage's parameters of the three values; None for unchanged ones."""
     names = parameter_names(linkage)
     number = int(shape["parameter"])
     turn, zero = (
@@ -134,7 +134,7 @@ def _numbers(linkage: Linkage, shape: Shape) -> tuple[int | None, int | None, in
 
 
 def _chosen(linkage: Linkage, derivatives: FloatArray, shape: Shape) -> FloatArray:
-    """Derivatives (N, 3) with respect to the three values; zero for those that stay."""
+    """Return derivatives (N, 3) by the three values; zero for unchanged ones."""
     columns = np.zeros((len(derivatives), 3))
     for place, number in enumerate(_numbers(linkage, shape)):
         if number is not None:

@@ -34,7 +34,7 @@ class Payload(Effect):
     machine_wide = True
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """One recording, or all of them (-1), from its start or from one of some moments on."""
+        """Return one recording, or all (-1), from its start or from one of some moments on."""
         start, end = view.range.time
         return [
             {"recording": float(recording), "t_0": start + share * (end - start)}
@@ -44,11 +44,11 @@ class Payload(Effect):
         ]
 
     def confined(self, shape: Shape) -> bool:
-        """A mass that was there in one recording says nothing of another."""
+        """Return whether it acts in one recording, without bearing on others."""
         return shape["recording"] >= 0
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 1) for all joints."""
+        """Compute columns (N, n, 1) for all joints."""
         segment = view.segment
         joints = len(view.machine.joints)
         if not segment.loaded or int(shape["recording"]) not in (-1, segment.recording):
@@ -61,7 +61,7 @@ class Payload(Effect):
         return (view.cache["tip"] * (view.clock >= shape["t_0"])[:, None])[:, :, None]
 
     def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
-        """A point mass at the tip; none where it was there in one recording only."""
+        """Return a point mass at the tip; none where it was there in one recording only."""
         if self.confined(shape):
             return ()
         links = np.zeros((len(machine.joints), 10))

@@ -31,15 +31,15 @@ class PoseDependentFriction(Effect):
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014"
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Every other joint in turn."""
+        """Return every other joint in turn."""
         return [(other,) for other in range(len(machine.joints)) if other != joint]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Values that the formula counts from; see :class:`Effect`."""
+        """Return values that the formula counts from; see :class:`Effect`."""
         return {"q_m": (0.5 * sum(view.machine.joints[int(shape["other"])].limits.position), "rad")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         other = int(shape["other"])
         low, high = view.machine.joints[other].limits.position
         turned = view.segment.q[:, other] - 0.5 * (low + high)

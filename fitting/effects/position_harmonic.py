@@ -35,21 +35,21 @@ class PositionHarmonic(Effect):
     source = "EMPS benchmark: 2.5 mm harmonic of the screw"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
+        """Return the grid of shapes; see :class:`Effect`."""
         # Fewer than three periods over the stroke are no periodicity that data could show.
         cycles = np.arange(3.25, 40.0, 0.75)
         return [{"pitch": view.range.span / c, "odd": odd} for c in cycles.tolist() for odd in (0.0, 1.0)]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Values that the formula counts from; see :class:`Effect`."""
+        """Return values that the formula counts from; see :class:`Effect`."""
         return {"x_m": (view.range.middle, "m")}
 
     def overtone(self, shape: Shape) -> Shape | None:
-        """Half of the pitch: no wave is a pure sine."""
+        """Return half of the pitch: no wave is a pure sine."""
         return {**shape, "pitch": 0.5 * shape["pitch"]}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         key = f"harmonic {shape['pitch']}"  # shared by the even and the odd one
         if key not in view.cache:
             phase = 2 * np.pi * (view.x - view.range.middle) / shape["pitch"]

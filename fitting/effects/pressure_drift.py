@@ -30,16 +30,16 @@ class PressureDrift(Effect):
     source = "transducer data sheets: thermal zero shift"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """A steady drift (tau 0), or one that settles within the recording."""
+        """Return a steady drift (tau 0), and ones that settle within the recording."""
         start, end = view.range.time
         return [{"tau": 0.0}, *({"tau": share * (end - start)} for share in (0.25, 0.6, 1.5))]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         tau = shape["tau"]
         drift = -tau * np.expm1(-view.clock / tau) if tau else view.clock
         return np.column_stack([drift, np.ones(len(drift))])
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:
-        """Without a drift it would be an offset by another name."""
+        """Return whether there is a drift: else it would be an offset by another name."""
         return abs(values[0]) > 3.0 * stds[0]

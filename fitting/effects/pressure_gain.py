@@ -28,19 +28,19 @@ class PressureGain(Effect):
     source = "transducer data sheets: span error"
 
     def applies(self, machine: Machine, joint: int) -> bool:
-        """Both chambers have to be measured."""
+        """Return whether both chambers are measured."""
         return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Grid of shapes; see :class:`Effect`."""
+        """Return the grid of shapes; see :class:`Effect`."""
         return ({"chamber": 1.0}, {"chamber": 2.0})
 
     def signal(self, shape: Shape) -> str:
-        """The chamber's pressure."""
+        """Return the chamber's pressure."""
         return "head_pressure" if shape["chamber"] == 1.0 else "rod_pressure"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         cylinder = view.machine.joints[view.joint].cylinder
         assert cylinder is not None
         force = view.p1 * cylinder.head_area if shape["chamber"] == 1.0 else -view.p2 * cylinder.rod_area

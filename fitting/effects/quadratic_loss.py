@@ -27,5 +27,5 @@ class QuadraticLoss(Effect):
     source = "Merritt, Hydraulic Control Systems, 1967 (orifice flow)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         return (view.v * np.abs(view.v))[:, None]

@@ -25,5 +25,5 @@ class SensorLatency(Effect):
     source = "first-order expansion of F(t - tau)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, k); see :class:`Effect`."""
+        """Compute columns (N, k); see :class:`Effect`."""
         return -view.bank.rate(view.force)[:, None]

@@ -34,21 +34,21 @@ class StructuralFlexibility(Effect):
     spreads = True
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, n, 1): what the bending of this joint does to all efforts."""
+        """Compute columns (N, n, 1): what the bending of this joint does to all efforts."""
         if not view.segment.loaded:
             return np.zeros((len(view), len(view.machine.joints), 1))
         return view.body_change(-view.quiet_torque)[:, :, None]
 
     def gap_shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Along the cylinder or about the joint, with the friction of the seals or without."""
+        """Return shapes along the cylinder or about the joint, with the seals' friction or not."""
         return SITES
 
     def gap_units(self, shape: Shape) -> tuple[str, ...]:
-        """Along the cylinder a length, about the joint an angle."""
+        """Return a length along the cylinder, an angle about the joint."""
         return ("rad/(N m)",) if shape.get("about", 1.0) else ("m/N",)
 
     def gap_columns(self, view: DriveView, shape: Shape) -> FloatArray | None:
-        """``h^2 F``: what is beyond the bending stays behind the piston by ``c F`` along the cylinder (lever h = 1), by
+        """Compute ``h^2 F``: what is beyond the bending lags the piston by ``c F`` along the cylinder (lever h = 1), by
         ``c r F`` about the joint (h = r)."""
         if not has_both_positions(view.machine, view.joint):
             return None
@@ -57,5 +57,5 @@ class StructuralFlexibility(Effect):
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """Each sensor tells of its own side."""
+        """Correct each sensor to its own side."""
         return corrections.with_play(joint, "pin")

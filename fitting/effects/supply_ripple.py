@@ -38,11 +38,11 @@ class SupplyRipple(Effect):
     source = "flow ripple of positive-displacement pumps: shaft speed times number of pistons or teeth, and aliases"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """One frequency amid the band, for detection limits; frequencies that are there come from the residual."""
+        """Return one frequency amid the band, for detection limits; actual frequencies come from the residual."""
         return ({"frequency": 0.5 * view.bank.bandwidth_hz},)
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Columns (N, 2); see :class:`Effect`."""
+        """Compute columns (N, 2); see :class:`Effect`."""
         phase = shape.get(f"phase_{view.segment.recording}", 0.0)
         angle = 2 * np.pi * shape["frequency"] * view.clock + phase
         return np.column_stack([np.sin(angle), np.cos(angle)])

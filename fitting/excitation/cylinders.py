@@ -99,12 +99,12 @@ class CylinderExcitation:
 
 
 def stage_one_columns(x: FloatArray, xd: FloatArray, xdd: FloatArray) -> FloatArray:
-    """The regressor of stage 1, shape (N, 5): ``[x'', x, sgn x', x', |x'|^(1/3) sgn x']``."""
+    """Compute stage 1's regressor, (N, 5): ``[x'', x, sgn x', x', |x'|^(1/3) sgn x']``."""
     return np.column_stack([xdd, x, np.sign(xd), xd, np.cbrt(xd)])
 
 
 def piston_limits(joint: Joint) -> tuple[tuple[float, float], float, float]:
-    """Interval (m), top speed (m/s) and acceleration (m/s^2) of a free piston.
+    """Compute the interval (m), top speed (m/s) and acceleration (m/s^2) of a free piston.
 
     The interval is that which the joint's limits span, inside the stroke: the part that is used later on.
     """
@@ -156,7 +156,7 @@ def design_cylinder_motion(
 
 
 def _flow(joint: Joint, speed: FloatArray) -> FloatArray:
-    """Flow (N,) into a free cylinder, m^3/s."""
+    """Compute the flow (N,) into a free cylinder, m^3/s."""
     assert joint.cylinder is not None
     return np.where(speed > 0, joint.cylinder.head_area, -joint.cylinder.rod_area) * speed
 
@@ -169,7 +169,7 @@ def _all_cylinders(
     slower: float,
     progress: Callable[[float, float], None] | None,
 ) -> CylinderExcitation:
-    """One course per cylinder, at ``slower`` times the top speed."""
+    """Make one course per cylinder, at ``slower`` times the top speed."""
     rng = np.random.default_rng(seed)
     count = round(options.seconds * machine.rate_hz)
     time = np.arange(count + 1) / machine.rate_hz
@@ -219,7 +219,7 @@ def _band_limited(
     limits: tuple[float, float, float],
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The best of several optimised series about mid-stroke; displacement from ``middle``, x', x''."""
+    """Find the best of several optimised series about mid-stroke: displacement from ``middle``, x', x''."""
     seconds = options.band_seconds
     highest = max(2, int(options.max_frequency * seconds))
     # Dense at low frequencies, where the long strokes are; always including the lowest and the highest.

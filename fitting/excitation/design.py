@@ -148,7 +148,7 @@ def design_sequence(
 
 
 def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | None) -> Excitation:
-    """The motion at the machine's rate; kinematic limits hold on a finer grid, flow and pressures with a reserve."""
+    """Make the motion at the machine's rate; limits hold on a finer grid, flow and pressures with a reserve."""
     machine, options = problem.machine, problem.options
     count = round(options.seconds * machine.rate_hz)
     fine: FloatArray = np.arange(_FINER * count + 1, dtype=float) * (options.seconds / (_FINER * count))
@@ -211,7 +211,7 @@ def _efforts(problem: Problem, q: FloatArray, qd: FloatArray, qdd: FloatArray) -
 
 
 def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> tuple[FloatArray, float]:
-    """Place (n,) to move about and factor for the whole motion, at most 1, that keep flow and pressures.
+    """Find the place (n,) to move about and the motion's factor, at most 1, that keep flow and pressures.
 
     Within 1 % of the largest factor. Where holding at ``home`` alone takes all of the pressure, that goes to mid-range
     with the motion.
@@ -237,7 +237,7 @@ def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> tuple[Flo
 
 
 def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> FloatArray:
-    """Information ``W'W`` (nb, nb) of a motion file: what it has gathered once it is recorded.
+    """Compute the information ``W'W`` (nb, nb) of a motion file, gained once it is recorded.
 
     Speeds and accelerations are those of a quintic spline through the positions, at rest at both ends, sampled at
     the machine's rate.
@@ -258,7 +258,7 @@ def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> Fl
 
 
 def information_of_recording(machine: Machine, base: BaseParameters, recording: Recording) -> FloatArray:
-    """Information ``W'W`` (nb, nb) of a recording with pinned rods, from its measured motion.
+    """Compute the information ``W'W`` (nb, nb) of a recording with pinned rods, by its measured motion.
 
     A joint that rests has noise for a speed and an acceleration, which would pass for excitation: zero is taken there.
 

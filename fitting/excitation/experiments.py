@@ -121,7 +121,7 @@ class Arm:
         return np.tile(pose, (samples, 1))
 
     def stairs(self, seconds: float, levels: int, slowest: float) -> FloatArray:
-        """Joint positions of a staircase about mid-way: constant speeds of what drives the joint."""
+        """Make joint positions of a staircase about mid-way: constant speeds of the drive."""
         each, way, time = self.machine.joints[self.joint], self.way(self.joint), self.time(seconds)
         try:
             if each.cylinder is None:
@@ -137,7 +137,7 @@ class Arm:
 
 
 def menu(arm: Arm) -> tuple[Experiment, ...]:
-    """All experiments of one joint that the limits allow."""
+    """List all experiments of one joint that the limits allow."""
     found = []
     for kind in KINDS:
         with contextlib.suppress(NotPossibleError):
@@ -146,7 +146,7 @@ def menu(arm: Arm) -> tuple[Experiment, ...]:
 
 
 def experiment(arm: Arm, kind: str) -> Experiment:
-    """One experiment.
+    """Make one experiment.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def experiment(arm: Arm, kind: str) -> Experiment:
 
 
 def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
-    """Middle, half way, speed and acceleration that the piston may have wherever the joint is."""
+    """Return the middle, half way, speed and acceleration allowed to the piston anywhere."""
     assert joint.cylinder is not None
     linkage = joint.cylinder.linkage
     x = np.sort(linkage.piston_position(np.array([way.middle - way.half, way.middle + way.half])))
@@ -193,12 +193,12 @@ def _seconds_of_step(arm: Arm, start: FloatArray, end: FloatArray) -> float:
 
 
 def _largest_burst(way: _Way, frequency: float) -> float:
-    """Amplitude of a burst that keeps the limits: half a period of fading adds to ``2 pi f`` and its square."""
+    """Find a burst's largest amplitude within limits: half a period of fading adds to ``2 pi f`` and its square."""
     return min(way.half, way.speed / (10.1 * frequency), way.acceleration / (110.0 * frequency**2))
 
 
 def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[str, FloatArray]:
-    """The joint alone at three rates, the slowest ``ratio**2`` times slower than the highest, as often at each.
+    """Move the joint alone at three rates, the slowest ``ratio**2`` times slower than the highest, equally often.
 
     The rates move together where the time does not hold two periods of each. Returns what is done and the motion.
     """
@@ -255,7 +255,7 @@ def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
 
 
 def _poses(arm: Arm) -> tuple[FloatArray, FloatArray]:
-    """Poses of the other joints at which the mean size of the joint's load is smallest and largest."""
+    """Find poses of the other joints at which the joint's mean load is smallest and largest."""
     ends = np.array([(way.middle - way.half, way.middle + way.half) for way in map(arm.way, range(len(arm.middle)))])
     grid = np.array(np.meshgrid(*[(0.0, 0.5, 1.0)] * min(4, len(arm.middle)), indexing="ij"))
     shares = np.full((grid[0].size, len(arm.middle)), 0.5)
@@ -306,7 +306,7 @@ def _free_cylinder(arm: Arm) -> Experiment:
 
 
 def _kept(arm: Arm, q: FloatArray, kind: str) -> Motion:
-    """The motion, run as much slower as its limits ask for."""
+    """Run the motion as much slower as its limits ask for."""
     machine, use = arm.machine, arm.use
     time = np.arange(len(q)) / machine.rate_hz
     slower = 1.0
@@ -349,19 +349,19 @@ def _fifth_order(s: FloatArray) -> FloatArray:
 
 
 def _step(start: FloatArray, end: FloatArray, seconds: float, rate_hz: float) -> FloatArray:
-    """Fifth-order step from one pose (n,) to another, shape (N, n), end included."""
+    """Make a fifth-order step from one pose (n,) to another, (N, n), end included."""
     s = np.arange(1, round(seconds * rate_hz) + 1) / round(seconds * rate_hz)
     return start + (end - start) * _fifth_order(s)[:, None]
 
 
 def _burst(time: FloatArray, frequency: float, cycles: int) -> FloatArray:
-    """``cycles`` periods of a sine of amplitude 1, faded in and out over half a period each; 0 afterwards."""
+    """Make ``cycles`` periods of a unit sine, faded in and out over half a period each; 0 afterwards."""
     length = cycles / frequency
     edge = np.clip(2 * np.minimum(time, length - time) * frequency, 0.0, 1.0)
     return np.where(time <= length, _fifth_order(edge) * np.sin(2 * np.pi * frequency * time), 0.0)
 
 
 def _wave(time: FloatArray, seconds: float, frequency: float) -> FloatArray:
-    """A sine of amplitude 1 over the whole time, faded in and out within its first and last period or 3 s."""
+    """Make a unit sine over the whole time, faded in and out within its first and last period or 3 s."""
     edge = np.clip(np.minimum(time, seconds - time) / max(min(1 / frequency, seconds / 4), 3.0), 0.0, 1.0)
     return _fifth_order(edge) * np.sin(2 * np.pi * frequency * time)

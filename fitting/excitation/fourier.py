@@ -71,13 +71,13 @@ def fourier_basis(harmonics: tuple[int, ...], seconds: float, time: FloatArray) 
 
 
 def _null_space(row: FloatArray) -> FloatArray:
-    """Orthonormal vectors, shape (k, k - 1), on which ``row`` vanishes."""
+    """Compute orthonormal vectors, (k, k - 1), on which ``row`` vanishes."""
     return np.linalg.qr(np.column_stack([row, np.eye(len(row))[:, : len(row) - 1]]))[0][:, 1:]
 
 
 def spread_harmonics(count: int, joint: int, joints: int, seconds: float, max_frequency: float) -> tuple[int, ...]:
-    """``count`` harmonics of ``1 / seconds`` up to ``max_frequency`` (Hz), spread evenly, another set for
-    each joint.
+    """Choose ``count`` harmonics of ``1 / seconds`` up to ``max_frequency`` (Hz), spread evenly, another set for each
+    joint.
 
     Joints with different harmonics are uncorrelated in the first place; where the duration leaves no choice,
     they share. At least two harmonics are returned.

@@ -69,7 +69,7 @@ def limits_of_machine(
     flow: float | None = None,
     pressure: float | None = None,
 ) -> HydraulicLimits:
-    """What the machine file says of the supply, for planning.
+    """Return the machine file's supply limits, for planning.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def limits_of_machine(
 
 
 def supply_flow(machine: Machine, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Flow that all cylinders take, and its derivatives.
+    """Compute the flow that all cylinders take, and its derivatives.
 
     A cylinder that extends fills its head side (area A1), one that retracts its rod side (A2): ``A |r(q)
     q'|``.
@@ -118,7 +118,7 @@ def supply_flow(machine: Machine, q: FloatArray, qd: FloatArray) -> tuple[FloatA
 def chamber_pressure(
     cylinder: Cylinder, q: FloatArray, tau: FloatArray, friction: float, back_pressure: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Pressure in the working chamber that the effort ``tau`` takes, and its derivatives.
+    """Compute the working chamber's pressure for the effort ``tau``, and its derivatives.
 
     With ``F = tau / r``: pushing, ``p1 = (F + f + p_back A2) / A1``; pulling, ``p2 = (-F + f + p_back A1) / A2``; the
     larger of the two. Friction ``f`` is taken at its worst, against the load's help.
@@ -137,7 +137,7 @@ def chamber_pressure(
 
 
 def joint_numbers(machine: Machine, names: Sequence[str] | None) -> list[int]:
-    """Numbers of the joints with these names, all of them for None.
+    """Return the numbers of the joints with these names, all for None.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def limits_used(
     qdd: FloatArray,
     base: BaseParameters | None = None,
 ) -> tuple[LimitUse, ...]:
-    """Use of every limit by a motion, arrays (N, n); ``base`` belongs to the guess in ``limits``."""
+    """Compute a motion's use of every limit, arrays (N, n); ``base`` belongs to the guess in ``limits``."""
     tau = None
     if limits.pressure is not None and limits.base_parameters is not None:
         tau = base_regressor(machine, base or reduce_parameters(machine), q, qd, qdd) @ limits.base_parameters
@@ -173,7 +173,7 @@ def limits_used(
 
 
 def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[LimitUse, ...]:
-    """Use of position, velocity, acceleration and stroke by every joint that moves; arrays are (N, n)."""
+    """Compute every moving joint's use of position, velocity, acceleration and stroke; arrays (N, n)."""
     uses: list[LimitUse] = []
     for i, joint in enumerate(machine.joints):
         if np.abs(qd[:, i]).max() <= 1e-9 * joint.limits.velocity:
@@ -189,7 +189,7 @@ def joint_limits_used(machine: Machine, q: FloatArray, qd: FloatArray, qdd: Floa
 
 
 def interval_use(joint: str, quantity: str, values: FloatArray, interval: tuple[float, float], unit: str) -> LimitUse:
-    """Use of an interval by a course of values (N,), of the way from its middle to the nearer end."""
+    """Compute the use of an interval by values (N,), of the way from middle to the nearer end."""
     middle, half = sum(interval) / 2, (interval[1] - interval[0]) / 2
     extreme = float(values[np.argmax(np.abs(values - middle))])
     limit = interval[1] if extreme >= middle else interval[0]
@@ -197,7 +197,7 @@ def interval_use(joint: str, quantity: str, values: FloatArray, interval: tuple[
 
 
 def size_use(joint: str | None, quantity: str, values: FloatArray, limit: float, unit: str) -> LimitUse:
-    """Use of a limit by the largest size of values (N,)."""
+    """Compute the use of a limit by the largest size of values (N,)."""
     largest = float(np.abs(values).max())
     return LimitUse(joint, quantity, largest / limit, largest, limit, unit)
 
@@ -205,7 +205,7 @@ def size_use(joint: str | None, quantity: str, values: FloatArray, limit: float,
 def hydraulic_limits_used(
     machine: Machine, limits: HydraulicLimits, q: FloatArray, qd: FloatArray, tau: FloatArray | None
 ) -> tuple[LimitUse, ...]:
-    """Use of supply flow and chamber pressures; ``tau`` (N, n) in N m (N) is needed for pressures only."""
+    """Compute the use of supply flow and chamber pressures; ``tau`` (N, n) in N m (N) for pressures only."""
     uses: list[LimitUse] = []
     if limits.flow is not None:
         flow, _, _ = supply_flow(machine, q, qd)

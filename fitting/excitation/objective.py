@@ -38,13 +38,13 @@ _PROBES = ((0, _STEP), (0, -_STEP), (1, 1.0), (1, -1.0), (2, 1.0))  # signal (q,
 
 
 def information(Y: FloatArray) -> FloatArray:
-    """``W'W`` per sample, shape (nb, nb), of a regressor (N, n, nb)."""
+    """Compute ``W'W`` per sample, shape (nb, nb), of a regressor (N, n, nb)."""
     W = stacked(Y)
     return np.asarray(W.T @ W / Y.shape[0])
 
 
 def condition_of_information(G: FloatArray) -> float:
-    """Condition number of the column-scaled observation matrix with ``G = W'W``; infinite without full rank."""
+    """Compute the column-scaled observation matrix's condition number, ``G = W'W``; infinite without rank."""
     scale = np.sqrt(np.diag(G))
     if not np.all(scale > 0):
         return float("inf")
@@ -57,7 +57,7 @@ def condition_of_information(G: FloatArray) -> float:
 def spectral_objective(
     G: FloatArray, criterion: Criterion, power: int, signal_share: float = 0.0
 ) -> tuple[float, FloatArray]:
-    """Value of the criterion and its derivative ``M`` (symmetric, ``df = tr(M dG)``).
+    """Compute the criterion and its derivative ``M`` (symmetric, ``df = tr(M dG)``).
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Probed:
     _moved: int
 
     def gradient(self, weight: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Derivatives of ``sum(weight * Y)`` with respect to every sample's state.
+        """Differentiate ``sum(weight * Y)`` by every sample's state.
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ def probed_regressor(
     qdd: FloatArray,
     moved: IntArray,
 ) -> Probed:
-    """The regressor with what its derivatives need, all in one pass.
+    """Compute the regressor with what its derivatives need, in one pass.
 
     Parameters
     ----------

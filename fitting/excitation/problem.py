@@ -98,7 +98,7 @@ class Problem:
         return self.hydraulic.pressure is not None
 
     def split(self, coefficients: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:
-        """Series coefficients per moving joint, amplitudes (m,) in 0 to 1, and home pose (n,) of all joints."""
+        """Split series coefficients by moving joint, amplitudes (m,) in 0 to 1, and home pose (n,) of all."""
         ends = np.cumsum([basis.size for basis in self.bases])
         series = np.split(coefficients[: ends[-1]], ends[:-1])
         m, n, rest = len(self.joints), len(self.middle), coefficients[ends[-1] :]
@@ -118,7 +118,7 @@ def pose_problem(
     hydraulic: HydraulicLimits,
     rng: np.random.Generator,
 ) -> Problem:
-    """The problem of one motion; arguments as in :func:`fitting.excitation.design.design_motion`."""
+    """Pose the problem of a motion; arguments as in :func:`fitting.excitation.design.design_motion`."""
     if not base.only_rigid_body:
         raise ValueError("excitation is designed for inertial base parameters (friction_by_stage_1=True)")
     moved = np.array(joint_numbers(machine, names), dtype=np.intp)
@@ -158,12 +158,12 @@ def _bases(harmonics: tuple[tuple[int, ...], ...], seconds: float, samples: int)
 
 
 def resampled(problem: Problem, samples: int) -> Problem:
-    """The same problem looked at in another number of states."""
+    """Return the same problem at another number of states."""
     return replace(problem, bases=_bases(problem.harmonics, problem.options.seconds, samples))
 
 
 def _tellable(problem: Problem, rng: np.random.Generator) -> IntArray:
-    """A largest set of base columns that motions of these joints, with what was gathered, tell apart."""
+    """Find a largest set of base columns separable by motions of these joints and what was gathered."""
     q, qd, qdd, _ = states(problem, random_start(problem, rng), 24)
     G = information(base_regressor(problem.machine, problem.base, q, qd, qdd)) + problem.gathered
     kept: list[int] = []
@@ -176,7 +176,7 @@ def _tellable(problem: Problem, rng: np.random.Generator) -> IntArray:
 
 
 def random_start(problem: Problem, rng: np.random.Generator) -> FloatArray:
-    """Free coefficients of a random motion."""
+    """Draw free coefficients of a random motion."""
     parts = [rng.normal(size=basis.size) for basis in problem.bases]
     if problem.coupled:
         parts.append(np.full(len(problem.joints), _START_AMPLITUDE))
@@ -188,7 +188,7 @@ def random_start(problem: Problem, rng: np.random.Generator) -> FloatArray:
 def states(
     problem: Problem, coefficients: FloatArray, norm_power: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, Callable[..., FloatArray]]:
-    """The motion at the search's samples, and the map from its gradient to that of the coefficients.
+    """Compute the motion at the search's samples, and the map of its gradient to the coefficients'.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ def search(
     report: Callable[[float, float], None],
     condition: Callable[[FloatArray], float],
 ) -> FloatArray:
-    """The best coefficients that were found.
+    """Search the best coefficients.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _best_random(problem: Problem, rng: np.random.Generator) -> FloatArray:
 def value_and_gradient(
     problem: Problem, coefficients: FloatArray, stage: Stage, want_gradient: bool = True
 ) -> tuple[float, FloatArray]:
-    """Criterion with penalties, and its gradient (the coefficients themselves where it is not wanted)."""
+    """Compute criterion with penalties, and its gradient (the coefficients themselves where unwanted)."""
     q, qd, qdd, pull_back = states(problem, coefficients, stage.norm_power)
     # Under a pressure limit the home of joints that hold still counts as well.
     moved = np.arange(q.shape[1]) if problem.seeks_home else problem.joints
@@ -160,7 +160,7 @@ def value_and_gradient(
 def _hydraulic_penalty(
     problem: Problem, q: FloatArray, qd: FloatArray, Y: FloatArray, weight: float
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
-    """Mean squared relative excess of flow and pressures, and its derivatives with respect to q, q', tau."""
+    """Compute the mean squared relative excess of flow and pressures; derivatives by q, q', tau."""
     limits, samples = problem.hydraulic, q.shape[0]
     by_q, by_qd, by_tau = np.zeros(q.shape), np.zeros(q.shape), np.zeros(q.shape)
     value = 0.0

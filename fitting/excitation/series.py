@@ -37,7 +37,7 @@ class Series:
     home: FloatArray
 
     def states(self, machine: Machine, use: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Positions, speeds and accelerations (N, n) at the machine's rate, inside ``use`` of the limits."""
+        """Compute positions, speeds, accelerations (N, n) at the machine's rate, within ``use`` of the limits."""
         count = round(self.seconds * machine.rate_hz)
         time = np.arange(count + 1) / machine.rate_hz
         moving = np.zeros((3, count + 1, len(machine.joints)))
@@ -62,7 +62,7 @@ class Series:
         return moving[0], moving[1], moving[2]
 
     def motion(self, machine: Machine, use: float) -> Motion:
-        """The motion program."""
+        """Return the motion program."""
         q, _, _ = self.states(machine, use)
         time = np.arange(len(q)) / machine.rate_hz
         columns = {joint.name: q[:, j].copy() for j, joint in enumerate(machine.joints)}
@@ -70,7 +70,7 @@ class Series:
 
 
 def random_series(machine: Machine, seconds: float, rng: np.random.Generator, suspects: Sequence[int]) -> Series:
-    """A random motion; the suspects always move, the others by chance, at random homes."""
+    """Draw a random motion; suspects always move, others by chance, at random homes."""
     n = len(machine.joints)
     highest = max(_HIGHEST[int(rng.integers(len(_HIGHEST)))], 2.0 / seconds)
     harmonics = tuple(spread_harmonics(_HARMONICS, j, n, seconds, highest) for j in range(n))
@@ -86,7 +86,7 @@ def random_series(machine: Machine, seconds: float, rng: np.random.Generator, su
 
 
 def varied(series: Series, rng: np.random.Generator, size: float) -> Series:
-    """A neighbour of a series: everything moved a little, ``size`` over its usual spread."""
+    """Vary a series: everything moved a little, ``size`` over its usual spread."""
     n = len(series.home)
     moves = series.amplitude > 0
     return replace(

@@ -25,7 +25,7 @@ def staircase(
     top_acceleration: float,
     slowest: float = SLOWEST,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Constant speeds, slow to fast: from the middle out to one side, over to the other, and back.
+    """Make constant speeds, slow to fast: from the middle out to one side, over to the other, and back.
 
     Fast levels run the whole stroke, as often as their share of the time allows, or once if it takes no more than 40 %
     of what is left; slower ones share the rest.
@@ -70,7 +70,7 @@ def staircase(
 
 
 def _without_stops(steps: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The steps with no rest between a cycle and the next, which goes the same way: there a speed has no sign.
+    """Join a cycle and the next, in the same direction, without rest: at rest a speed has no sign.
 
     ``(t0, 0), (t1, v1)`` after the speed ``v0`` becomes one ramp from ``v0`` to ``v1`` that covers the same way, and so
     lasts ``(v0 t0 + v1 t1) / (v0 + v1)``.
@@ -96,14 +96,14 @@ def _ramp(speed: float, top_acceleration: float) -> float:
 
 
 def _speed_with_hold(speed: float, half: float, top_acceleration: float) -> float:
-    """``speed``, or the highest below it that is held for a while between two ends of the stroke."""
+    """Return ``speed``, or the highest below it that is held for a while between stroke ends."""
     while half / speed - 1.1875 * _ramp(speed, top_acceleration) < _ramp(speed, top_acceleration) / 2:
         speed *= 0.95
     return speed
 
 
 def _level(seconds: float, speed: float, half: float, top_acceleration: float) -> list[tuple[float, float]]:
-    """One level as (duration, speed at its end): cycles out, over and back, at ``speed`` or the highest that fits.
+    """Make one level as (duration, end speed): cycles out, over and back, at ``speed`` or the highest possible.
 
     A cycle of period ``P``: ramp 0 to v (``t``), hold ``a``, reverse (``2 t``), hold ``b``, reverse (``2 t``), hold
     ``a``, ramp v to 0 (``t``). Half a reversal covers ``0.6875 v t``, a ramp from rest ``0.5 v t``, so the turn is ``v
@@ -132,7 +132,7 @@ def _level(seconds: float, speed: float, half: float, top_acceleration: float) -
 
 
 def follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Displacement, speed and acceleration of a piston that starts at rest at 0; exact integrals of the ramps."""
+    """Integrate displacement, speed and acceleration of a piston from rest at 0; exact for the ramps."""
     x, xd, xdd = np.zeros((3, time.size))
     position = 0.0
     for (t0, v0), (t1, v1) in pairwise(knots):

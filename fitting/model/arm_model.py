@@ -235,7 +235,7 @@ class ArmModel:
         return 0.0 if self.temperature is None else sum(self.temperature) / 2
 
     def drive_values(self, joint: int) -> dict[str, float]:
-        """Parameters of a joint's drive by name."""
+        """Return the parameters of a joint's drive by name."""
         values = self.theta[self.parameters.drive_slice(joint)].tolist()
         return dict(zip(self.parameters.drive[joint], values, strict=True))
 
@@ -252,36 +252,36 @@ class ArmModel:
 
     @cached_property
     def delays(self) -> tuple[dict[str, float], frozenset[str]]:
-        """Joint name to s by which its effort is late, and whose samples were handed on late."""
+        """Joint name to s by which its effort is late, and whose samples were passed on late."""
         return delays(self, self.terms)
 
     def place(self, term: Term) -> str:
-        """Where a term is: its joint, or the machine."""
+        """Return a term's place: its joint, or the machine."""
         return "the machine" if term.joint is None else self.joints[term.joint]
 
     def rest(self, lost: Collection[int]) -> ArmModel | None:
-        """The fit without some of the terms; None where there is none."""
+        """Return the fit without some of the terms; None where there is none."""
         kept = [term.label for number, term in enumerate(self.terms) if number not in lost]
         return next((own for own in self.rests if [term.label for term in own.terms] == kept), None)
 
     def recording_number(self, sha256: str) -> int:
-        """Which recording of the identification has this hash; :data:`FOREIGN` for another."""
+        """Return the number of the recording with this hash; :data:`FOREIGN` for another."""
         return next((n for n, source in enumerate(self.provenance.data) if source.sha256 == sha256), FOREIGN)
 
 
 def over_time(term: Term) -> bool:
-    """Whether a term at one moment depends on the motion before it (or on its sampling): a history, a derivative."""
+    """Return whether a term depends on the motion before (or its sampling): a history, a derivative."""
     if isinstance(term.content, Law):
         return any(signal in _MEMORY for signal, _ in term.content.signals)
     return term.content.over_time
 
 
 def of_sensors(term: Term) -> bool:
-    """Whether a term is what sensors do to a reading, not a force of the machine."""
+    """Return whether a term acts on a reading, not as a force of the machine."""
     return isinstance(term.content, Effect) and term.content.level == "measurement"
 
 
 def phase_unknown(term: Term, number: int) -> bool:
-    """Whether a term has a phase that belongs to single recordings, and this is none of them."""
+    """Return whether a term's phase belongs to single recordings, and this is none."""
     phases = [key for key in term.shape if key.startswith("phase_")]
     return bool(phases) and f"phase_{number}" not in phases

@@ -40,7 +40,7 @@ def register(app: typer.Typer) -> None:
 
 
 def opened(model: Path, recording: Path, columns: Path | None, resample: bool) -> tuple[ArmModel, Recording]:
-    """A model and a recording of its arm, by the options of the commands."""
+    """Open a model and a recording of its arm, by the commands' options."""
     from fitting.model.codec import load_model
     from fitting.model.prediction import load_recording
 
@@ -122,7 +122,7 @@ def compare(
 
 
 def show(model: ModelPath, json: Json = False) -> None:
-    """What a model holds: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
+    """Show a model: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
     from fitting.model.codec import load_model, model_to_json
     from fitting.model.export.words import said_of
 
@@ -159,7 +159,7 @@ def export(
     ] = False,
     json: Json = False,
 ) -> None:
-    """Write a model for another program; what the format does not carry is said."""
+    """Write a model for another program; what the format does not carry is reported."""
     from fitting.model.codec import load_model
 
     with working(f"writing {to}", show=not json):
@@ -174,7 +174,7 @@ def export(
 
 
 def _summary(found: Predicted) -> dict[str, Any]:
-    """A prediction in numbers, for programs; errors are filtered as a report's are."""
+    """Return a prediction in numbers, for programs; errors filtered as in reports."""
     joints = {}
     for number, (name, unit) in enumerate(zip(found.joints, found.units, strict=True)):
         coverage = float(found.coverage[number])
@@ -241,7 +241,7 @@ def energy(
     resample: Resample = False,
     json: Json = False,
 ) -> None:
-    """Work of the drives in a motion: put in, given back, taken by friction."""
+    """Compute the work of the drives in a motion: input, return, friction."""
     from daq.motion_files import SCHEMA
     from fitting.model.codec import load_model
     from fitting.model.uses.energy import energy_of_motion, energy_of_recording

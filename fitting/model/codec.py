@@ -38,7 +38,7 @@ _ROUNDED = 1e-6
 
 
 def _rows(values: list[list[Any]]) -> FloatArray:
-    """Rows of one length as an array; ``None`` is infinite."""
+    """Convert rows of one length to an array; ``None`` is infinite."""
     if len({len(row) for row in values}) > 1:
         raise ValueError("rows have different lengths")
     return np.array([[np.inf if v is None else v for v in row] for row in values], dtype=float)
@@ -124,12 +124,12 @@ class _File(_Fit):
 
 
 def model_schema() -> dict[str, Any]:
-    """The JSON schema of the file."""
+    """Return the JSON schema of the file."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_File.model_json_schema(by_alias=True)}
 
 
 def model_to_json(model: ArmModel) -> dict[str, Any]:
-    """A model as plain JSON; :func:`model_from_json` reads it back."""
+    """Return a model as plain JSON; :func:`model_from_json` reads it back."""
     std = np.where(np.isfinite(model.std), model.std, np.nan)
     rows = zip(model.parameter_names, model.theta, std, model.parameter_units, strict=True)
     content = {
@@ -171,7 +171,7 @@ def _known(values: FloatArray | None) -> list[float | None] | None:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays and tuples as lists, everywhere."""
+    """Convert arrays and tuples to lists, everywhere."""
     if isinstance(value, dict):
         return {key: _plain(own) for key, own in value.items()}
     if isinstance(value, np.ndarray):
@@ -180,7 +180,7 @@ def _plain(value: Any) -> Any:
 
 
 def checksum(content: Mapping[str, Any]) -> str:
-    """SHA-256 of what the schema knows, but for itself and the calibration that a service adds."""
+    """Compute SHA-256 of what the schema knows, without itself and a service's calibration."""
     known = {field.alias or name for name, field in _File.model_fields.items()} - {"sha256"}
     kept = {key: value for key, value in content.items() if key in known}
     if isinstance(kept.get("provenance"), dict):
@@ -189,7 +189,7 @@ def checksum(content: Mapping[str, Any]) -> str:
 
 
 def model_from_json(content: Any, name: str = "model") -> ArmModel:
-    """Inverse of :func:`model_to_json`; ``name`` is what errors call it.
+    """Invert :func:`model_to_json`; errors call it ``name``.
 
     Raises
     ------

@@ -46,46 +46,46 @@ class Evaluated:
     starts: Mapping[int, float]
 
     def drive_effort(self, index: int) -> FloatArray:
-        """The drives' efforts (N, n) in a segment, N at a piston."""
+        """Compute the drives' efforts (N, n) in a segment, N at a piston."""
         design, theta, joints = self.design, self.model.theta, range(len(self.design.blocks))
         return np.stack([predicted_effort(design, theta, joint, index, self.extra) for joint in joints], axis=1)
 
     def joint_effort(self, index: int) -> FloatArray:
-        """The joints' efforts (N, n) in a segment, N m or N."""
+        """Compute the joints' efforts (N, n) in a segment, N m or N."""
         return np.asarray(self.design.segments[index].r * self.drive_effort(index))
 
     def parameter_std(self, index: int) -> FloatArray:
-        """Standard deviation of the drives' efforts (N, n) that the parameters' covariance makes."""
+        """Compute the standard deviation of the drives' efforts (N, n) by the parameters' covariance."""
         return np.stack([self._spread(self._columns(joint, index)) for joint in range(len(self.design.blocks))], axis=1)
 
     def std(self, index: int) -> FloatArray:
-        """That of measured efforts of the drives (N, n): of the parameters, and what the fit left of the recordings."""
+        """Compute the deviation of measured drive efforts (N, n): by parameters, and the fit's remainder."""
         return np.hypot(self.parameter_std(index), self.model.residual_std)
 
     def joint_std(self, index: int) -> FloatArray:
-        """The same of the joints' efforts (N, n), N m or N."""
+        """Compute the same of the joints' efforts (N, n), N m or N."""
         return np.abs(self.design.segments[index].r) * self.std(index)
 
     def sum_variance(self, index: int, weights: FloatArray) -> FloatArray:
-        """Variances (n,) that the parameters' covariance makes of sums over the drives' efforts with weights (N, n)."""
+        """Compute variances (n,) by the parameters' covariance of sums over drive efforts with weights (N, n)."""
         joints = range(len(self.design.blocks))
         sums = [weights[:, joint] @ self._columns(joint, index) for joint in joints]
         return np.array([float(self._spread(own[None, :])[0]) ** 2 for own in sums])
 
     def _columns(self, joint: int, index: int) -> FloatArray:
-        """What each parameter adds to a drive's effort per unit, (N, p)."""
+        """Compute each parameter's unit share of a drive's effort, (N, p)."""
         columns, own = self.design.blocks[joint][index].columns, self.extra.columns[joint][index]
         more = np.zeros((len(columns), len(self.extra.names))) if own is None else own
         return np.hstack([columns, more])
 
     def _spread(self, columns: FloatArray) -> FloatArray:
-        """Standard deviation (N,) of what columns (N, p) make; infinite where an untold parameter has part."""
+        """Compute the standard deviation (N,) of columns (N, p); infinite where undetermined parameters take part."""
         known = np.isfinite(np.diag(self.model.covariance))
         spread = np.linalg.norm(columns[:, known] @ self.model.covariance_root, axis=1)
         return np.where(np.any(columns[:, ~known] != 0, axis=1), np.inf, spread)
 
     def views(self, index: int) -> tuple[DriveView, ...]:
-        """What effects and expected pressures see of the whole model in a segment, per joint."""
+        """Return what effects and expected pressures use of the whole model, by joint."""
         return _views(self.design, self.model.passes[-1], self.extra, index, self.starts)
 
 
@@ -125,7 +125,7 @@ def segment_of(
     temperature: Any = None,
     external: FloatArray | None = None,
 ) -> Segment:
-    """A motion that no recording has, as a segment: numbers, or expressions in their place.
+    """Make a segment of an unrecorded motion: numbers, or expressions in their place.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def segment_of(
 
 
 def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
-    """Where (N, n) a motion is beyond the positions and speeds that were recorded, so that no error is known.
+    """Return where (N, n) a motion is beyond recorded positions and speeds, its error unknown.
 
     And all joints where the oil is colder or warmer, if the model knows its temperature and the motion has one. What is
     not a number is beyond.
@@ -153,7 +153,7 @@ def beyond(model: ArmModel, segment: Segment) -> npt.NDArray[np.bool_]:
 
 
 def narrow(model: ArmModel) -> list[str]:
-    """A line for each joint whose 95 % band did not hold what it says on the validation recordings."""
+    """Warn of each joint whose 95 % band was too narrow on validation."""
     shares = [] if model.coverage is None else zip(model.joints, model.coverage.tolist(), strict=True)
     return [
         f"of {name}, {share:.0%} of the samples of another motion were in the 95 % band: there the model leaves "
@@ -164,7 +164,7 @@ def narrow(model: ArmModel) -> list[str]:
 
 
 def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
-    """The model without some of its terms; the parameters of the others are not fitted again."""
+    """Remove some terms from the model; the others' parameters are not refitted."""
     if not numbers:
         return model
     kept = list(range(len(model.parameters)))
@@ -181,5 +181,5 @@ def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
 
 
 def _of(theta: FloatArray, kept: Sequence[int]) -> FloatArray:
-    """The kept parameters, of a fit that may have had no terms yet."""
+    """Return the kept parameters, of a fit that may have had no terms yet."""
     return theta[[place for place in kept if place < len(theta)]]

@@ -36,7 +36,7 @@ _FAR_OUT, _MOST_OUT = 3.0, 0.1
 def hand_over(
     session: Session, steps: Sequence[Mapping[str, Any]], final: Model, report: Mapping[str, Any]
 ) -> ArmModel:
-    """The model of a session.
+    """Return the model of a session.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def hand_over(
 
 
 def _temperature(final: Model) -> tuple[float, float] | None:
-    """Coldest and warmest oil of the recordings of the fit, K."""
+    """Return coldest and warmest oil of the fitted recordings, K."""
     oil = [final.design.segments[index].temperature for index in final.fitted]
     known = [own[np.isfinite(own)] for own in oil if own is not None]
     values = np.concatenate(known) if known else np.empty(0)
@@ -78,7 +78,7 @@ def _temperature(final: Model) -> tuple[float, float] | None:
 
 
 def _fit(final: Model) -> dict[str, Any]:
-    """What a fit says."""
+    """Return the content of a fit."""
     design = final.design
     loaded = [i for i in final.fitted if design.segments[i].loaded] or list(final.fitted)
     hidden = np.zeros(len(final.fit.theta)) if final.fit.hidden is None else final.fit.hidden
@@ -101,7 +101,7 @@ def _fit(final: Model) -> dict[str, Any]:
 
 
 def _coverage(model: ArmModel, final: Model) -> FloatArray:
-    """Share (n,) of the moving samples of the validation recordings that are in the 95 % band."""
+    """Compute the share (n,) of moving validation samples in the 95 % band."""
     found, inside, count = Evaluated(model, final.design, final.extra, {}), np.zeros(len(model.joints)), 0
     for index in final.design.indices("validate"):
         segment = final.design.segments[index]
@@ -112,7 +112,7 @@ def _coverage(model: ArmModel, final: Model) -> FloatArray:
 
 
 def _seen(final: Model) -> Seen | None:
-    """Moments of the validation recordings, evenly."""
+    """Sample moments of the validation recordings, evenly."""
     design, bank, parts = final.design, final.design.bank, list[list[FloatArray]]()
     joints = range(len(design.blocks))
     for index in (i for i in design.indices("validate") if design.segments[i].loaded):
@@ -128,7 +128,7 @@ def _seen(final: Model) -> Seen | None:
 
 
 def _tails(model: ArmModel, session: Session) -> tuple[Tail, ...] | None:
-    """What scores do on the recordings of the identification; None where these tell too little."""
+    """Fit scores' tails on the identification's recordings; None where these are too few."""
     most = round(_LEARN_S * model.machine.rate_hz)
     seen = [own.cut(slice(0, min(len(own), most))) for own in session.recordings if own.role != "unloaded"]
     try:
@@ -138,7 +138,7 @@ def _tails(model: ArmModel, session: Session) -> tuple[Tail, ...] | None:
 
 
 def _passes(final: Model) -> tuple[Pass, ...]:
-    """The fits that led to the final one; where no column holds a force, the last alone."""
+    """Return the fits that led to the final one; where no column holds a force, the last alone."""
     design = final.design
     chain = final.earlier if any(term.uses_model for term in final.terms) else ()
     extra, passes = extra_columns(design, (), ()), list[Pass]()
@@ -151,12 +151,12 @@ def _passes(final: Model) -> tuple[Pass, ...]:
 
 
 def _rods(design: Design, fitted: Sequence[int], views: Views) -> tuple[RodLaw | None, ...]:
-    """The laws of loaded segments: a model is of a machine with its links."""
+    """Return the laws of loaded segments: a model has its machine's links."""
     return rod_laws(design, fitted, lambda index: views[index][0].forces)[True]
 
 
 def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:
-    """Root mean square of what the model leaves of a joint's drive effort while it moves, but for single seconds."""
+    """Compute the RMS of a joint's drive effort error while it moves, single seconds aside."""
     rate = final.design.bank.rate_hz
     seconds: list[FloatArray] = []
     for index in indices:
@@ -168,13 +168,13 @@ def _spread(final: Model, joint: int, indices: Sequence[int]) -> float:
 
 
 def without_single(seconds: Sequence[FloatArray]) -> list[FloatArray]:
-    """Errors of the seconds that are not far larger than is usual: what happened in one of them (a knock, rods that
-    were not on yet) says nothing about all others, and would widen every band.
+    """Drop errors of seconds far larger than usual: an event in one of them (a knock, rods that were not on yet) is no
+    measure of all others, and would widen every band.
 
     A second is far out where the logarithm of its root mean square is more than three interquartile ranges above the
     upper quartile (J. W. Tukey, *Exploratory Data Analysis*, 1977: "far out"). An error that differs from pose to pose
     has a large range of its own, so nothing of it is left out; and where more than a tenth are far out, that is no
-    incident but what the model is like, and all stay.
+    incident but what the model is like, and all are kept.
     """
     sizes = np.array([0.5 * np.log(np.mean(own**2) + 1e-300) for own in seconds])
     if not len(sizes):

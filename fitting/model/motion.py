@@ -77,7 +77,7 @@ def on_motion(
 
 
 def at_rest(model: ArmModel, *, cold: bool = False) -> ArmModel:
-    """The model of one moment: forces of the machine, with the memory of its terms settled.
+    """Return the model of one moment: forces of the machine, its terms' memory settled.
 
     ``cold`` leaves laws of the oil's temperature out, for what they do not change: inertias, differences of efforts.
     """
@@ -85,12 +85,12 @@ def at_rest(model: ArmModel, *, cold: bool = False) -> ArmModel:
 
 
 def histories(model: ArmModel) -> frozenset[int]:
-    """Numbers of the machine's terms that need the motion before a moment."""
+    """List the machine's terms that need the motion before a moment."""
     return frozenset(n for n, term in enumerate(model.terms) if over_time(term) and not of_sensors(term))
 
 
 def heated(model: ArmModel) -> frozenset[int]:
-    """Numbers of the terms that are laws of the oil's temperature."""
+    """List the terms that are laws of the oil's temperature."""
     return frozenset(
         number
         for number, term in enumerate(model.terms)
@@ -99,7 +99,7 @@ def heated(model: ArmModel) -> frozenset[int]:
 
 
 def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
-    """The model with the filters of times that rise in even steps, where it has terms over time.
+    """Return the model with filters of times in even steps, where it has terms over time.
 
     Raises
     ------
@@ -123,12 +123,12 @@ def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
 
 
 def left_out(model: ArmModel) -> frozenset[int]:
-    """Numbers of the terms that are no force of the machine, or whose phase belongs to single recordings."""
+    """List the terms that are no machine force, or of single recordings' phase."""
     return frozenset(n for n, term in enumerate(model.terms) if of_sensors(term) or phase_unknown(term, FOREIGN))
 
 
 def gravity(model: ArmModel, q: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None) -> FloatArray:
-    """Joint efforts (N, n) that hold the arm still, N m or N: the effort at rest, springs and offsets included."""
+    """Compute joint efforts (N, n) at rest, N m or N: of the links, springs and offsets included."""
     still = np.zeros(np.shape(q))
     return on_motion(at_rest(model), q, still, still, temperature=temperature).joint_effort(0)
 
@@ -136,7 +136,7 @@ def gravity(model: ArmModel, q: npt.ArrayLike, *, temperature: npt.ArrayLike | N
 def friction(
     model: ArmModel, q: npt.ArrayLike, qd: npt.ArrayLike, *, temperature: npt.ArrayLike | None = None
 ) -> FloatArray:
-    """Joint efforts (N, n) that change their sign with the speed's: friction and damping of drives and effects.
+    """Compute joint efforts (N, n) that change sign with the speed: friction and damping of drives and effects.
 
     ``(effort(q, qd, 0) - effort(q, -qd, 0)) / 2``; forces of inertia and gravity are even in speed.
     """
@@ -148,7 +148,7 @@ def friction(
 
 
 def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
-    """Joint efforts per joint acceleration (N, n, n), at rest: links, pistons and drives; kg m^2 (kg m, kg)."""
+    """Compute effort per joint acceleration (N, n, n), at rest: links, pistons and drives; kg m^2 (kg m, kg)."""
     n = len(model.joints)
     position = _rows(q, n, "q")
     count = len(position)
@@ -160,9 +160,9 @@ def inertia_matrix(model: ArmModel, q: npt.ArrayLike) -> FloatArray:
 
 
 def pressures_of(found: Evaluated, rod: npt.ArrayLike | None = None) -> tuple[FloatArray, FloatArray]:
-    """Head and rod pressures (N, n) that a motion takes (:func:`on_motion`), Pa; NaN of a joint without a cylinder.
+    """Compute head and rod pressures (N, n) of a motion (:func:`on_motion`), Pa; NaN without a cylinder.
 
-    The force says one thing of two pressures. The other is the rod pressure: as given ((N, n), (n,) or one; Pa), or as
+    The force is one equation of two pressures. The other is the rod pressure: as given ((N, n), (n,) or one; Pa), or as
     the recordings show it at such a motion and force (NaN where it was not measured).
     """
     forces = found.drive_effort(0)
@@ -186,7 +186,7 @@ def forward(
     temperature: npt.ArrayLike | None = None,
     possible: bool = False,
 ) -> FloatArray:
-    """Joint accelerations (N, n) from joint efforts, or from chamber pressures in Pa.
+    """Compute joint accelerations (N, n) from joint efforts, or pressures in Pa.
 
     ``possible`` takes the nearest model whose drives have no inertia below zero.
 
@@ -232,7 +232,7 @@ def settled(
     *,
     once: bool = False,
 ) -> FloatArray:
-    """Accelerations (..., n) whose joint efforts are the wanted ones.
+    """Solve for accelerations (..., n) whose joint efforts are the wanted ones.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ class Indefinite:
 
 
 def indefinite(model: ArmModel) -> Indefinite | None:
-    """The worst pose at which the mass matrix is not positive definite; None where it is everywhere.
+    """Find the worst pose with an indefinite mass matrix; None where there is none.
 
     Of poses spread over the limits of all joints (a Sobol sequence).
     """
@@ -291,7 +291,7 @@ def indefinite(model: ArmModel) -> Indefinite | None:
 
 
 def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinite | None:
-    """As :func:`indefinite`, of mass matrices (N, n, n) that are there."""
+    """Find the same as :func:`indefinite`, of mass matrices (N, n, n) that are there."""
     size = np.sqrt(np.maximum(np.abs(np.diagonal(inertia, axis1=1, axis2=2)), 1e-300))
     symmetric = (inertia + inertia.transpose(0, 2, 1)) / 2 / (size[:, :, None] * size[:, None, :])
     values, vectors = np.linalg.eigh(symmetric)
@@ -304,7 +304,7 @@ def worst_pose(model: ArmModel, q: FloatArray, inertia: FloatArray) -> Indefinit
 
 
 def nearest_possible(model: ArmModel) -> ArmModel:
-    """The model with no inertia of a drive below zero: the most probable one by the parameters' covariance.
+    """Make no drive inertia negative: the most probable model by the parameters' covariance.
 
     Efforts are better predicted by the model as it is; motions need a mass matrix.
     """
@@ -322,7 +322,7 @@ def nearest_possible(model: ArmModel) -> ArmModel:
 
 
 def integrable(model: ArmModel, friction_speed: float = 0.0) -> ArmModel:
-    """The model with signs of speed that an integrator can follow: over so many m/s of a piston at least.
+    """Smooth the signs of speed for an integrator: over so many m/s of a piston at least.
 
     Never over less than 1e-4 of the largest speed that was recorded.
     """
@@ -332,7 +332,7 @@ def integrable(model: ArmModel, friction_speed: float = 0.0) -> ArmModel:
 
 
 def price(model: ArmModel, other: ArmModel) -> float | None:
-    """By what share the error of all joints on the validation recordings is larger with other parameters.
+    """Compute by what share other parameters enlarge all joints' validation error.
 
     Each joint's mean square in that of the model; None where no such recording was seen.
     """
@@ -347,7 +347,7 @@ def price(model: ArmModel, other: ArmModel) -> float | None:
 
 
 def levers(model: ArmModel, q: FloatArray) -> FloatArray:
-    """Lever arms (N, n) of all joints, 1 of a joint without a cylinder."""
+    """Compute lever arms (N, n) of all joints, 1 without a cylinder."""
     return lever_arms(model.arm, q)
 
 

@@ -77,7 +77,7 @@ class Predicted:
 
 
 def load_recording(model: ArmModel, path: Path, *, columns: Path | None = None, resample: bool = False) -> Recording:
-    """A recording of the model's arm; ``columns`` is a file with a map of its columns.
+    """Load a recording of the model's arm; ``columns`` is a file with a column map.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def load_recording(model: ArmModel, path: Path, *, columns: Path | None = None, 
 def on_recording(
     model: ArmModel, recording: Recording, start: float | None = None
 ) -> tuple[Evaluated, tuple[str, ...]]:
-    """A model evaluated on a recording, and a line for each term that this recording cannot have.
+    """Evaluate a model on a recording, with a line for each term that the recording cannot have.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def require_arm(recording: Recording) -> None:
 
 
 def predict(model: ArmModel, recording: Recording) -> Predicted:
-    """Efforts in a recording.
+    """Predict efforts in a recording.
 
     Raises
     ------

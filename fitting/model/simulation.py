@@ -155,7 +155,7 @@ class _Plant:
     def acceleration(
         self, t: float, q: FloatArray, qd: FloatArray, effort: FloatArray, oil: tuple[float, ...]
     ) -> FloatArray:
-        """Joint accelerations (n,) under joint efforts (n,), the oil's temperature if there is a law of it."""
+        """Compute joint accelerations (n,) under joint efforts (n,), with the oil's temperature if needed."""
         position, speed = q.tolist(), qd.tolist()
         inertia = np.array(self.functions["inertia"](position, t, *oil)).reshape(len(q), len(q))
         factor, failed = dpotrf(inertia)
@@ -183,7 +183,7 @@ def _plant(model: ArmModel, friction_speed: float, possible: bool) -> _Plant:
 def tracking(
     model: ArmModel, t: npt.ArrayLike, q: npt.ArrayLike, *, bandwidth_hz: float = 2.0, temperature: float | None = None
 ) -> Efforts:
-    """A controller that follows a motion: the model's own efforts, and what pulls back to the motion.
+    """Make a controller that follows a motion: the model's efforts, and feedback to the motion.
 
     ``effort(q_r, q_r', q_r'') + M(q_r) (w^2 (q_r - q) + 2 w (q_r' - q'))``, ``w`` the bandwidth: critically damped.
 

@@ -38,7 +38,7 @@ class Tail:
     shape: float
 
     def threshold(self, per_second: float) -> float:
-        """The score that is exceeded so many times a second."""
+        """Return the score that is exceeded so many times a second."""
         times = max(self.rate / per_second, 1.0)
         if self.shape < 1e-9:
             return self.level + self.scale * float(np.log(times))
@@ -46,7 +46,7 @@ class Tail:
 
 
 def excursions(above: npt.NDArray[np.bool_], quiet: int) -> list[slice]:
-    """Runs of samples above a level; runs fewer than ``quiet`` samples apart are one."""
+    """Find runs above a level; runs fewer than ``quiet`` samples apart are one."""
     places = np.flatnonzero(above)
     if not len(places):
         return []
@@ -56,7 +56,7 @@ def excursions(above: npt.NDArray[np.bool_], quiet: int) -> list[slice]:
 
 
 def tail_of(stretches: Sequence[FloatArray], rate_hz: float, quiet: int) -> Tail:
-    """The tail of a score that was seen in some stretches.
+    """Fit the tail of a score that was seen in some stretches.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def tail_of(stretches: Sequence[FloatArray], rate_hz: float, quiet: int) -> Tail
     Raises
     ------
     InputError
-        If there are too few peaks to say anything.
+        If there are too few peaks for a fit.
     """
     level = float(np.quantile(np.concatenate(stretches), _LEVEL))
     peaks = np.array([own[part].max() for own in stretches for part in excursions(own > level, quiet)]) - level

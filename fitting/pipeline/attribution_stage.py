@@ -20,7 +20,7 @@ from fitting.signals.corrections import Corrections
 
 
 def attribution(session: Session, results: StageResults, progress: Progress) -> Attributed:
-    """What the residual is traced to."""
+    """Attribute the residual."""
     if not session.options.loop:
         return Attributed("not_examined", looked=False)
     corrections, search = found_corrections(session, results), session.search
@@ -53,14 +53,14 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
 
 
 def _called(family: Family, names: tuple[str, ...]) -> str:
-    """An effect and its joint in words."""
+    """Word an effect and its joint."""
     name, joint = family
     what = "a law" if name == "law" else name
     return what if joint is None else f"{what} at {names[joint]}"
 
 
 def _next_experiment(session: Session, found: Attribution) -> Designed | None:
-    """The experiment that best separates the members of the first set, and its motion where the set is closable."""
+    """Design the experiment that best separates the first set's members, with motion where closable."""
     designed = next_experiment(session, found)
     if designed is None:
         return None
@@ -74,5 +74,5 @@ def _next_experiment(session: Session, found: Attribution) -> Designed | None:
 
 
 def found_corrections(session: Session, results: StageResults) -> Corrections:
-    """The corrections of positions that the kinematic check found."""
+    """Return corrections of positions by the kinematic check."""
     return corrections_from_json(session, results[Residual].steps)

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 def explained(
     error: InputError, machine_file: Path, files: Sequence[tuple[str, Path]], options: Options | None = None
 ) -> InputError:
-    """The error, with what the checks make of the files if that is more than the error says; one line.
+    """Explain the error by what the checks find in the files if that is more; one line.
 
     Never raises: a search for a cause must not hide what happened.
     """
@@ -43,7 +43,7 @@ def explained(
 
 
 def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
-    """What ``of`` gives for a request; its refusal of an input is explained as far as the checks can.
+    """Run ``of`` on a request; explain its refusal of an input as far as the checks can.
 
     Raises
     ------
@@ -57,16 +57,16 @@ def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
 
 
 def checked(session: Session) -> tuple[Finding, ...]:
-    """Findings on a session's recordings."""
+    """Check a session's recordings."""
     return tuple(check_recordings(session.machine, session.measured, places=Places.of(session.file)))
 
 
 def for_report(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    """``checks`` of report.json: findings with the keys of its schema, and how serious each is."""
+    """Make ``checks`` of report.json: findings with the schema's keys, and how serious each is."""
     kept = ("code", "severity", "joint", "channel", "recording", "text", "cure")
     return [{key: getattr(finding, key) for key in kept} for finding in findings]
 
 
 def lines(findings: Sequence[Finding]) -> list[str]:
-    """One line each for people."""
+    """Make one line each for people."""
     return [f"{'MISTAKE' if own.severity == 'mistake' else 'note'} [{own.code}] {own.line}" for own in findings]

@@ -31,7 +31,7 @@ from fitting.residual.confirmation.confirmation import overall_change
 
 
 def cylinder_conditions(design: Design) -> dict[str, float]:
-    """Condition number of each cylinder's own regression, column-scaled; of the recordings that stage 1 uses."""
+    """Compute the column-scaled condition number of each cylinder's regression; of stage 1's recordings."""
     conditions = {}
     used = design.indices("unloaded") or design.indices("train", "operation")
     for joint, name in enumerate(design.parameters.joints):
@@ -46,7 +46,7 @@ def cylinder_conditions(design: Design) -> dict[str, float]:
 def compare(
     design: Design, contenders: Mapping[str, Stacked | Fit], floor: npt.ArrayLike, rng: np.random.Generator
 ) -> dict[str, Any]:
-    """The comparison as plain JSON.
+    """Return the comparison as plain JSON.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def compare(
 
 
 def said(result: Mapping[str, Any]) -> str:
-    """The outcome in words: conditioning and held-out error, each for what it is."""
+    """Word the outcome: conditioning and held-out error, each for itself."""
     ways = result["contenders"]
     first, second = (ways[name]["condition_number"] for name in ("hierarchical", "one_shot"))
     better = "better" if first < second else "worse"
@@ -143,7 +143,7 @@ _SAME, _LESS, _MORE = "the same within its uncertainty as", "smaller than", "lar
 
 
 def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
-    """How the hierarchical error stands to another, and the numbers behind it."""
+    """Compare the hierarchical error with another, and return the numbers."""
     value, interval = change["change_percent"], change["ci95_percent"]
     if value is None or interval is None:
         return None, ""
@@ -162,12 +162,12 @@ def _reason(way: str | None, other: str | None) -> str:
 
 
 def stage_condition(cylinders: Mapping[str, float], rigid_body: float) -> float:
-    """Condition number of the hierarchical way: the worst of all its regressions."""
+    """Return the hierarchical way's condition: the worst of its regressions."""
     return max((*cylinders.values(), rigid_body))
 
 
 def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[str, Any]:
-    """The table of ways, of the base model on the uncorrected recordings.
+    """Tabulate the ways, of the base model on uncorrected recordings.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[s
 
 
 def why(final: Weighed) -> str:
-    """One sentence that says which weights the parameters have, and why."""
+    """Word which weights the parameters have, and why."""
     percent = 100 * (final.ratio - 1)
     if final.weights == "whitened":
         return (

@@ -139,7 +139,7 @@ def _identify(
 
 
 def _known_rows(design: Design, prior: Prior, joint: int, in_situ: bool) -> tuple[FloatArray, FloatArray]:
-    """What is known before the first row, (k, p) and (k,) of unit noise: the moving mass; in situ drive and links."""
+    """Return prior rows, (k, p) and (k,) of unit noise: the moving mass; in situ drive and links."""
     width = len(design.parameters)
     A, b = prior.arm_rows(width) if in_situ else (np.zeros((0, width)), np.zeros(0))
     others = np.ones(width, dtype=bool)
@@ -170,7 +170,7 @@ def _recursively(
 
 
 def _coloured(own: FloatArray, b: FloatArray, theta: FloatArray, known_A: FloatArray) -> FloatArray:
-    """Covariance (k, k) beside known rows where the residual is coloured: a sandwich, what is known as it says."""
+    """Compute the covariance (k, k) beside prior rows of a coloured residual: a sandwich, the prior as it is."""
     root = factor(np.vstack([own, known_A])).root
     S = series_scores(own @ root, b - own @ theta, "hac", np.random.default_rng(20))
     closing = known_A @ root
@@ -178,7 +178,7 @@ def _coloured(own: FloatArray, b: FloatArray, theta: FloatArray, known_A: FloatA
 
 
 def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...], rows: int) -> CylinderEstimate:
-    """The joint fit's values in the place of an estimate that was refused."""
+    """Put the joint fit's values in place of a rejected estimate."""
     drive = design.parameters.drive_slice(joint)
     theta = fit.theta[: len(design.parameters)]
     values = theta[drive].copy(), fit.std[drive].copy(), _left(design, theta, joint, used)
@@ -187,6 +187,6 @@ def _from_joint_fit(design: Design, joint: int, fit: Fit, used: tuple[int, ...],
 
 
 def _left(design: Design, theta: FloatArray, joint: int, used: Sequence[int]) -> float:
-    """Standard deviation of the reduced drive effort that some parameters (p,) leave of a joint."""
+    """Compute the standard deviation of a joint's reduced drive effort left by parameters (p,)."""
     parts = [reduced_residual(design, theta, joint, i)[design.blocks[joint][i].keep] for i in used]
     return float(np.std(np.concatenate(parts)))

@@ -109,7 +109,7 @@ def _units(model: Model, joint: int) -> dict[str, str]:
 
 
 def _drives(model: Model, most: float) -> list[Violation]:
-    """Negative masses, stiffnesses and drive inertias."""
+    """Find negative masses, stiffnesses and drive inertias."""
     found = []
     parameters, fit = model.design.parameters, model.fit
     for joint, name in enumerate(parameters.joints):
@@ -125,7 +125,7 @@ def _drives(model: Model, most: float) -> list[Violation]:
 
 
 def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> list[Violation]:
-    """Joints whose friction drives the motion at some speed."""
+    """Find joints whose friction drives the motion at some speed."""
     found = []
     for own in friction:
         worst = driving(own, model.fit, most)
@@ -141,7 +141,7 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
 
 
 def _links(model: Model, alarm: float) -> tuple[bool, float]:
-    """Whether no bodies have these base parameters, and their squared distance from those that have."""
+    """Return whether no bodies have these base parameters, and the squared distance."""
     base = model.design.parameters.base
     if not base.inertial_columns:
         return False, 0.0
@@ -150,7 +150,7 @@ def _links(model: Model, alarm: float) -> tuple[bool, float]:
 
 
 def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Violation]:
-    """The base parameter that has to move furthest, in its own deviations."""
+    """Find the base parameter to move furthest, in its own deviations."""
     part, base = model.design.parameters.base_slice, model.design.parameters.base
     told = model.fit.told[part]
     std = model.fit.std[part]
@@ -163,7 +163,7 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
 
 
 def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
-    """The violation with the value that its parameter has in the nearest possible set."""
+    """Add its parameter's value in the nearest possible set to the violation."""
     parameters = model.design.parameters
     names = [*parameters.names[: parameters.drive_count], *parameters.base.names]
     own = found.parameter if found.joint is None else f"{found.joint}.{found.parameter}"
@@ -171,7 +171,7 @@ def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Viola
 
 
 def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
-    """Nearest possible parameters (p,), squared distance and its degrees of freedom.
+    """Find the nearest possible parameters (p,), squared distance and degrees of freedom.
 
     ``whole`` asks for everything, otherwise for the links alone.
     """
@@ -207,12 +207,12 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
 
 
 def _root(correlation: FloatArray) -> FloatArray:
-    """Lower Cholesky factor of a correlation matrix that may be singular by rounding."""
+    """Compute the lower Cholesky factor of a correlation, singular or not."""
     return np.asarray(linalg.cholesky(correlation + 1e-10 * np.eye(len(correlation)), lower=True))
 
 
 def physics(design: Design, model: Model) -> Physics:
-    """:func:`plausibility` as the stage hands it on: what cannot be, and the constrained fit with its price in error.
+    """Return :func:`plausibility` for the stage: what cannot be, and the constrained fit with its price in error.
 
     The price is, per role, by how many percent the root mean square of the joints' errors becomes larger.
     """

@@ -26,7 +26,7 @@ _FIRST, _MORE = 0.5, 0.2
 
 
 def identify_and_resolve(request: Request, record: Recorder, progress: Progress = quiet) -> dict[str, Any]:
-    """As :func:`fitting.pipeline.stages.identify`; what stays ambiguous is recorded, and identified again.
+    """Run :func:`fitting.pipeline.stages.identify`; what is ambiguous is recorded, and identified again.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def identify_rigid_body(
     colour: Colour = "hac",
     prior: BodyPrior | None = None,
 ) -> StackedEstimate:
-    """Stage 2: fit ``r (F - F_cylinder) = Y_b beta`` over all joints and samples, friction frozen at stage 1's.
+    """Fit stage 2, ``r (F - F_cylinder) = Y_b beta``, over all joints and samples, stage 1's friction frozen.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def refit_rigid_body(
     colour: Colour = "hac",
     prior: BodyPrior | None = None,
 ) -> StackedEstimate:
-    """Base parameters by an estimator of one's choice, drive and effects frozen at a joint fit's values.
+    """Refit base parameters by a chosen estimator, drive and effects frozen at a joint fit's values.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def refit_rigid_body(
 
 
 def _known(cylinder: CylinderEstimate) -> FloatArray:
-    """Covariance of a cylinder's parameters; zero where it tells none (a joint that never moved)."""
+    """Return a cylinder parameters' covariance; zero where none (a joint that never moved)."""
     covariance = np.diag(cylinder.std**2) if cylinder.covariance is None else cylinder.covariance
     return np.where(np.isfinite(covariance), covariance, 0.0)
 
@@ -118,7 +118,7 @@ def _covariance(
     groups: IntArray,
     places: tuple[IntArray, IntArray],
 ) -> FloatArray:
-    """Covariance (p, p) of all parameters: base ones have their own and what they inherit of those that were frozen.
+    """Compute all parameters' covariance (p, p): base ones have their own and that inherited of the frozen ones.
 
     ``theta_b = (A'WA)^-1 A'W (b - D theta_f)``: with ``G = (A'WA)^-1 A'WD`` the base has ``G C G'`` more, and ``-G C``
     in common with the frozen ones. Weights are those of the joints' residuals, whatever the estimator.

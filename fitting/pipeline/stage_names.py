@@ -27,4 +27,4 @@ ReportLanguage = Literal["en", "de"]
 
 
 def quiet(fraction: float, text: str) -> None:
-    """Nobody asks how far it is."""
+    """Ignore progress."""

@@ -41,7 +41,7 @@ def load_request(path: Path) -> Request:
 
 
 def _keeping() -> Callable[[Request], Session]:
-    """As ``Session.load``, but for the same input it gives the same session again."""
+    """Wrap ``Session.load`` to give the same session for the same input again."""
     kept: list[tuple[Request, Session]] = []
 
     def load(request: Request) -> Session:
@@ -54,11 +54,11 @@ def _keeping() -> Callable[[Request], Session]:
 
 
 def main(arguments: Sequence[str], orders: Iterable[str] = ()) -> int:
-    """Entry of ``python -m fitting.pipeline.stage_program``.
+    """Run ``python -m fitting.pipeline.stage_program``.
 
     Parameters
     ----------
-    orders : lines that say what to do next, with ``--stay``
+    orders : lines with what to do next, with ``--stay``
     """
     stays = arguments[:1] == ["--stay"]
     load = _keeping() if stays else Session.load
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str], orders: Iterable[str] = ()) -> int:
 
 
 def _one(arguments: Sequence[str], load: Callable[[Request], Session], stays: bool) -> int:
-    """Run one stage, and say how it goes; the exit code."""
+    """Run one stage, report its progress, and return the exit code."""
 
     def say(content: dict[str, Any]) -> None:
         print(json.dumps(content), flush=True)

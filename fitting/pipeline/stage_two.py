@@ -48,7 +48,7 @@ class Choice:
 
 
 def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice:
-    """The estimator that the options ask for, found, and fit to be used on this arm.
+    """Load the estimator that the options ask for, fit to be used on this arm.
 
     Raises
     ------
@@ -74,12 +74,12 @@ def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice
 
 
 def choice(session: Session) -> Choice:
-    """The estimator that the session's options ask for (:func:`chosen`)."""
+    """Load the estimator of the session's options (:func:`chosen`)."""
     return chosen(session.options, session.base, geometry_of(session.machine))
 
 
 def rigid_body_stage(session: Session, results: StageResults, progress: Progress) -> RigidBody:
-    """Stage 2 with friction frozen, and the one-shot regression beside it."""
+    """Run stage 2 with friction frozen, and the one-shot regression beside it."""
     design, cylinders = session.plain.design, results[Cylinders].cylinders
     asked = choice(session)
     two_stage = identify_rigid_body(design, cylinders, asked.estimator, colour=asked.colour, prior=asked.prior)
@@ -98,7 +98,7 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
 
 
 def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
-    """An estimate with its errors per role and joint in the joint's effort unit."""
+    """Return an estimate with errors by role and joint in the joint's effort unit."""
     errors, _, relative = errors_of(design, estimate.theta, extra)
     return Stacked(
         estimator=estimate.estimator,
@@ -113,7 +113,7 @@ def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = Non
 
 
 def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
-    """The model that is handed out: by the estimator asked for, and what that had to say (None of the joint refit).
+    """Return the final model: by the estimator asked for, and its remarks (None of the joint refit).
 
     An estimator gives the base parameters; everything else is as the joint refit has it.
     """
@@ -134,7 +134,7 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
 
 
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:
-    """Hierarchical against one-shot on the uncorrected recordings (:func:`fitting.pipeline.comparison.compare`)."""
+    """Compare hierarchical with one-shot on uncorrected recordings (:func:`fitting.pipeline.comparison.compare`)."""
     design, fit = session.plain.design, session.base_model.fit
     first = found.two_stage_ols or found.two_stage
     worst = stage_condition(cylinder_conditions(design), first.condition_number)

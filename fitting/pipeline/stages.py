@@ -63,7 +63,7 @@ from fitting.signals.corrections import Corrections
 
 
 def check(session: Session, results: StageResults, progress: Progress) -> Checked:
-    """Recordings fit the machine and excite it; the machine's own equations agree with each other."""
+    """Check that recordings fit and excite the machine, and that its own equations agree."""
     choice(session)
     findings = checked(session)
     session.require_excitation()
@@ -79,7 +79,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
 
 
 def cylinder_stage(session: Session, results: StageResults, progress: Progress) -> Cylinders:
-    """Stage 1."""
+    """Run stage 1."""
     prepared = session.plain
     estimates = identify_cylinders(
         prepared.design,
@@ -97,7 +97,7 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
 
 
 def residual(session: Session, results: StageResults, progress: Progress) -> Residual:
-    """Noise floor, and what two position sensors say of each other."""
+    """Compute the noise floor, and what two position sensors show of each other."""
     prepared, model = session.plain, session.handed_base.model
     if prepared.pairs:
         floor = effort_floor(prepared.design, model.fit.theta, prepared.pairs)
@@ -120,7 +120,7 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
 
 
 def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
-    """Both stages refitted jointly with what was found; errors before and after."""
+    """Refit both stages jointly with the findings; errors before and after."""
     prepared, final = final_model(session, found_corrections(session, results), results[Attributed].terms)
     (model, chosen), before = handed(session, final.model), handed(session, session.base_with(final.weights))[0]
     design = session.plain.design
@@ -159,19 +159,19 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
 
 
 def _fitted(fit: Fit, count: int) -> Fitted:
-    """The first parameters of a fit, as the stage hands them on."""
+    """Return the first parameters of a fit for the stage."""
     share = np.ones(len(fit.theta)) if fit.share is None else fit.share
     return Fitted(fit.theta[:count], fit.std[:count], fit.told[:count], share[:count])
 
 
 def _predicted(rows: EffortRows, fit: Fit, trained: Sequence[float | None]) -> tuple[float | None, ...]:
-    """Standard deviation of each joint's error that is to be expected on some rows."""
+    """Compute the standard deviation of each joint's expected error on some rows."""
     both = zip(predicted_std(rows, fit).tolist(), trained, strict=True)
     return tuple(float(np.hypot(own, left)) if left is not None and np.isfinite(own) else None for own, left in both)
 
 
 def _drive_std(design: Design, model: Model) -> Iterator[float | None]:
-    """Standard deviation of each drive's error on the fitted rows; None without any."""
+    """Compute the standard deviation of each drive's error on fitted rows; None without any."""
     for joint in range(len(design.machine.joints)):
         parts = [
             reduced_residual(design, model.fit.theta, joint, i, model.extra)[design.blocks[joint][i].keep]
@@ -206,7 +206,7 @@ def identify(request: Request, progress: Progress = quiet) -> dict[str, Any]:
 
 
 def opened(request: Request) -> Session:
-    """The session of a request whose output can be written and whose options make sense.
+    """Open the session of a request with a writable output and sensible options.
 
     Raises
     ------
@@ -224,14 +224,14 @@ def opened(request: Request) -> Session:
 def computed(
     stages: Iterable[str], request: Request, session: Session, results: StageResults, progress: Progress
 ) -> StageResults:
-    """Earlier results, and those of these stages."""
+    """Add these stages' results to earlier ones."""
     for stage in stages:
         results = results.having(_computed(stage, request, session, results, _part(progress, STAGES.index(stage))))
     return results
 
 
 def reported(request: Request, session: Session, results: StageResults, progress: Progress) -> dict[str, Any]:
-    """The report of these results, written to ``request.output``."""
+    """Write the report of these results to ``request.output``."""
     progress((len(STAGES) - 1) / len(STAGES), WORDS["report"])
     content, _, _ = _write_results(request, session, results)
     progress(1.0, "done")
@@ -239,7 +239,7 @@ def reported(request: Request, session: Session, results: StageResults, progress
 
 
 def _computed(stage: str, request: Request, session: Session, results: StageResults, progress: Progress) -> Any:
-    """A stage's result; where the first one refuses the input, what the checks make of it is said as well."""
+    """Compute a stage's result; where the first one refuses the input, add what the checks find."""
     compute = STEPS[stage]
     if stage != "check":
         return compute(session, results, progress)
@@ -247,7 +247,7 @@ def _computed(stage: str, request: Request, session: Session, results: StageResu
 
 
 def _write_results(request: Request, session: Session, results: StageResults) -> tuple[dict[str, Any], Path, Path]:
-    """The report, its pages, the model, and the next experiment's motion if one was designed."""
+    """Write the report, its pages, the model, and any designed next experiment's motion."""
     output, (first, *others) = request.output, request.languages
     final = final_fit(session, results)
     content, figures = build_report(session, results, final)
@@ -265,7 +265,7 @@ def _write_results(request: Request, session: Session, results: StageResults) ->
 
 
 def motion_of(program: Program, machine: str) -> Motion:
-    """The motion of a designed experiment."""
+    """Return the motion of a designed experiment."""
     return Motion(machine, program.rods, program.time, program.columns)
 
 
@@ -275,7 +275,7 @@ def require_writable(directory: Path) -> None:
     Raises
     ------
     InputError
-        One line that says what is in the way.
+        One line that names what is in the way.
     """
     if directory.exists() and not directory.is_dir():
         raise InputError(f"{directory}: is a file; give a directory with -o")
@@ -289,7 +289,7 @@ def require_writable(directory: Path) -> None:
 
 
 def _part(progress: Progress, number: int) -> Progress:
-    """Progress of one stage as a part of the whole."""
+    """Map one stage's progress to a part of the whole."""
     stage = STAGES[number]
     progress(number / len(STAGES), WORDS[stage])
     return lambda fraction, text: progress((number + fraction) / len(STAGES), text)

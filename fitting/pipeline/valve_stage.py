@@ -18,7 +18,7 @@ from fitting.valve.identify import identify_valves
 
 
 def valve_stage(request: Request, progress: Progress = quiet) -> dict[str, Any]:
-    """Identify the valves of a request, write all that there is of them, and say which files those are."""
+    """Identify the valves of a request, write all that there is of them, and list those files."""
     written = identified_and_written(request, tuple(formats()), progress)[1]
     return {"inverses": [path.name for path in written]}
 

@@ -41,7 +41,7 @@ NAMED_FROM = math.sqrt(least_gain(1))
 
 
 def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str]]:
-    """The verdict and what was in the way of a better one.
+    """Return the verdict and what was in the way of a better one.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
 
 
 def label(results: StageResults) -> str | None:
-    """The label beside the verdict; None where the recordings tell."""
+    """Return the label beside the verdict; None where undisputed."""
     found, residual = results[Attributed], results[Residual]
     if not found.looked:
         return None
@@ -87,7 +87,7 @@ def label(results: StageResults) -> str | None:
 
 
 def what_to_record(results: StageResults) -> list[str]:
-    """What would tell whether something is missing, where the probabilities leave it open."""
+    """List what would decide whether something is missing, where probabilities do not."""
     found = results[Attributed]
     if label(results) != "cannot_tell" or found.nothing >= NEEDED:
         return []
@@ -98,7 +98,7 @@ def what_to_record(results: StageResults) -> list[str]:
 
 
 def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
-    """Why it cannot be said that nothing is missing, although nothing was found; empty where it can."""
+    """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
     reasons, refitted = [], results[Refitted]
     invalid = [joints[n] for n, valid in enumerate(results[Residual].floor_valid) if not valid]
     if invalid:
@@ -119,6 +119,6 @@ def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> lis
 
 
 def _noise_ratio(rows: Mapping[str, float]) -> float:
-    """Ratio of two noises that are one, at most: :data:`MOST_NOISE`, or what chance makes of short recordings."""
+    """Bound the ratio of two equal noises: :data:`MOST_NOISE`, or chance's in short recordings."""
     chance = float(stats.f.isf(CHANCE, max(rows["validate"], 1.0), max(rows["train"], 1.0)))
     return max(MOST_NOISE, math.sqrt(chance))

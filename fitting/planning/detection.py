@@ -33,7 +33,7 @@ _NOTHING = 1e-20  # square of a lambda per SI unit: a column of rounding errors,
 
 
 def visible_size(needed: float, parameters: int, power: float) -> float:
-    """``lambda`` at which an effect with so many parameters gains more than ``needed`` with probability ``power``.
+    """Compute the ``lambda`` at which so many parameters gain more than ``needed`` with probability ``power``.
 
     Raises
     ------
@@ -67,7 +67,7 @@ class Visibility:
     parameters: int
 
     def smallest(self, needed: float, power: float) -> float:
-        """Smallest value of the parameter (the others zero) that is found with probability ``power``; its unit.
+        """Compute a parameter's smallest value (others zero) found with probability ``power``; its unit.
 
         ``needed`` is the chi-square that accuses. Infinite where nothing survives.
         """
@@ -77,7 +77,7 @@ class Visibility:
 
 
 def typical_terms(machine: Machine, effects: Sequence[Effect], views: Sequence[DriveView]) -> list[tuple[Term, int]]:
-    """Every effect on every joint it applies to (of neighbours the next one) in one shape of its grid.
+    """List every effect on every joint (of neighbours the next one) in one shape of its grid.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def visibilities(
     indices: Sequence[int],
     terms: Sequence[Term],
 ) -> tuple[Visibility, ...]:
-    """Visibility of terms in some segments of a design.
+    """Compute the visibility of terms in some segments of a design.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def visibilities(
 def _white(
     design: Design, noise: NoiseModel, views: Views, indices: Sequence[int], terms: Sequence[Term], joint: int
 ) -> FloatArray:
-    """Whitened columns of terms in one joint's rows, in the order of the base's rows."""
+    """Whiten columns of terms in one joint's rows, in the order of the base's."""
     parts = [np.zeros((0, sum(_width(term) for term in terms)))]
     for index in indices:
         kept = design.kept(noise, joint, index)

@@ -55,7 +55,7 @@ def _limits(motion: Mapping[str, Any]) -> Table:
 
 
 def _effects(forecast: Mapping[str, Any]) -> Table:
-    """One row per effect: over its joints, what survives of it, and the smallest size that will be found."""
+    """Make a row per effect: over its joints, what survives of it, and the smallest size to be found."""
     table = Table(title=f"smallest effect that will be found with {100 * forecast['power']:.0f} % probability")
     table.add_column("effect", no_wrap=True)
     table.add_column("survives", justify="right")

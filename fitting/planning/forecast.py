@@ -67,7 +67,7 @@ def forecast(
     effects: Sequence[Effect],
     recordings: Sequence[Recording] = (),
 ) -> Forecast:
-    """Forecast of a set of planned motions, together with what is recorded already.
+    """Forecast a set of planned motions, together with what is recorded already.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def forecast(
 
 
 def white_noise(std: FloatArray, bank: FilterBank) -> NoiseModel:
-    """Noise that is white before the filters, of a standard deviation (n,) after them."""
+    """Return noise white before the filters, of a standard deviation (n,) after them."""
     sample = np.random.default_rng(0).normal(size=round(2000 * bank.rate_hz / bank.bandwidth_hz))
     sample /= np.std(bank.reduce(sample))
     return NoiseModel(tuple(whitening([max(float(s), 1e-12) * sample], bank) for s in std), False)
@@ -126,7 +126,7 @@ def _position_noise(machine: Machine, recordings: Sequence[Recording], bank: Fil
 
 
 def forecast_to_json(found: Forecast, guess: Guess) -> dict[str, Any]:
-    """The forecast as plain JSON; ``smallest`` is None where nothing of an effect survives."""
+    """Return the forecast as plain JSON; ``smallest`` is None where nothing of an effect survives."""
     effects = []
     for visibility, choices in zip(found.visibilities, found.choices, strict=True):
         needed = least_gain(max(visibility.parameters, 1), choices)

@@ -58,7 +58,7 @@ class Guess:
 
 
 def worst_friction(machine: Machine, guess: Guess) -> FloatArray:
-    """Largest force (n,) in N of each cylinder beside its load, at the limits of its joint; 0 without a cylinder.
+    """Compute each cylinder's largest force (n,) in N beside its load, at its joint's limits; 0 without a cylinder.
 
     Friction at top speed, the known damping included, the stiffness over the whole stroke, and the moving mass at top
     acceleration: all at once, because a limit is meant to hold.
@@ -77,7 +77,7 @@ def worst_friction(machine: Machine, guess: Guess) -> FloatArray:
 
 
 def guess_from_file(path: Path, machine: Machine, base: BaseParameters) -> Guess:
-    """From the ``report.json`` of an identification, or from a drawing (:mod:`fitting.regression.body_prior`).
+    """Guess from an identification's ``report.json``, or a drawing (:mod:`fitting.regression.body_prior`).
 
     A drawing knows the links only; friction and noise are then guessed.
 
@@ -101,7 +101,7 @@ def guess_from_file(path: Path, machine: Machine, base: BaseParameters) -> Guess
 
 
 def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_SUPPLY) -> Guess:
-    """A guess from geometry and cylinder sizes alone; ``supply`` is the supply pressure in Pa."""
+    """Guess from geometry and cylinder sizes alone; ``supply`` is the supply pressure in Pa."""
     geometry = geometry_of(machine)
     links = np.array([max(sum(np.linalg.norm(end - start) for start, end in own), 0.1) for own in geometry.stretches])
     per_density = base.from_standard(standard_of_bodies(rods(geometry) * links.sum()))
@@ -122,7 +122,7 @@ def default_guess(machine: Machine, base: BaseParameters, supply: float = USUAL_
 
 
 def _holding(machine: Machine, base: BaseParameters, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Largest pressure (n,) in Pa and joint effort (n,) that hold the arm, over its poses; 0 Pa without a cylinder."""
+    """Compute the arm's largest holding pressure (n,) in Pa and joint effort (n,) over poses; 0 Pa of no cylinder."""
     limits = np.array([stroke_limits(joint) for joint in machine.joints])
     shares = np.random.default_rng(0).uniform(size=(400, len(limits)))
     q = limits[:, 0] + shares * (limits[:, 1] - limits[:, 0])

@@ -92,7 +92,7 @@ class NextExperiment:
         return self.recordings is not None
 
     def to_json(self, machine: Machine, motion_file: str | None = None) -> dict[str, Any]:
-        """As ``loop.next_experiment`` of the report; ``motion_file`` is where the motion was written."""
+        """Return ``loop.next_experiment`` of the report; ``motion_file`` is where the motion was written."""
         names = [joint.name for joint in machine.joints]
         ids = self._labels(names)
         joint = self.rivals[0].joint
@@ -144,7 +144,7 @@ class NextExperiment:
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:
-    """A term in a word or two: an effect's id, or the law's variable."""
+    """Name a term briefly: an effect's id, or the law's variable."""
     content = term.content
     return f"law of {content.variable(tuple(joints))}" if isinstance(content, Law) else term.id
 
@@ -173,7 +173,7 @@ def design_next(
     hydraulic: HydraulicLimits | None = None,
     generations: int = _GENERATIONS,
 ) -> NextExperiment:
-    """Design the experiment that tells rivals apart.
+    """Design the experiment that separates rivals.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def design_next(
 
 
 def supply_of(model: Model) -> HydraulicLimits:
-    """Supply flow and chamber pressures of the machine file, with loads and friction as they were fitted."""
+    """Return supply flow and chamber pressures of the machine file, with fitted loads and friction."""
     design, theta = model.design, model.fit.theta
     parameters, machine = design.parameters, design.machine
     drive = tuple(theta[parameters.drive_slice(joint)] for joint in range(len(machine.joints)))
@@ -227,7 +227,7 @@ def supply_of(model: Model) -> HydraulicLimits:
 
 
 def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
-    """Chances that add up to one, none of them nothing."""
+    """Normalise chances to sum one, none of them nothing."""
     if chances is None:
         return None
     shares = np.maximum(np.asarray(chances, dtype=float), 1e-3)
@@ -235,7 +235,7 @@ def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
 
 
 def _recordings(question: Question, option: Option, seconds: float) -> tuple[int | None, float]:
-    """How often an experiment has to be recorded to be enough, None if more often than is sensible; and the chance."""
+    """Compute an experiment's needed recordings, None if more than is sensible; and the chance."""
     if option.expected.probability >= ENOUGH:
         return 1, option.expected.probability
     repeats = range(2, MOST_RECORDINGS + 1)
@@ -251,7 +251,7 @@ def _recordings(question: Question, option: Option, seconds: float) -> tuple[int
 
 
 def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> Option | None:
-    """A motion of all joints that was searched for the separation itself: random series, the best of them varied.
+    """Search a motion of all joints for the separation itself: random series, the best of them varied.
 
     None if none of them is inside the limits.
     """
@@ -274,7 +274,7 @@ def _designed(question: Question, rng: np.random.Generator, seconds: float, gene
 
 
 def _allowed(question: Question, series: Series) -> Series | None:
-    """The series inside all limits: shrunk about its home, and its home towards the middle; None if that is no use."""
+    """Bring the series inside all limits: shrunk about its home, its home moved to the middle; None if useless."""
     limits = question.hydraulic
     if limits.flow is None and limits.pressure is None:
         return series

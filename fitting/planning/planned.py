@@ -29,13 +29,13 @@ ROLE = "planned"
 def planned_segment(
     machine: Machine, bank: FilterBank, noise: Sequence[PositionNoise], motion: Motion, recording: int = 0
 ) -> Segment:
-    """The segment that preparation would make of a recording of a motion, without sensor noise and without efforts.
+    """Return the segment that preparation would make of a recorded motion, without noise and efforts.
 
     Parameters
     ----------
     machine, bank : the machine, and the filters of the identification
     noise : position noise per joint: below some times its own noise a speed counts as rest
-    motion : the motion program; joints without a column stand mid-range
+    motion : the motion program; joints without a column are mid-range
     recording : number that the recording will have
 
     Raises
@@ -77,7 +77,7 @@ def segment_of_states(
     driving: States | tuple[()] = (),
     loaded: bool = True,
 ) -> Segment:
-    """As :func:`planned_segment`, from the states of all joints at the machine's rate; of the pistons if given."""
+    """Make :func:`planned_segment` from the states of all joints at the machine's rate; of the pistons if given."""
     time = (bank.margin + np.arange(len(turning[0]))) / bank.rate_hz
     planned = {"recording": recording, "role": ROLE, "start": bank.margin, "loaded": loaded}
     moved = motion_segment(machine, time, turning, driving, **planned)
@@ -97,5 +97,5 @@ def _resampled(time: FloatArray, values: FloatArray, wanted: FloatArray) -> Floa
 
 
 def _rest(speed: FloatArray, noise: float, rate_hz: float) -> BoolArray:
-    """Where an element stands still, as in preparation; without noise as well."""
+    """Return where an element is at rest, as in preparation; without noise as well."""
     return long_rests(np.abs(speed) <= max(REST_SPEED * noise, 1e-12), rate_hz)

@@ -50,7 +50,7 @@ class ChamberModel:
         return np.column_stack([np.ones_like(v), out, back, out**2, back**2, pushing, force - pushing, np.sign(v)])
 
     def rod_pressure(self, v: FloatArray, force: FloatArray) -> FloatArray:
-        """Expected rod pressure (N,) in Pa at piston speeds ``v`` and drive efforts ``force``."""
+        """Predict rod pressure (N,) in Pa at piston speeds ``v`` and drive efforts ``force``."""
         seen = self._features(np.clip(v, *self.speeds), np.clip(force, *self.forces)) @ self.coefficients
         # p1 = (F + p2 A2) / A1 must not fall below its floor either.
         least = np.maximum(self.floor, (self.floor * self.head_area - force) / self.rod_area)
@@ -58,7 +58,7 @@ class ChamberModel:
 
 
 def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
-    """Chamber models of all cylinders with measured pressures, fitted on the fitted recordings with the links on.
+    """Fit chamber models of all cylinders with measured pressures on recordings with links on.
 
     The floor is the machine's: a chamber that always carried a load has never been at its own.
     """
@@ -100,7 +100,7 @@ def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
 
 
 def usual_chambers(machine: Machine, back_pressure: float) -> tuple[ChamberModel | None, ...]:
-    """Chamber models before anything was measured: the chamber that is emptied keeps ``back_pressure`` (Pa)."""
+    """Return chamber models before measurement: the emptied chamber keeps ``back_pressure`` (Pa)."""
     nothing = np.zeros(ChamberModel._features(np.zeros(1), np.zeros(1)).shape[1])
     everywhere = (-np.inf, np.inf)
     return tuple(
@@ -118,7 +118,7 @@ def planned_views(
     terms: Sequence[Term] = (),
     like: DriveView | None = None,
 ) -> Views:
-    """Views of all segments of a planned design.
+    """Return views of all segments of a planned design.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], lik
 def _pressures(
     v: FloatArray, forces: FloatArray, chambers: tuple[ChamberModel | None, ...]
 ) -> Callable[[], FloatArray]:
-    """Rod pressures of one segment, computed when they are first asked for."""
+    """Compute rod pressures of one segment when they are first asked for."""
 
     @cache
     def values() -> FloatArray:

@@ -24,7 +24,7 @@ _MOST_SHAPES = 16
 
 
 def _fitted(apart: FloatArray, rival: Term, place: slice) -> FloatArray:
-    """Values of a rival fitted without the others; what was moved into the signals is put back first."""
+    """Return a rival's values fitted without the others; what was moved into signals is put back first."""
     S, target = apart[:-1, :-1], apart[:-1, -1]
     if rival.rebuilt:
         target = target + S[:, place] @ np.asarray(rival.rebuilt)
@@ -32,7 +32,7 @@ def _fitted(apart: FloatArray, rival: Term, place: slice) -> FloatArray:
 
 
 def _shapes(model: Model, rival: Term) -> list[Term]:
-    """A rival in its fitted shape, and in others of its grid: a wrong one adapts itself to a new recording."""
+    """Return a rival in fitted and other shapes of its grid: a wrong one adapts to a new recording."""
     effect = rival.content
     if not isinstance(effect, Effect):
         return [rival]
@@ -101,23 +101,23 @@ class Question:
         return [int(joint) for joint in np.argsort(felt)[::-1][:2]]
 
     def holding(self, q: FloatArray) -> FloatArray:
-        """Load forces (N, n) of the fitted arm at rest."""
+        """Compute load forces (N, n) of the fitted arm at rest."""
         design = self.model.design
         values = self.model.fit.theta[design.parameters.base_slice]
         return holding_efforts(design.machine, design.parameters.base, values, q)
 
     def segment(self, motion: Motion) -> Segment:
-        """A motion as it would be recorded."""
+        """Make a segment of a motion as it would be recorded."""
         design = self.model.design
         return planned_segment(design.machine, design.bank, design.noise, motion, self.next_recording)
 
     def segment_of(self, states: States) -> Segment:
-        """The same from exact states."""
+        """Make the same from exact states."""
         design = self.model.design
         return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
 
     def _products(self, segment: Segment) -> FloatArray:
-        """What a segment would add to the products."""
+        """Compute what a segment would add to the products."""
         known = self.model.design
         design = build_design(known.machine, known.parameters.base, known.bank, known.noise, [segment])
         like = self.model.views[self.model.fitted[0]][0]
@@ -125,14 +125,14 @@ class Question:
         return products(whitened(design, self.model.noise, [0], extra_columns(design, views, self.terms)))
 
     def separations(self, segments: Sequence[Segment]) -> list[Separation]:
-        """Separation by all data with each of the segments added."""
+        """Compute the separation by all data with each of the segments added."""
         return [self._separation(self.recorded + self._products(segment)) for segment in segments]
 
     def again(self, seconds: float) -> Separation:
-        """Separation with ``seconds`` more of the training motions."""
+        """Compute the separation with ``seconds`` more of the training motions."""
         return self._separation(self.recorded + seconds * self.training)
 
     def repeated(self, motion: Motion, times: Iterable[int]) -> Iterator[Separation]:
-        """Separations with a motion recorded so many times each."""
+        """Compute separations with a motion recorded so many times each."""
         more = self._products(self.segment(motion))
         return (self._separation(self.recorded + number * more) for number in times)

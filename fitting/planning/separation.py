@@ -45,7 +45,7 @@ _ENOUGH = 4.0
 
 
 def products(rows: Sequence[WhiteRows]) -> FloatArray:
-    """Inner products of whitened rows over all joints, columns first and the target last, (k + 1, k + 1)."""
+    """Compute inner products of whitened rows over joints, columns first and target last, (k + 1, k + 1)."""
     total = np.zeros((rows[0].A.shape[1] + 1,) * 2)
     for each in rows:
         table = np.column_stack([each.A, each.b])
@@ -54,9 +54,9 @@ def products(rows: Sequence[WhiteRows]) -> FloatArray:
 
 
 def projected(values: FloatArray, count: int) -> FloatArray:
-    """Products of all columns but the first ``count``, after those are projected out.
+    """Compute products of all but the first ``count`` columns, those projected out.
 
-    Directions that vanish to 1e-10 of the products of unit columns count as not told, and are not projected out.
+    Directions that vanish to 1e-10 of the products of unit columns count as undetermined, and are not projected out.
     """
     cross = inverse_root(values[:count, :count]).T @ values[:count, count:]
     return np.asarray(values[count:, count:] - cross.T @ cross)
@@ -132,7 +132,7 @@ class Separation:
 
     @property
     def worst(self) -> Pair:
-        """The truth that would be hardest to tell."""
+        """The truth that would be hardest to identify."""
         return min(self.pairs, key=lambda pair: pair.margin)
 
     @property
@@ -167,7 +167,7 @@ class Separation:
 
 
 def leads(apart: FloatArray, rivals: Sequence[Rival]) -> dict[tuple[int, int], Lead]:
-    """Of each rival as the truth over each other one; ``apart`` are the products of all columns, base projected out."""
+    """Compute each true rival's lead over each other; ``apart``: products of all columns, base projected out."""
     found = {}
     for true, rival in enumerate(rivals):
         made = apart[:, rival.places[0]] @ rival.values  # products with what the true one adds
@@ -181,7 +181,7 @@ def leads(apart: FloatArray, rivals: Sequence[Rival]) -> dict[tuple[int, int], L
 
 
 def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float, float]:
-    """Chi-square that a rival takes of products ``made`` in its best shape, and its log evidence over all shapes."""
+    """Compute a rival's chi-square of products ``made`` in its best shape, and log evidence over all."""
     gains, found = [], []
     for term, place in zip(rival.terms, rival.places, strict=True):
         information = apart[place, place]
@@ -208,7 +208,7 @@ def separation(
     rivals: Sequence[Rival],
     chances: Sequence[float] | None = None,
 ) -> Separation:
-    """What is to be expected of the rivals' odds.
+    """Predict the rivals' odds.
 
     Parameters
     ----------

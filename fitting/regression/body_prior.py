@@ -105,7 +105,7 @@ class Report(BaseModel):
     cylinders: dict[str, _Drive] | None = None
 
     def drive(self, joint: str) -> _Drive:
-        """Parameters and noise of a joint's drive; none of either where it was not identified."""
+        """Return parameters and noise of a joint's drive; none of either if unidentified."""
         return (self.cylinders or {}).get(joint) or _Drive()
 
 
@@ -115,7 +115,7 @@ def read_expected(path: Path) -> Drawing | Report:
     Raises
     ------
     InputError
-        One line naming file and key: unreadable, of another schema, or not as its schema says.
+        One line naming file and key: unreadable, of another schema, or not as its schema asks.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -184,7 +184,7 @@ def _from_report(path: Path, report: Report, base: BaseParameters) -> BodyPrior:
 
 
 def _sizes(mean: FloatArray, base: BaseParameters) -> FloatArray:
-    """Size of each parameter: root mean square of those of its link with its unit (``MX`` and ``MY`` together)."""
+    """Compute parameters' sizes: RMS of those of its link with its unit (``MX`` and ``MY`` together)."""
     link = base.independent // 10
     sizes = np.zeros(len(mean))
     for i, unit in enumerate(base.units):
@@ -194,7 +194,7 @@ def _sizes(mean: FloatArray, base: BaseParameters) -> FloatArray:
 
 
 def pseudo_inertia(link: npt.ArrayLike) -> FloatArray:
-    """Pseudo-inertia (4, 4) of one link from its ten parameters: ``[[Sigma, h], [h', m]]``.
+    """Compute the pseudo-inertia (4, 4) of a link's ten parameters: ``[[Sigma, h], [h', m]]``.
 
     ``Sigma = tr(I) / 2 E - I`` is the second moment of mass about the origin. Ten numbers are those of a body that can
     exist just if this matrix is positive definite (Wensing, Kim and Slotine, IEEE RA-L 3 (2018) 60).

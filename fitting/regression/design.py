@@ -65,7 +65,7 @@ class Parameters:
         return self.drive_count + len(self.base)
 
     def drive_slice(self, joint: int) -> slice:
-        """Where joint number ``joint`` has its drive parameters."""
+        """Return the place of joint ``joint``'s drive parameters."""
         start = sum(len(names) for names in self.drive[:joint])
         return slice(start, start + len(self.drive[joint]))
 
@@ -115,18 +115,18 @@ class JointBlock:
         return self.wide(self.own_reduced)
 
     def wide(self, own: FloatArray) -> FloatArray:
-        """Columns (M, p) of all parameters from those (M, k) of ``used``."""
+        """Widen columns (M, k) of ``used`` to all parameters, (M, p)."""
         wide = np.zeros((len(own), self.width))
         wide[:, self.used] = own
         return wide
 
     def force(self, theta: FloatArray, first: int = 0) -> FloatArray:
-        """What parameters from number ``first`` on make of the drive's effort, (N,); ``theta`` (p,) or longer."""
+        """Compute the drive's effort by parameters from number ``first`` on, (N,); ``theta`` (p,) or longer."""
         start = int(np.searchsorted(self.used, first))
         return np.asarray(self.own[:, start:] @ theta[self.used[start:]])
 
     def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Target (M,) and columns (M, k) of ``used`` as joint efforts, with the lever arm ``r`` (N,), filtered."""
+        """Return target (M,) and columns (M, k) of ``used`` as joint efforts at lever arm ``r`` (N,), filtered."""
         both = bank.reduce(np.column_stack([self.target, self.own]) * r[:, None])
         return both[:, 0], both[:, 1:]
 
@@ -153,15 +153,15 @@ class Design:
         return sum(block.own.size + block.own_reduced.size for blocks in self.blocks for block in blocks)
 
     def indices(self, *roles: str) -> tuple[int, ...]:
-        """Indices of the segments with one of these roles."""
+        """Return the indices of the segments with one of these roles."""
         return tuple(i for i, segment in enumerate(self.segments) if segment.role in roles)
 
     def kept(self, noise: NoiseModel, joint: int, index: int) -> BoolArray:
-        """Which whitened rows of one joint in one segment have only moving samples in their past."""
+        """Return which whitened rows of a joint in a segment have only moving samples in their past."""
         return noise.of(joint, self.segments[index].loaded).kept(self.blocks[joint][index].keep)
 
     def white(self, noise: NoiseModel, joint: int, index: int, rows: FloatArray) -> FloatArray:
-        """Reduced rows of one joint in one segment, whitened and scaled; those that are kept."""
+        """Whiten and scale reduced rows of one joint in one segment; those that are kept."""
         return noise.of(joint, self.segments[index].loaded)(rows)[self.kept(noise, joint, index)]
 
 
@@ -177,7 +177,7 @@ def build_design(
     segments: Iterable[Segment],
     store: Store | None = None,
 ) -> Design:
-    """Columns of every joint in every segment; what ``store`` gives back for a segment and its blocks is kept."""
+    """Build columns of every joint in every segment; of a segment and blocks, what ``store`` returns is kept."""
     names = drive_names(machine)
     parameters = Parameters(tuple(j.name for j in machine.joints), names, base)
     kept, rows = [], []
@@ -199,7 +199,7 @@ def build_design(
 
 
 def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection[int]) -> Design:
-    """A design whose ``segments`` differ from those of ``design`` in when the efforts of some joints were sampled.
+    """Return a design with ``segments`` unlike those of ``design`` in when some joints' efforts were sampled.
 
     Blocks of the other joints are those of ``design`` itself.
     """
@@ -218,7 +218,7 @@ def with_efforts(design: Design, segments: Sequence[Segment], joints: Collection
 
 
 def with_targets(design: Design, segments: Sequence[Segment]) -> Design:
-    """A design whose ``segments`` differ from those of ``design`` in what the efforts are, not in when they were."""
+    """Return a design with ``segments`` unlike those of ``design`` in what the efforts are, not in their times."""
     blocks = []
     for joint, before in enumerate(design.blocks):
         own = []
@@ -232,7 +232,7 @@ def with_targets(design: Design, segments: Sequence[Segment]) -> Design:
 def _blocks(
     machine: Machine, parameters: Parameters, bank: FilterBank, noise: Sequence[PositionNoise], segment: Segment
 ) -> list[JointBlock]:
-    """The blocks of all joints in one segment."""
+    """Build the blocks of all joints in one segment."""
     body = None
     if segment.loaded:
         speeds = np.array([own.speed for own in noise])
@@ -258,19 +258,19 @@ def _blocks(
 
 
 def _drive_columns(parameters: Parameters, noise: Sequence[PositionNoise], segment: Segment, joint: int) -> FloatArray:
-    """Columns (N, k) of a joint's own drive parameters in one segment."""
+    """Compute columns (N, k) of a joint's drive parameters in one segment."""
     x, v, a = segment.x[:, joint], segment.v[:, joint], segment.a[:, joint]
     late = segment.late[joint] if segment.late else 0.0
     return drive_columns(parameters.drive[joint], x, v, a, noise[joint].speed, late)
 
 
 def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:
-    """Reduced rows (M,) whose filter window has next to no rest (N,) in it."""
+    """Return reduced rows (M,) with next to no rest (N,) in their filter window."""
     return np.abs(bank.reduce(rest.astype(float))) < REST_SHARE
 
 
 def told_rows(bank: FilterBank, segment: Segment) -> BoolArray:
-    """Reduced rows (M,) that do not rest on what is made up where a gap hides something of the band."""
+    """Return reduced rows (M,) without values made up where a gap hides something of the band."""
     if segment.bridged is None:
         return np.ones(bank.rows(len(segment)), dtype=bool)
     return np.abs(bank.reduce(hidden(segment.bridged, bank.decimation).astype(float))) < MADE_UP_SHARE
@@ -304,12 +304,12 @@ class NoiseModel:
         return np.array([w.std for w in self.whitenings])
 
     def of(self, joint: int, loaded: bool) -> Whitening:
-        """Whitening of one joint's noise, with its links or without."""
+        """Return the whitening of one joint's noise, with links or without."""
         return (self.unloaded if self.unloaded and not loaded else self.whitenings)[joint]
 
 
 def white_noise_model(joints: int) -> NoiseModel:
-    """Unit white noise for every joint: the start of an iteration, and ordinary least squares."""
+    """Return unit white noise for every joint: an iteration's start, and ordinary least squares."""
     return NoiseModel(tuple(unit_whitening() for _ in range(joints)), False)
 
 
@@ -323,7 +323,7 @@ class Extra:
     def beside(
         self, columns: FloatArray, bank: FilterBank, joint: int, index: int, r: FloatArray | None = None
     ) -> FloatArray:
-        """Reduced ``columns`` (M, p) of a joint in a segment with the effects' own beside them, times ``r`` (N,)."""
+        """Put the effects' columns beside reduced ``columns`` (M, p) of a joint in a segment, times ``r`` (N,)."""
         if not self.names:
             return columns
         own = self.columns[joint][index]
@@ -335,14 +335,14 @@ class Extra:
 def whitened(
     design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra | None = None
 ) -> tuple[WhiteRows, ...]:
-    """Whitened rows of every joint over the fitted segments."""
+    """Whiten rows of every joint over the fitted segments."""
     return tuple(whitened_joint(design, noise, joint, fitted, extra) for joint in range(len(design.machine.joints)))
 
 
 def whitened_joint(
     design: Design, noise: NoiseModel, joint: int, fitted: Sequence[int], extra: Extra | None = None
 ) -> WhiteRows:
-    """Whitened rows of one joint over the fitted segments."""
+    """Whiten rows of one joint over the fitted segments."""
     width = len(design.parameters) + (0 if extra is None else len(extra.names))
     parts_A, parts_b, sections = [np.zeros((0, width))], [np.zeros(0)], []
     for index in fitted:
@@ -356,7 +356,7 @@ def whitened_joint(
 
 
 def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:
-    """Measured less predicted drive effort of a joint in a segment, (N,), before any filter."""
+    """Compute measured less predicted drive effort of a joint in a segment, (N,), unfiltered."""
     block = design.blocks[joint][index]
     p = len(design.parameters)
     residual = block.target - block.force(theta)
@@ -370,7 +370,7 @@ def full_residual(design: Design, theta: FloatArray, joint: int, index: int, ext
 def reduced_residual(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
-    """:func:`full_residual` through the identification filter, (M,)."""
+    """Filter :func:`full_residual` for identification, (M,)."""
     block = design.blocks[joint][index]
     p = len(design.parameters)
     residual = block.reduced_target - block.own_reduced @ theta[block.used]
@@ -381,7 +381,7 @@ def reduced_residual(
 def effort_residual(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
-    """Measured less predicted joint effort (N m or N) through the identification filter, (M,)."""
+    """Compute measured less predicted joint effort (N m or N), filtered for identification, (M,)."""
     r = design.segments[index].r[:, joint]
     if not design.stored:
         return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))
@@ -396,7 +396,7 @@ def effort_residual(
 def predicted_effort(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
-    """The model's drive effort of a joint in a segment, (N,), known part included: ``F^``."""
+    """Predict the drive effort of a joint in a segment, (N,), known part included: ``F^``."""
     block = design.blocks[joint][index]
     return block.target + block.known - full_residual(design, theta, joint, index, extra)
 
@@ -404,14 +404,14 @@ def predicted_effort(
 def effort_errors(
     design: Design, theta: FloatArray, indices: Sequence[int], extra: Extra | None = None
 ) -> tuple[FloatArray, ...]:
-    """Per joint the filtered joint-effort error (N m or N) over the rows that move, all segments in a row."""
+    """Compute per joint the filtered effort error (N m or N) over moving rows, all segments in a row."""
     return moving_efforts(design, indices, lambda joint, index: effort_residual(design, theta, joint, index, extra))
 
 
 def moving_efforts(
     design: Design, indices: Sequence[int], of: Callable[[int, int], FloatArray]
 ) -> tuple[FloatArray, ...]:
-    """Per joint what ``of`` gives of it and of each loaded segment, (M,), over the rows that move, all in a row."""
+    """Collect per joint what ``of`` gives of it and each loaded segment, (M,), over moving rows, all in a row."""
     result = []
     for joint, blocks in enumerate(design.blocks):
         parts = [of(joint, index)[blocks[index].keep] for index in indices if design.segments[index].loaded]

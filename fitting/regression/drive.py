@@ -36,12 +36,12 @@ UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3
 
 
 def effort_unit(joint: Joint) -> str:
-    """Unit of what drives a joint: N of a piston, the joint's own where there is none."""
+    """Return a drive's unit: N of a piston, the joint's own where there is none."""
     return UNITS["f_c"] if joint.cylinder is not None else joint.effort_unit
 
 
 def direct_units(effort: str) -> dict[str, str]:
-    """Units of a directly driven joint's parameters; ``effort`` is ``N m`` or ``N``."""
+    """Return the units of a direct drive's parameters; ``effort`` is ``N m`` or ``N``."""
     revolute = effort == "N m"
     return {
         "J": "kg m^2" if revolute else "kg",
@@ -52,9 +52,9 @@ def direct_units(effort: str) -> dict[str, str]:
 
 
 def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
-    """Per joint the names of its drive parameters, in the order of :func:`drive_columns`.
+    """Return per joint its drive parameters' names, in the order of :func:`drive_columns`.
 
-    A directly driven joint's inertia ``J`` is listed only where it can be told from the links' inertias at all.
+    A directly driven joint's inertia ``J`` is listed only where it is separable from the links' inertias.
     """
     told: set[str] = set()
     if any(joint.cylinder is None for joint in machine.joints):
@@ -75,12 +75,12 @@ def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
 def drive_columns(
     names: tuple[str, ...], x: FloatArray, v: FloatArray, a: FloatArray, speed_noise: float, late: float = 0.0
 ) -> FloatArray:
-    """Columns for the named drive parameters, (N, len(names)); ``x``, ``v``, ``a`` are (N,) of the driving element.
+    """Compute named drive parameters' columns, (N, len(names)); ``x``, ``v``, ``a`` (N,) of the driving element.
 
     Parameters
     ----------
     late : samples by which the effort came late and was moved. Its jumps were sampled where they arrived, somewhere
-        between two samples of the motion, and stay there when it is moved; columns that jump are made in the same way
+        between two samples of the motion, and keep it when it is moved; columns that jump are made in the same way
     """
 
     def jumping(of: Callable[[FloatArray], FloatArray]) -> FloatArray:
@@ -99,7 +99,7 @@ def drive_columns(
 
 
 def known_effort(joint: Joint, v: FloatArray, a: FloatArray, external: FloatArray | None = None) -> FloatArray:
-    """The part of the drive effort that is known: ``c v``, ``m x''`` if the mass is given, a measured outside force."""
+    """Compute the known drive effort: ``c v``, ``m x''`` if the mass is given, a measured outside force."""
     if joint.cylinder is None:
         return np.zeros_like(v)
     known = joint.cylinder.damping * v + (joint.cylinder.moving_mass or 0.0) * a

@@ -27,7 +27,7 @@ Sizes = dict[str, list[float | None]]
 
 
 def measured_efforts(design: Design, indices: Sequence[int]) -> tuple[FloatArray, ...]:
-    """Per joint the filtered measured joint effort (N m or N) on the rows of
+    """Compute per joint the filtered measured joint effort (N m or N) on the rows of
     :func:`fitting.regression.design.effort_errors`.
     """
 
@@ -39,7 +39,7 @@ def measured_efforts(design: Design, indices: Sequence[int]) -> tuple[FloatArray
 
 
 def sizes(role: str, errors: Sequence[FloatArray], efforts: Sequence[FloatArray]) -> Sizes:
-    """All sizes of one role's errors, each a list over the joints; None where there are no rows.
+    """Compute all sizes of one role's errors, each a list over joints; None where no rows are.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def sizes(role: str, errors: Sequence[FloatArray], efforts: Sequence[FloatArray]
 def errors_of(
     design: Design, theta: FloatArray, extra: Extra | None = None
 ) -> tuple[Sizes, dict[str, tuple[FloatArray, ...]], dict[str, Any]]:
-    """Sizes of a model's errors in both roles, the errors themselves by role, and the relative error of all joints.
+    """Compute sizes of a model's errors in both roles, the errors by role, and all joints' relative error.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def errors_of(
 
 
 def overall_relative(errors: Sequence[FloatArray], efforts: Sequence[FloatArray], units: Sequence[str]) -> float | None:
-    """One relative error of all joints; None where there are no rows, or no effort.
+    """Compute one relative error of all joints; None without rows or effort.
 
     Where all efforts have one unit, the norm of all joints' errors over that of all joints' efforts. N and N m do not
     add: where both occur, the root mean square of the joints' own relative errors.
@@ -92,7 +92,7 @@ def overall_relative(errors: Sequence[FloatArray], efforts: Sequence[FloatArray]
 def overall_errors(
     found: Mapping[str, tuple[Sizes, Any, Mapping[str, Any]]], floor: npt.ArrayLike, shown: str
 ) -> dict[str, Any]:
-    """What a report says of all joints together beside the standard deviation, before and after.
+    """Report all joints together beside the standard deviation, before and after.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def overall_errors(
     -------
     dict
         ``rms`` and ``mean`` (root mean square over the joints of each in its noise floors) and ``relative``
-        (:func:`overall_relative`; ``of`` says which way), each with ``before``, ``after``, ``train_before``,
+        (:func:`overall_relative`; ``of`` gives the way), each with ``before``, ``after``, ``train_before``,
         ``train_after``.
     """
     result: dict[str, Any] = {"rms": {}, "mean": {}, "relative": {}}
@@ -117,7 +117,7 @@ def overall_errors(
 
 
 def independent_rows(errors: Sequence[FloatArray]) -> float:
-    """How many independent rows say as much of the errors' power as these, all joints together.
+    """Count independent rows with as much information on the errors' power as these, in all.
 
     ``N / (1 + 2 sum_k r_k^2)`` of each joint, ``r_k`` the autocorrelation (M. S. Bartlett, *Stochastic Processes*,
     1955, ch. 9: variance of a variance).
@@ -133,7 +133,7 @@ def independent_rows(errors: Sequence[FloatArray]) -> float:
 
 
 def in_floors(values: Sequence[float | None], floor: npt.ArrayLike | Sequence[float | None]) -> float | None:
-    """Root mean square over the joints of error over noise floor; None where no joint has both."""
+    """Compute error over noise floor, RMS over the joints; None where no joint has both."""
     pairs = zip(values, np.asarray(floor, dtype=float), strict=True)
     scaled = [value / own for value, own in pairs if value is not None and own > 0]
     return float(np.sqrt(np.mean(np.square(scaled)))) if scaled else None

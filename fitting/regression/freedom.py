@@ -31,7 +31,7 @@ LEVEL, SIGMAS = 0.95, 1.959964
 def degrees_of_freedom(
     rows: Sequence[WhiteRows], covariance: FloatArray, noise: NoiseModel, design: Design
 ) -> FloatArray:
-    """Degrees of freedom of each parameter's variance, (p,), at most a million.
+    """Compute degrees of freedom of parameters' variances, (p,), at most a million.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def degrees_of_freedom(
 
 
 def coverage_factors(freedom: FloatArray) -> FloatArray:
-    """Factors that make :data:`SIGMAS` standard deviations an interval of :data:`LEVEL`, (p,), at least 1."""
+    """Compute factors that make :data:`SIGMAS` standard deviations an interval of :data:`LEVEL`, (p,), at least 1."""
     return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, freedom) / SIGMAS)
 
 
 def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:
-    """By how much parameters (blocks, p) move when a block of rows is left out.
+    """Compute moves of parameters (blocks, p) when a block of rows is left out.
 
     ``J`` (M, p) is in units that each is known to before any data, ``noise`` the variance of a row. Exact where the
     model is linear and ``r`` (M,) the residual of its least squares.
@@ -81,6 +81,6 @@ def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], nois
 
 
 def freedom_of(moves: FloatArray) -> FloatArray:
-    """Degrees of freedom (k,) of sums of squares of moves (blocks, k): all blocks if they tell alike, 3 if one does."""
+    """Compute degrees of freedom (k,) of sums of squared moves (blocks, k): all blocks if alike, 3 if one dominates."""
     squares = moves**2
     return np.asarray(3.0 * np.maximum(squares.sum(axis=0) ** 2 / np.maximum((squares**2).sum(axis=0), 1e-300), 1.0))

@@ -52,7 +52,7 @@ class Telling:
     relative: float
 
     def to_json(self) -> dict[str, Any]:
-        """As reports and forecasts have it; None for what is infinite."""
+        """Return content of reports and forecasts; None for what is infinite."""
         return {key: None if value == np.inf else value for key, value in vars(self).items()}
 
 
@@ -63,7 +63,7 @@ def tellings(
     theta: FloatArray,
     prior: Prior | None = None,
 ) -> tuple[Telling, ...]:
-    """What a motion tells of each drive and base parameter.
+    """Compute what a motion shows of each drive and base parameter.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def tellings(
 
     Notes
     -----
-    ``cov = (A'A)^-1`` over the directions that the rows tell; a parameter with a part in a direction that they do not
+    ``cov = (A'A)^-1`` over the directions that rows show; a parameter with a part in a direction that they do not
     has no finite deviation.
     """
     size = len(design.parameters)
@@ -102,7 +102,7 @@ def tellings(
 
 
 def parameter_sizes(design: Design, indices: Sequence[int], theta: FloatArray) -> FloatArray:
-    """Size (p,) of each parameter, in its unit; see the module's text."""
+    """Return the size (p,) of each parameter, in its unit; see the module."""
     parameters = design.parameters
     sizes = np.abs(np.asarray(theta, dtype=float)[: len(parameters)])
     for joint, names in enumerate(parameters.drive):
@@ -125,7 +125,7 @@ def parameter_sizes(design: Design, indices: Sequence[int], theta: FloatArray) -
 
 
 def _variances(G: FloatArray) -> FloatArray:
-    """Diagonal of the inverse; infinite for parameters that take part in a direction without information."""
+    """Compute the inverse's diagonal; infinite for parameters in a direction without information."""
     used = np.flatnonzero(np.diag(G) > 0)
     result = np.full(len(G), np.inf)
     if not len(used):
@@ -140,7 +140,7 @@ def _variances(G: FloatArray) -> FloatArray:
 
 
 def statement(found: Sequence[Telling]) -> str:
-    """One sentence: how many parameters the motion tells, and which it does not."""
+    """Word in one sentence how many parameters the motion determines, and which not."""
     told = [t.name for t in found if t.verdict == "told"]
     text = f"this motion tells {len(told)} of {len(found)} parameters"
     for verdict in ("assumed", "poorly told", "not told"):

@@ -56,7 +56,7 @@ class Pairing:
 
 
 def pair_repeats(design: Design) -> tuple[Pairing, ...]:
-    """For each `repeat` segment the training segment it repeats, aligned in time.
+    """Find for each `repeat` segment the training segment it repeats, aligned in time.
 
     A segment is paired only if, after alignment, its joint positions follow the training motion to within 2 % of
     their spread. Where the ways to and from the motion differ, as those of a controller do that comes from elsewhere,
@@ -74,7 +74,7 @@ def pair_repeats(design: Design) -> tuple[Pairing, ...]:
 
 
 def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
-    """The stretches of two segments that are one motion, and how far they are apart at most, over their spread."""
+    """Find the stretches of two segments that are one motion, and their largest distance over their spread."""
     a, b = design.segments[train].q, design.segments[repeat].q
     # A joint that is parked is where it is in both, and what it trembles is no motion.
     reaches = np.array([reach(joint, False) for joint in design.machine.joints])
@@ -101,12 +101,12 @@ def _laid(design: Design, train: int, repeat: int) -> tuple[float, Pairing]:
 
 
 def _near(a: FloatArray, b: FloatArray, spread: FloatArray) -> BoolArray:
-    """Where (N,) all joints of two motions are at about the same place."""
+    """Return where (N,) all joints of two motions are at about the same place."""
     return np.asarray(np.all(np.abs(a - b) < _NEAR * spread, axis=1))
 
 
 def _lag_of_most(a: FloatArray, b: FloatArray, spread: FloatArray, most: int) -> int:
-    """Lag in samples at which the two are near each other for longest, whatever they do elsewhere; to a few samples."""
+    """Find the lag in samples at which two are near each other for longest, whatever else; to a few samples."""
     a, b = a[::_COARSE], b[::_COARSE]
     least = 0.5 * min(len(a), len(b))  # what a pair has to have together
     counts = {0: 0}
@@ -118,7 +118,7 @@ def _lag_of_most(a: FloatArray, b: FloatArray, spread: FloatArray, most: int) ->
 
 
 def _aligned(pair: Pairing, a: FloatArray, b: FloatArray, most: int) -> Pairing:
-    """The same pair, begun later in one of both by the lag between ``a`` and ``b`` (N, n), in samples."""
+    """Shift the pair's beginning by the lag between ``a`` and ``b`` (N, n), in samples."""
     lag = lag_between(a, b, most)
     late_a, late_b = max(0, -lag), max(0, lag)
     length = min(len(a) - late_a, len(b) - late_b)
@@ -126,7 +126,7 @@ def _aligned(pair: Pairing, a: FloatArray, b: FloatArray, most: int) -> Pairing:
 
 
 def _apart(pair: Pairing, a: FloatArray, b: FloatArray, spread: FloatArray) -> float:
-    """Standard deviation of the difference of a pair, the worst joint, over ``spread`` (n,)."""
+    """Compute the standard deviation of a pair's difference, the worst joint, over ``spread`` (n,)."""
     left, right = pair.rows
     difference = a[left] - b[right]
     return float(np.max(difference.std(axis=0) / spread))
@@ -135,7 +135,7 @@ def _apart(pair: Pairing, a: FloatArray, b: FloatArray, spread: FloatArray) -> f
 def difference_noise(
     design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int, extra: Extra | None = None
 ) -> list[FloatArray]:
-    """Noise of one joint at full rate, (N,) per pair: difference of the two residuals over the square root of two."""
+    """Compute a joint's full-rate noise, (N,) per pair: difference of the two residuals over root two."""
     result = []
     for pair in pairs:
         first = full_residual(design, theta, joint, pair.train, extra)
@@ -146,7 +146,7 @@ def difference_noise(
 
 
 def _difference_stretches(design: Design, theta: FloatArray, pairs: Sequence[Pairing], joint: int) -> list[FloatArray]:
-    """:func:`difference_noise` with what both runs spend at rest for long cut out."""
+    """Cut what both runs spend at rest for long out of :func:`difference_noise`."""
     stretches = []
     for pair, series in zip(pairs, difference_noise(design, theta, pairs, joint), strict=True):
         left, right = pair.rows
@@ -156,7 +156,7 @@ def _difference_stretches(design: Design, theta: FloatArray, pairs: Sequence[Pai
 
 
 def effort_floor(design: Design, theta: FloatArray, pairs: Sequence[Pairing]) -> FloatArray:
-    """Noise floor per joint in the joint's effort unit, (n,): std of (train less repeat) residual over root two."""
+    """Compute each joint's noise floor in its effort unit, (n,): std of (train less repeat) residual over root two."""
     floors = []
     for joint in range(len(design.machine.joints)):
         values = []
@@ -179,7 +179,7 @@ def noise_model(
     start: NoiseModel | None = None,
     anew: Collection[int] | None = None,
 ) -> NoiseModel:
-    """Whitening of each joint's noise, alternating between fit and noise (feasible generalised least squares).
+    """Estimate each joint's whitening, alternating between fit and noise (feasible generalised least squares).
 
     ``start`` is a noise that is known already, of which only that of the joints ``anew`` has changed.
     """
@@ -209,20 +209,20 @@ def noise_model(
 
 
 def _noise_segments(design: Design, fitted: Sequence[int], loaded: bool) -> Sequence[int]:
-    """Fitted segments that the noise is estimated from, with the links or without."""
+    """Return fitted segments for the noise estimate, with the links or without."""
     own = [i for i in fitted if design.segments[i].loaded == loaded]
     return _spread(own) if design.stored else own
 
 
 def _spread(items: Sequence[_T]) -> Sequence[_T]:
-    """At most :data:`_MOST_SEGMENTS` of them, evenly spread; all where there are not more."""
+    """Choose at most :data:`_MOST_SEGMENTS` of them, evenly spread; all if no more."""
     if len(items) <= _MOST_SEGMENTS:
         return items
     return [items[round(k)] for k in np.linspace(0, len(items) - 1, _MOST_SEGMENTS)]
 
 
 def _flexible_residual(design: Design, theta: FloatArray, fitted: Sequence[int], joint: int) -> list[FloatArray]:
-    """Full-rate residual of a joint after splines in its own position and speed, with and without the speed's sign.
+    """Compute a joint's full-rate residual after splines in its own position and speed, with and without its sign.
 
     Splines are fitted to filtered rows that move, and taken off rows at the full rate: directions that the former
     hardly show would be made up on the latter. So a spline is expected to be no larger than the residual itself (one
@@ -257,7 +257,7 @@ def _flexible_residual(design: Design, theta: FloatArray, fitted: Sequence[int],
 
 
 def moving_stretches(series: FloatArray, rest: BoolArray, bank: FilterBank) -> list[FloatArray]:
-    """Stretches of a series (N,) or (N, k) between long rests, those that fill the identification filter's window.
+    """Find stretches of a series (N,) or (N, k) between long rests that fill the identification filter's window.
 
     A drive at rest holds any effort up to its static friction; that is neither noise nor model.
     """

@@ -57,7 +57,7 @@ _FIRST, _SHARE = 1.0, 0.95
 
 
 def _basis() -> FloatArray:
-    """Orthonormal basis (10, 4, 4) of the symmetric matrices."""
+    """Return an orthonormal basis (10, 4, 4) of symmetric matrices."""
     out = np.zeros((10, 4, 4))
     for k, (i, j) in enumerate(zip(*np.triu_indices(4), strict=True)):
         out[k, i, j] = out[k, j, i] = 1.0 if i == j else np.sqrt(0.5)
@@ -65,7 +65,7 @@ def _basis() -> FloatArray:
 
 
 def _of_body() -> FloatArray:
-    """The ten parameters of a link from its pseudo-inertia, row by row: mass, first moments, ``tr(S) E - S``."""
+    """Compute a link's ten parameters from its pseudo-inertia by row: mass, first moments, ``tr(S) E - S``."""
     out = np.zeros((10, 4, 4))
     out[0, 3, 3] = 1.0
     for k in range(3):
@@ -82,7 +82,7 @@ _BASIS, _OF_BODY = _basis(), _of_body()
 
 
 def rods(geometry: Geometry) -> FloatArray:
-    """Pseudo-inertias (n, 4, 4) of rods along the links' stretches, 1 kg together, each link as heavy as it is long."""
+    """Compute pseudo-inertias (n, 4, 4) of rods along the links, 1 kg together, each weighed by its length."""
     stretches = geometry.stretches
     sizes = [np.array([np.linalg.norm(end - start) for start, end in own]) for own in stretches]
     lengths = np.array([own.sum() for own in sizes])
@@ -98,7 +98,7 @@ def rods(geometry: Geometry) -> FloatArray:
 
 
 def standard_of_bodies(bodies: FloatArray) -> FloatArray:
-    """Standard parameters (10 n,) of links with pseudo-inertias (n, 4, 4)."""
+    """Compute links' standard parameters (10 n,) from pseudo-inertias (n, 4, 4)."""
     return np.asarray((bodies.reshape(-1, 16) @ _OF_BODY.T).ravel())
 
 
@@ -134,7 +134,7 @@ class PlausibleArm:
         return np.asarray(np.linalg.inv(self.bodies))
 
     def optimum(self, A: FloatArray, b: FloatArray, start: Optimum | None = None, weight: float = WEIGHT) -> Optimum:
-        """Most probable links and drives.
+        """Find the most probable links and drives.
 
         Parameters
         ----------
@@ -154,14 +154,14 @@ class PlausibleArm:
         return Optimum(self, state.roots, state.phi, weight)
 
     def fields(self, roots: FloatArray) -> FloatArray:
-        """Base parameters per ``X`` of every link in the orthonormal basis, (nb, 10 n)."""
+        """Compute base parameters per ``X`` of each link in orthonormal basis, (nb, 10 n)."""
         bodies = roots[:, None] @ _BASIS @ roots[:, None].transpose(0, 1, 3, 2)
         links = bodies.reshape(-1, 10, 16) @ _OF_BODY.T
         of_links = self.regrouping[:, : 10 * len(roots)].reshape(-1, len(roots), 10).transpose(1, 0, 2)
         return np.asarray((of_links @ links.transpose(0, 2, 1)).transpose(1, 0, 2).reshape(-1, 10 * len(roots)))
 
     def slope(self, roots: FloatArray, weight: float, log: FloatArray) -> FloatArray:
-        """Gradient of the weighted divergence in ``X`` of every link in the orthonormal basis, (10 n,).
+        """Compute the divergence's weighted gradient in ``X`` of each link in orthonormal basis, (10 n,).
 
         ``log`` (n, 4) is that of the weighted logarithm of the determinant, which is diagonal in these coordinates.
         """
@@ -174,13 +174,13 @@ class PlausibleArm:
         return self.regrouping[:, 10 * len(self.bodies) :]
 
     def theta(self, roots: FloatArray, phi: FloatArray) -> FloatArray:
-        """Drives' and base parameters of links with these roots and of these drives."""
+        """Compute drives' and base parameters of links with these roots and drives."""
         bodies = roots @ roots.transpose(0, 2, 1)
         links = self.regrouping[:, : 10 * len(roots)] @ standard_of_bodies(bodies)
         return np.concatenate([phi[: self.drives], links + self.of_motors @ phi[self.drives :]])
 
     def precision(self, phi: FloatArray) -> FloatArray:
-        """``own f`` of every drive's parameter."""
+        """Return ``own f`` of every drive's parameter."""
         below = self.signed & (phi < 0)
         return np.asarray(self.own * np.where(below, self.below**-2, 1.0))
 
@@ -201,7 +201,7 @@ class _Problem:
         self.unit = np.where(arm.own > 0, 1.0 / np.sqrt(np.where(arm.own > 0, arm.own, 1.0)), 1.0)
 
     def cost(self, state: _State, mu: float) -> float:
-        """The objective, with its own weight of the logarithm of the determinant."""
+        """Compute the objective, with its own weight of the log determinant."""
         missing = self.A @ self.arm.theta(state.roots, state.phi) - self.b
         own = state.roots.transpose(0, 2, 1) @ self.arm.inverse @ state.roots
         spread = self.weight * float(np.sum(np.trace(own, axis1=1, axis2=2) - 4.0))
@@ -210,7 +210,7 @@ class _Problem:
         return float(missing @ missing) / 2 + float(precision @ state.phi**2) / 2 + spread
 
     def solved(self, state: _State) -> _State:
-        """The optimum, from any links and drives."""
+        """Find the optimum, from any links and drives."""
         count, w, taken = len(state.roots), self.weight, 0.2
         slope = self._slope(state, state.roots, np.zeros((count, 4)))[1][: 10 * count].reshape(count, 10)
         mu = max(w, _FIRST * float(np.max(np.linalg.norm(slope, axis=1), initial=0.0)))
@@ -243,7 +243,7 @@ class _Problem:
         return state
 
     def _slope(self, state: _State, G: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows per ``X`` and scaled ``phi``, and the slope down; ``log`` as in :meth:`PlausibleArm.slope`."""
+        """Compute rows per ``X`` and scaled ``phi``, and the slope down; ``log`` as in :meth:`PlausibleArm.slope`."""
         arm = self.arm
         missing = self.A @ arm.theta(state.roots, state.phi) - self.b
         M = np.hstack([self.A[:, arm.drives :] @ arm.fields(G), self.of_phi * self.unit])
@@ -251,7 +251,7 @@ class _Problem:
         return M, -M.T @ missing - np.concatenate([arm.slope(G, self.weight, log), known])
 
     def _step(self, state: _State, G: FloatArray, log: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Newton step: ``X`` (n, 4, 4), change of ``phi``, and what the slope along it promises."""
+        """Compute the Newton step: ``X`` (n, 4, 4), change of ``phi``, and its promised descent."""
         M, down = self._slope(state, G, log)
         count = 10 * len(G)
         H = M.T @ M
@@ -271,7 +271,7 @@ class _Problem:
 
 
 def _inside(size: FloatArray, X: FloatArray) -> float:
-    """Share of a step ``X`` from the diagonal matrices ``size`` that stays positive definite, at most 1."""
+    """Compute the share of step ``X`` from diagonal ``size`` that keeps positive definite, at most 1."""
     root = 1.0 / np.sqrt(size)
     lowest = float(np.min(np.linalg.eigvalsh(X * root[:, :, None] * root[:, None, :]), initial=0.0))
     return min(1.0, _SHARE / -lowest) if lowest < 0 else 1.0
@@ -341,7 +341,7 @@ def plausible_arm(
     triangles: Sequence[FloatArray],
     drawing: FloatArray | None = None,
 ) -> PlausibleArm:
-    """The prior for efforts as they were measured.
+    """Build the prior for efforts as they were measured.
 
     Parameters
     ----------
@@ -369,7 +369,7 @@ def plausible_arm(
 
 
 def _mass(base: BaseParameters, bodies: FloatArray, drives: int, rows: FloatArray) -> float:
-    """Mass of all links together: the slope of the efforts on those of the arm at 1 kg, beside the drives' columns."""
+    """Estimate all links' mass: the slope of efforts on those of the arm at 1 kg, beside the drives' columns."""
     standard = standard_of_bodies(bodies)
     u, b = rows[:, drives:-1] @ (base.regrouping[:, : len(standard)] @ standard), rows[:, -1]
     Q = factor(rows[:, :drives]).Q if drives else np.zeros((len(rows), 0))

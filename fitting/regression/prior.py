@@ -59,35 +59,35 @@ class Prior:
     refused: bool = False
 
     def delay_of(self, joint: int) -> tuple[float, float] | None:
-        """Expected delay of a joint's efforts and its standard deviation, s."""
+        """Return a joint's expected delay of efforts and its standard deviation, s."""
         if self.delay is None or self.delay_std is None or np.isnan(self.delay[joint]):
             return None
         return float(self.delay[joint]), float(self.delay_std[joint])
 
     def own_rows(self, joint: int) -> int:
-        """How many rows a joint's mass and delay have at the end of its block."""
+        """Count the rows of a joint's mass and delay at its block's end."""
         return int(not np.isnan(self.mass[joint])) + int(self.delay_of(joint) is not None)
 
     def undelayed(self) -> Prior:
-        """The same where nothing is late: of replicas, whose efforts and positions belong together."""
+        """Return the same without delays: of replicas, whose efforts and positions match."""
         return self if self.delay is None else replace(self, delay=0.0 * self.delay)
 
     def without_delays(self) -> Prior:
-        """The same where nothing is known of delays."""
+        """Return the same with delays unknown."""
         return self if self.delay is None else replace(self, delay=None, delay_std=None)
 
     def settled(self, A: FloatArray, b: FloatArray) -> Prior:
-        """The same at the point that these rows of unit noise (all other priors among them) and the arm ask for."""
+        """Return the prior at the point of these unit-noise rows (all other priors among them) and the arm."""
         if self.arm is None or self.refused:
             return self
         return replace(self, point=self.arm.optimum(A, b, self.point))
 
     def unsettled(self) -> Prior:
-        """The same without the arm's rows."""
+        """Return the same without the arm's rows."""
         return self if self.point is None else replace(self, point=None)
 
     def arm_rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
-        """The arm's prior as rows of unit noise, (R, columns) and (R,); none without a point."""
+        """Return the arm's prior as unit-noise rows, (R, columns) and (R,); none without point."""
         if self.point is None:
             return np.zeros((0, columns)), np.zeros(0)
         A, b = self.point.rows
@@ -95,7 +95,7 @@ class Prior:
 
 
 def moving_mass(cylinder: Cylinder) -> float:
-    """Mass in kg of a steel piston and rod of the cylinder's size, and of the oil that moves with them."""
+    """Estimate the mass in kg of a steel piston and rod of this size, and of the oil moved."""
     rod = cylinder.rod**2 * 1.2 * cylinder.stroke
     piston = cylinder.bore**2 * cylinder.bore
     oil = cylinder.bore**2 * cylinder.stroke
@@ -103,7 +103,7 @@ def moving_mass(cylinder: Cylinder) -> float:
 
 
 def mass_prior(machine: Machine) -> Prior:
-    """Prior of every cylinder whose moving mass the machine file does not give."""
+    """Build the prior of cylinders whose mass the machine file omits."""
     names = drive_names(machine)
     mass = np.array(
         [
@@ -115,7 +115,7 @@ def mass_prior(machine: Machine) -> Prior:
 
 
 def prior_row(parameters: Parameters, prior: Prior, joint: int, columns: int) -> tuple[FloatArray, float] | None:
-    """A joint's prior as one row of unit noise: its ``columns`` coefficients and its target; None without a prior."""
+    """Return a joint's prior as a unit-noise row: its ``columns`` coefficients and target; None without a prior."""
     if np.isnan(prior.mass[joint]):
         return None
     row = np.zeros(columns)
@@ -124,7 +124,7 @@ def prior_row(parameters: Parameters, prior: Prior, joint: int, columns: int) ->
 
 
 def delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tuple[FloatArray, float] | None:
-    """What the buses say of a joint's delay as one row of unit noise; ``late`` is the term that can explain it."""
+    """Return the buses' prior of a joint's delay as a unit-noise row; ``late`` is the term that explains it."""
     expected = prior.delay_of(joint)
     if expected is None:
         return None
@@ -138,7 +138,7 @@ def delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tupl
 
 
 def data_share(covariance: FloatArray, parameters: Parameters, prior: Prior) -> FloatArray:
-    """Share (p,) of each parameter's information that came from the data: ``1 - (L H^-1)_ii``.
+    """Compute each parameter's share (p,) of information from data: ``1 - (L H^-1)_ii``.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def data_share(covariance: FloatArray, parameters: Parameters, prior: Prior) -> 
 
 
 def rows_of_prior(parameters: Parameters, prior: Prior, width: int) -> tuple[FloatArray, FloatArray]:
-    """What is known beforehand as rows of unit noise, (R, width) and (R,)."""
+    """Return the prior as rows of unit noise, (R, width) and (R,)."""
     nothing = [WhiteRows(np.zeros((0, width)), np.zeros(0), ()) for _ in parameters.joints]
     rows = with_prior(nothing, parameters, prior)
     return np.vstack([own.A for own in rows]), np.concatenate([own.b for own in rows])
@@ -160,8 +160,8 @@ def rows_of_prior(parameters: Parameters, prior: Prior, width: int) -> tuple[Flo
 def with_prior(
     rows: Sequence[WhiteRows], parameters: Parameters, prior: Prior, late: Mapping[int, Late] | None = None
 ) -> tuple[WhiteRows, ...]:
-    """The rows with those of the plausible arm at the end of the last joint's, then one more per joint for each of its
-    own priors (mass, then delay: the last rows of each joint's block).
+    """Append the plausible arm's rows to the last joint's, then one more per joint for each of its own priors (mass,
+    then delay: the last rows of each joint's block).
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ class Factor:
 
     @property
     def condition_number(self) -> float:
-        """Of the columns that are told, each at unit norm."""
+        """Of the determined columns, each at unit norm."""
         if not len(self.R):
             return 1.0
         singular = linalg.svdvals(self.R / np.linalg.norm(self.R, axis=0))
@@ -97,7 +97,7 @@ class Factor:
 
 
 def factor(A: FloatArray, extra: int = 0) -> Factor:
-    """Pivoted QR of ``A`` (N, p); columns that the rows cannot tell are left out, not guessed.
+    """Factor ``A`` (N, p) by pivoted QR; undetermined columns are left out, not guessed.
 
     The rank is decided on unit columns at 1e-9 of the largest pivot; the last ``extra`` columns come last.
     """
@@ -116,9 +116,9 @@ def factor(A: FloatArray, extra: int = 0) -> Factor:
 
 
 def inverse_root(G: FloatArray) -> FloatArray:
-    """``U`` (p, rank) with ``U U' = G^+`` of products of columns, so that ``A U`` is an orthonormal basis of ``A``.
+    """Compute ``U`` (p, rank), ``U U' = G^+`` of columns' products, so that ``A U`` is an orthonormal basis of ``A``.
 
-    Directions below 1e-10 of the largest, for columns of unit size, are not told.
+    Directions below 1e-10 of the largest, for columns of unit size, are undetermined.
     """
     used = np.flatnonzero(np.diag(G) > 0)
     scale = np.sqrt(np.diag(G)[used])
@@ -130,7 +130,7 @@ def inverse_root(G: FloatArray) -> FloatArray:
 
 
 def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
-    """Least squares on whitened rows (:func:`factor`)."""
+    """Solve least squares on whitened rows (:func:`factor`)."""
     A = np.vstack([r.A for r in rows])
     b = np.concatenate([r.b for r in rows])
     found = factor(A, len(extra_names))

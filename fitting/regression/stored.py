@@ -50,7 +50,7 @@ class StoredSegment(_Stored, Segment):
 
 
 def in_memory(segment: Segment) -> Segment:
-    """The same segment with its arrays read from the file."""
+    """Read the segment's arrays from the file."""
     return Segment(**{item.name: getattr(segment, item.name) for item in fields(Segment)})
 
 
@@ -65,12 +65,12 @@ class StoredBlock(_Stored, JointBlock):
         self.__dict__.update(own)  # the class is frozen
 
     def effort(self, bank: FilterBank, r: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """As :meth:`fitting.regression.design.JointBlock.effort`, with the lever arm that it was stored with."""
+        """Return :meth:`fitting.regression.design.JointBlock.effort`, with the stored lever arm."""
         return self.effort_target, self.effort_columns
 
 
 def storing(bank: FilterBank, scratch: Scratch) -> Store:
-    """What :func:`fitting.regression.design.build_design` takes to keep its arrays in a scratch file."""
+    """Return the store with which :func:`fitting.regression.design.build_design` keeps arrays in a file."""
 
     def store(segment: Segment, blocks: list[JointBlock]) -> tuple[Segment, list[JointBlock]]:
         r = segment.r

@@ -27,7 +27,7 @@ Closing = Callable[[Sequence[WhiteRows]], Sequence[WhiteRows]]
 
 
 def triangle(parts: Iterable[FloatArray]) -> FloatArray:
-    """``R`` (at most p, p) with ``R'R = A'A`` for the rows ``A`` (.., p) that come in parts."""
+    """Compute ``R`` (at most p, p), ``R'R = A'A``, for rows ``A`` (.., p) that come in parts."""
     R: FloatArray | None = None
     for part in parts:
         R = np.asarray(np.linalg.qr(part if R is None else np.vstack([R, part]), mode="r"))
@@ -44,8 +44,8 @@ def fit_rows(
     prior: Prior | None = None,
     late: Mapping[int, Late] | None = None,
 ) -> tuple[Fit, Prior | None]:
-    """Joint fit of the whitened rows of some segments (:func:`fitting.regression.solving.solve`), in the memory that
-    there is, and the prior at the point that they ask for.
+    """Fit jointly the whitened rows of some segments (:func:`fitting.regression.solving.solve`), in the memory that
+    there is, and the prior at its point.
 
     Parameters
     ----------
@@ -74,14 +74,14 @@ def fit_rows(
 
 
 def _shared(fit: Fit, design: Design, prior: Prior | None) -> Fit:
-    """The fit with what of it came from the data."""
+    """Add to the fit its share from the data."""
     return fit if prior is None else replace(fit, share=data_share(fit.covariance, design.parameters, prior))
 
 
 def folded(
     design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra, closing: Closing = lambda rows: rows
 ) -> FloatArray:
-    """Triangle of the whitened rows ``[A b]`` of all joints over some segments (as :func:`fit_rows` fits them)."""
+    """Compute the triangle of all joints' whitened rows ``[A b]`` over some segments (as :func:`fit_rows`)."""
     return _folded(_Walk(design, noise, tuple(fitted), extra, closing))
 
 
@@ -105,8 +105,8 @@ class _Walk:
 
 
 def _long_fit(found: Fit, R: FloatArray, walk: _Walk) -> Fit:
-    """The fit of the rows that ``found`` is of the triangle of: with their residual, and their basis when it is asked
-    for.
+    """Return the fit of the rows behind the triangle of ``found``: with their residual, and their basis when it is
+    asked for.
     """
     parts = [[r.b - r.A @ found.theta for r in rows] for rows in walk]
     return replace(

@@ -51,7 +51,7 @@ def _finite(*arrays: FloatArray) -> tuple[FloatArray, ...]:
 
 
 def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of ``y`` in bins of equal count, and where they are: shows a structure that a cloud hides."""
+    """Average ``y`` in bins of equal count, and return their places: a cloud hides structure."""
     order = np.argsort(x, kind="stable")
     parts = [part for part in np.array_split(order, min(_BINS, max(1, len(x) // 8))) if len(part)]
     return np.array([x[p].mean() for p in parts]), np.array([y[p].mean() for p in parts])
@@ -62,12 +62,12 @@ def _labelled(name: str, units: str, language: Language) -> str:
 
 
 def _gutter(*axes: Axis) -> float:
-    """Room left of panels for the labels of their vertical axes."""
+    """Compute the room left of panels for the labels of their vertical axes."""
     return _LABEL + max(y.label_width for y in axes)
 
 
 def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language = ENGLISH) -> str:
-    """What the law has to explain beside what is left, against the blamed variable, on one scale."""
+    """Draw what the law has to explain beside what is left, against its variable, on one scale."""
     say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
@@ -111,7 +111,7 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language =
 def _cloud(
     panel: Panel, x: FloatArray, y: FloatArray, way: FloatArray, colour: str, language: Language, *, both: bool
 ) -> tuple[list[str], list[Entry]]:
-    """Points, and their mean along the variable; filled and solid at positive speed, hollow and dashed at negative."""
+    """Draw points, and their mean along the variable; filled, solid at positive speed, hollow, dashed at negative."""
     names = {1: "mean, speed > 0" if both else "mean", -1: "mean, speed < 0"}
     clouds, means, entries = [], [], []
     for sign, dash in ((1, ""), (-1, DASHED)):
@@ -126,7 +126,7 @@ def _cloud(
 
 
 def _laws(scatter: Scatter, language: Language) -> list[tuple[Entry, FloatArray, FloatArray, FloatArray]]:
-    """The law that was found, one or one each way: how it is drawn, where, its values and their deviation."""
+    """Return the found laws, one or one each way: how and where drawn, values and deviation."""
     if not len(scatter.law_x):
         return []
     ways = [(scatter.law_y, "", "law found, \u00b12 std")]
@@ -140,14 +140,14 @@ def _laws(scatter: Scatter, language: Language) -> list[tuple[Entry, FloatArray,
 
 
 def _on_end(time: FloatArray) -> FloatArray:
-    """Times of parts one after the other: where time goes back the next part begins a step later."""
+    """Chain times of parts: where time goes back the next part begins a step later."""
     steps = np.diff(time, prepend=time[:1])
     usual = float(np.median(steps[1:])) if len(time) > 1 else 0.0
     return np.asarray(time[:1] + np.cumsum(np.where(steps < 0, usual, steps)), dtype=float)
 
 
 def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> str:
-    """Measured and predicted effort above, their differences below; one prediction where nothing was added.
+    """Draw measured and predicted effort, differences below; one prediction where nothing was added.
 
     It can be zoomed along time where the page's script runs.
     """
@@ -185,7 +185,7 @@ def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> st
 
 
 def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Language = ENGLISH) -> str:
-    """Friction over speed, one panel per joint."""
+    """Draw friction over speed, one panel per joint."""
     say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
@@ -238,7 +238,7 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Langua
 
 
 def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = ENGLISH) -> str:
-    """Correlation of what is left with its own past and with the speed, with the bound of white noise; its spectrum."""
+    """Draw the residual's correlation with its past and the speed, white noise's bound, and the spectrum."""
     say, axis = language.say, partial(plain_axis, decimal=language.decimal)
     power = np.log10(np.maximum(own.density_after, 1e-300))
     drawn = (
@@ -271,7 +271,7 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = EN
 
 
 def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language: Language = ENGLISH) -> str:
-    """Validation error in units of the noise floor, per joint: (joint, before, after)."""
+    """Draw validation error in noise floors, per joint: (joint, before, after)."""
     say = language.say
     place = np.arange(len(rows), dtype=float)[::-1]
     before = np.array([row[1] for row in rows])

@@ -26,12 +26,12 @@ _FRICTION = ("f_c", "f_v", "f_s")
 
 
 def law_curve(law: Law, model: Model, part: slice) -> dict[str, Any]:
-    """A law of the model on a grid of its variable: value and standard deviation, in drive effort."""
+    """Evaluate a model's law on a grid of its variable: value and standard deviation, in drive effort."""
     return spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part])
 
 
 def spline_curve(law: Law, values: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-    """A law with these coefficients (k,) and their covariance (k, k), on a grid of its variable.
+    """Evaluate a law with coefficients (k,) and covariance (k, k) on a grid of its variable.
 
     A law of two signals is given along its first one, at that end of the second where it is larger; ``second`` holds
     the rest. One of a single signal has the simple formula that comes nearest to it.
@@ -62,7 +62,7 @@ def _with_band(basis: FloatArray, values: FloatArray, covariance: FloatArray) ->
 
 
 def scatters(before: Model, after: Model, shown: Sequence[int]) -> tuple[Scatter, ...]:
-    """Residual drive effort against the variable of each term of the final model.
+    """Return residual drive effort against the variable of each final term.
 
     Two laws of one signal at one joint, one the same both ways and one that turns its sign with the direction of
     motion, are drawn once: what was found is their sum forth and their difference back.
@@ -77,7 +77,7 @@ def scatters(before: Model, after: Model, shown: Sequence[int]) -> tuple[Scatter
 
 
 def _pairs(model: Model) -> dict[int, int]:
-    """Number of a law to that of the one with the other sign, of the same signal at the same joint."""
+    """Pair a law's number with that of the other sign, of the same signal and joint."""
     found: dict[tuple[Any, ...], int] = {}
     pairs = {}
     for number, term in enumerate(model.terms):
@@ -97,7 +97,7 @@ def _law(model: Model, number: int) -> Law:
 
 
 def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of two laws that add up: grid, the law at positive and at negative speed, and the larger of their deviations."""
+    """Add two laws: grid, sum at positive and at negative speed, and the larger of their deviations."""
     laws = [_law(model, number) for number in numbers]
     grid = np.linspace(max(law.knots[0] for law in laws), min(law.knots[-1] for law in laws), _GRID)
     part = np.concatenate([np.arange(s.start, s.stop) for s in map(model.term_slice, numbers)])
@@ -112,7 +112,7 @@ def _both_ways(model: Model, numbers: tuple[int, int]) -> tuple[FloatArray, Floa
 
 
 def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], other: int | None) -> Scatter:
-    """Residual against the variable of term ``number``, and of the law ``other`` that adds to it."""
+    """Return residual against the variable of term ``number``, with law ``other`` added to it."""
     term = after.terms[number]
     design = after.design
     joint = _joint_of(after, number)
@@ -170,7 +170,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
 
 
 def worst_place(model: Model, number: int, joint: int) -> dict[str, Any]:
-    """Where along its variable a term acts most on a joint, over the motions that were fitted.
+    """Find where along its variable a term acts most on a joint, over the fitted motions.
 
     ``variable``, ``at`` and ``unit`` say where: the largest of its mean in thirty bins of the variable. ``friction`` is
     ``more`` or ``less`` there of what turns its sign with the direction of motion, None of anything else.
@@ -191,7 +191,7 @@ def worst_place(model: Model, number: int, joint: int) -> dict[str, Any]:
 
 
 def _joint_of(model: Model, number: int) -> int:
-    """The joint a term is drawn on: its own, or where a machine-wide effect changes the efforts most."""
+    """Return the joint to draw a term on: its own, or where a machine-wide effect is largest."""
     term = model.terms[number]
     if term.joint is not None:
         return term.joint
@@ -203,7 +203,7 @@ def _joint_of(model: Model, number: int) -> int:
 
 
 def _variable(model: Model, number: int, joint: int) -> tuple[str, str]:
-    """What a term is drawn against, and its unit, in the words of the joint whose signal it is."""
+    """Return what a term is drawn against, and unit, in the words of the signal's joint."""
     term = model.terms[number]
     joints = model.design.machine.joints
     if isinstance(term.content, Law):
@@ -234,7 +234,7 @@ def _signal(model: Model, number: int, index: int, joint: int) -> FloatArray:
 
 
 def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Mean of ``y`` in thirty bins of ``x`` (or around given centres): how an effect looks along its variable."""
+    """Average ``y`` in thirty bins of ``x`` (or around given centres): an effect along its variable."""
     if centres is None:
         edges = np.linspace(x.min(), x.max(), 31)
         centres = 0.5 * (edges[1:] + edges[:-1])
@@ -247,7 +247,7 @@ def _binned(x: FloatArray, y: FloatArray, centres: FloatArray | None = None) -> 
 
 
 def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequence[float]) -> Course:
-    """The ten seconds and the joint where the error before is largest in noise floors."""
+    """Find the ten seconds and the joint of the largest error before, in noise floors."""
     best: tuple[float, int, int, int] = (-1.0, 0, shown[0], 0)
     design = before.design
     window = max(2, round(10.0 * design.bank.reduced_rate_hz))
@@ -278,7 +278,7 @@ def worst_seconds(before: Model, after: Model, shown: Sequence[int], floor: Sequ
 
 
 def friction_curves(before: Model, after: Model) -> tuple[FrictionCurve, ...]:
-    """Friction against speed of every joint, with the band of its standard deviation."""
+    """Compute friction against speed of every joint, with its standard deviation's band."""
     curves = []
     parameters = after.design.parameters
     for joint, machine_joint in enumerate(after.design.machine.joints):

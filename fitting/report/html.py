@@ -64,7 +64,7 @@ def write_report(
     Raises
     ------
     ReportError
-        If the report is not what the schema says, or the directory cannot be written.
+        If the report is not what the schema asks, or the directory cannot be written.
     InputError
         If there is no such language.
     """
@@ -85,7 +85,7 @@ def write_report(
 
 
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
-    """The page of a checked report (see :func:`fitting.report.schema.validate_report`)."""
+    """Render a checked report's page (see :func:`fitting.report.schema.validate_report`)."""
     named = [
         (str(entry["id"]), language.said(str(entry["title"])), entry.get("joint"))
         for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
@@ -94,7 +94,7 @@ def render_html(report: Mapping[str, Any], figures: Figures, language: Language 
     titles = {id: title for id, title, _ in named}
 
     def titles_at(joint: str | None) -> dict[str, str]:
-        """Titles by id; of a joint that is driven otherwise than others its own."""
+        """Return titles by id; of a joint driven otherwise than others its own."""
         return titles | {id: title for id, title, where in named if where == joint}
 
     page = (
@@ -125,7 +125,7 @@ def render_html(report: Mapping[str, Any], figures: Figures, language: Language 
 
 
 def with_contents(page: str, language: Language = ENGLISH) -> str:
-    """The page with a list of its headings where it says so, each a link."""
+    """Fill the page's contents in at their mark, each heading a link."""
     titles: list[str] = []
 
     def numbered(heading: re.Match[str]) -> str:
@@ -140,7 +140,7 @@ def with_contents(page: str, language: Language = ENGLISH) -> str:
 
 @cache
 def _environment(language: Language) -> jinja2.Environment:
-    """The template's surroundings; kept, because compiling the page's template takes longer than filling it in."""
+    """Build the template's environment; cached: compiling the template takes longer than filling it in."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fitting.report", ""),
         autoescape=True,
@@ -150,7 +150,7 @@ def _environment(language: Language) -> jinja2.Environment:
     )
 
     def say(english: str, *values: object) -> Markup:
-        """A text that stands in the template, so it may hold markup; what is put in is escaped."""
+        """Return a template's own text, which may hold markup; inserted values are escaped."""
         return Markup(language.say(english, *(str(escape(value)) for value in values)))
 
     environment.globals.update(
@@ -190,7 +190,7 @@ def _environment(language: Language) -> jinja2.Environment:
 
 
 def _in(language: Language, speaks: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of the wording, in a language."""
+    """Return a function of the wording, in a language."""
     return partial(speaks, language=language)
 
 
@@ -199,7 +199,7 @@ def _defined(value: Any) -> Any:
 
 
 def plain(value: Any, language: Language = ENGLISH) -> str:
-    """Any JSON value as a short text."""
+    """Write any JSON value as a short text."""
     if value is None or isinstance(value, jinja2.Undefined):
         return text.NONE
     if isinstance(value, bool):
@@ -217,7 +217,7 @@ def plain(value: Any, language: Language = ENGLISH) -> str:
 
 
 def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> dict[str, Any]:
-    """The figures as SVG; what is given to Markup is our own drawing, in which texts are escaped."""
+    """Draw the figures as SVG; Markup is given our own drawing only, its texts escaped."""
     errors = report["errors"]
 
     def effort_unit(joint: str) -> str:

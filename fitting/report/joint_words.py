@@ -66,15 +66,15 @@ class JointWords:
     units: Mapping[str, str]
 
     def signal(self, name: str) -> str:
-        """``piston_position`` as this joint has it."""
+        """Word ``piston_position`` for this joint."""
         return self.signals.get(name, name)
 
     def unit(self, unit: str) -> str:
-        """``N/m`` as this joint has it."""
+        """Convert ``N/m`` to this joint's unit."""
         return self.units.get(unit, unit)
 
     def text(self, text: str) -> str:
-        """What an effect says of itself, for this joint."""
+        """Word an effect's own text for this joint."""
         for said, own in self.texts.items():
             text = text.replace(said, own)
         return text
@@ -84,7 +84,7 @@ _AS_WRITTEN = JointWords({}, {}, {})
 
 
 def joint_words(joint: Joint) -> JointWords:
-    """The words for one joint."""
+    """Return the words for one joint."""
     if joint.cylinder is not None and joint.cylinder.linkage.type == "rack":
         return JointWords(**SLEW, units={})
     if joint.cylinder is not None:
@@ -93,19 +93,19 @@ def joint_words(joint: Joint) -> JointWords:
 
 
 def machine_words(machine: Machine) -> JointWords:
-    """The words for what concerns the whole machine: those of a drive without oil where no joint has a cylinder."""
+    """Return the words for the whole machine: those of a drive without oil where no joint has a cylinder."""
     if any(joint.cylinder is not None for joint in machine.joints):
         return _AS_WRITTEN
     return JointWords(**MOTOR, units={})
 
 
 def own_unit(machine: Machine, joint: int | None, unit: str) -> str:
-    """A unit of an effect as the joint has it that the effect is at."""
+    """Convert an effect's unit to its joint's."""
     return unit if joint is None else joint_words(machine.joints[joint]).unit(unit)
 
 
 def in_own_units(machine: Machine, entry: dict[str, Any]) -> dict[str, Any]:
-    """A law with its signals' units and that of the missing effort, as the joints have them that they belong to."""
+    """Convert units of a law's signals and of the missing effort to those of the joints they belong to."""
     joint, curve = entry["joint"], entry["law"]
     if "second" in curve:
         second = curve["second"]
@@ -120,16 +120,16 @@ def in_own_units(machine: Machine, entry: dict[str, Any]) -> dict[str, Any]:
 
 
 def _variable_unit(machine: Machine, variable: str, joint: str, unit: str) -> str:
-    """Unit of a signal: of the joint itself, or of the neighbour that ``variable`` begins with."""
+    """Return a signal's unit: of the joint, or of the neighbour that ``variable`` names."""
     neighbour, _, _ = variable.rpartition(".")
     return joint_words(machine.joint(neighbour or joint)).unit(unit)
 
 
 def in_words_of(machine: Machine, content: Any) -> Any:
-    """The same JSON content with every text in the words of the joint that it is about.
+    """Convert JSON content: every text in the words of its joint.
 
-    What stands in an object with a ``joint`` is about that joint; a text that begins with ``joint2:`` is about joint2;
-    in ``joint3.piston_speed`` the signal is joint3's. Keys stay: they are the report's contract.
+    What is in an object with a ``joint`` is about that joint; a text that begins with ``joint2:`` is about joint2;
+    in ``joint3.piston_speed`` the signal is joint3's. Keys are kept: they are the report's contract.
     """
     words = {joint.name: joint_words(joint) for joint in machine.joints}
     if not any(own.signals or own.texts for own in words.values()):
@@ -143,7 +143,7 @@ class _Speaker:
     whole: JointWords
 
     def said(self, content: Any, about: JointWords | None) -> Any:
-        """``about`` is the joint's, None where nothing said so yet."""
+        """Convert for joint ``about``, None while none was named."""
         if isinstance(content, Mapping):
             joint = content.get("joint")
             own = self.words.get(joint, about) if isinstance(joint, str) else about
@@ -165,7 +165,7 @@ class _Speaker:
 
 @cache
 def _pattern(joints: tuple[str, ...]) -> re.Pattern[str]:
-    """A drive's signal in a text, with the joint in front where it is a neighbour's; no part of a file's name."""
+    """Compile a drive's signal in a text, with the neighbour's joint in front, outside file names."""
     names = "|".join(re.escape(joint) for joint in sorted(joints, key=len, reverse=True))
     signals = "|".join(MOTOR["signals"])
     return re.compile(rf"(?<![\w./\\-])(?:(?P<joint>{names})\.)?(?P<name>{signals})(?!\w|\.\w)")

@@ -31,7 +31,7 @@ _STRETCHES = 1000
 
 
 def text_width(text: str) -> float:
-    """Width that a text needs at most."""
+    """Bound the width of a text."""
     return _CHARACTER * len(text)
 
 
@@ -66,7 +66,7 @@ def axis(
     ends: tuple[float, float] | None = None,
     decimal: str = ".",
 ) -> Axis:
-    """An axis that holds all values (or reaches from end to end), marked at most ``marks`` times at round numbers."""
+    """Make an axis of all values (or from end to end), marked at most ``marks`` times at round numbers."""
     if ends is None:
         parts = [part for part in values if len(part)]
         low = min((float(part.min()) for part in parts), default=0.0)
@@ -89,7 +89,7 @@ def axis(
 
 
 def _step(span: float, marks: int) -> float:
-    """The smallest of 1, 2, 2.5, 5 times a power of ten that divides ``span`` by at most ``marks`` marks."""
+    """Find the smallest of 1, 2, 2.5, 5 times a power of ten for at most ``marks`` marks in ``span``."""
     least = span / max(1, marks)
     power = 10.0 ** math.floor(math.log10(least))
     return next(m * power for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= least * (1 - 1e-9))
@@ -115,11 +115,11 @@ class Panel:
     name: str
 
     def across(self, values: npt.ArrayLike) -> FloatArray:
-        """Horizontal places of values."""
+        """Return the horizontal places of values."""
         return self.left + (np.asarray(values, dtype=float) - self.x.low) / (self.x.high - self.x.low) * self.width
 
     def down(self, values: npt.ArrayLike) -> FloatArray:
-        """Vertical places of values."""
+        """Return the vertical places of values."""
         return self.top + (self.y.high - np.asarray(values, dtype=float)) / (self.y.high - self.y.low) * self.height
 
     def frame(
@@ -133,9 +133,9 @@ class Panel:
         y_marks: bool = True,
         rules: bool = True,
     ) -> str:
-        """The panel around what is drawn ``inside``; ``*_marks`` and labels are left out where a neighbour has them.
+        """Draw the panel around what is ``inside``; ``*_marks`` and labels are left out where a neighbour has them.
 
-        ``rules`` says whether the vertical axis' marks go on as lines across the panel.
+        ``rules``: whether the vertical axis' marks go on as lines across the panel.
         """
         right, bottom = self.left + self.width, self.top + self.height
         across = list(zip(self.across(self.x.ticks).tolist(), self.x.labels, strict=True))
@@ -171,7 +171,7 @@ class Panel:
         return "\n".join(parts)
 
     def line(self, x: FloatArray, y: FloatArray, colour: str, *, width: float = 1.6, dash: str = "") -> str:
-        """A line through points."""
+        """Draw a line through points."""
         u, v = self.across(x), self.down(y)
         if len(u) > 2 * _STRETCHES:
             kept = _extremes(v)
@@ -179,7 +179,7 @@ class Panel:
         return f'<polyline points="{_points(u, v)}" {_stroke(colour, width, dash)}/>'
 
     def band(self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float) -> str:
-        """The area between two lines."""
+        """Draw the area between two lines."""
         u = self.across(x)
         points = _points(np.concatenate([u, u[::-1]]), np.concatenate([self.down(high), self.down(low)[::-1]]))
         return f'<polygon points="{points}" fill="{colour}" fill-opacity="{opacity:g}"/>'
@@ -187,28 +187,28 @@ class Panel:
     def dots(
         self, x: FloatArray, y: FloatArray, colour: str, *, radius: float, opacity: float = 1.0, hollow: bool = False
     ) -> str:
-        """A dot at every point; overlapping ones add up."""
+        """Draw a dot at every point; overlapping ones add up."""
         how = f'fill="none" stroke="{colour}" stroke-width="0.7" stroke-' if hollow else f'fill="{colour}" fill-'
         places = zip(self.across(x).tolist(), self.down(y).tolist(), strict=True)
         dots = "".join(f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{radius:g}"/>' for u, v in places)
         return f'<g {how}opacity="{opacity:g}">{dots}</g>'
 
     def diamonds(self, x: FloatArray, y: FloatArray, colour: str, *, radius: float) -> str:
-        """A diamond at every point."""
+        """Draw a diamond at every point."""
         places = zip(self.across(x).tolist(), self.down(y).tolist(), strict=True)
         return f'<path d="{"".join(_diamond(u, v, radius) for u, v in places)}" fill="{colour}"/>'
 
     def bars(self, x_from: FloatArray, x_to: FloatArray, y: FloatArray, colour: str, *, width: float) -> str:
-        """Horizontal strokes from one value to the other."""
+        """Draw horizontal strokes from one value to the other."""
         ends = zip(self.across(x_from).tolist(), self.across(x_to).tolist(), self.down(y).tolist(), strict=True)
         return _path("".join(f"M{u:.2f} {v:.2f}H{w:.2f}" for u, w, v in ends), colour, width)
 
     def level(self, y: float) -> str:
-        """A line across at one value."""
+        """Draw a line across at one value."""
         return _path(f"M{self.left:.2f} {float(self.down(y)):.2f}h{self.width:.2f}", MUTED, 0.8)
 
     def upright(self, x: float, colour: str = MUTED, width: float = 0.8, dash: str = "") -> str:
-        """A line from bottom to top at one value."""
+        """Draw a line from bottom to top at one value."""
         return _path(f"M{float(self.across(x)):.2f} {self.top:.2f}v{self.height:.2f}", colour, width, dash)
 
 
@@ -224,7 +224,7 @@ class Entry:
 
 
 def legend(entries: Sequence[Entry], left: float, middle: float, *, centred: float | None = None) -> str:
-    """Entries in a row whose middle line is at ``middle``, from ``left`` on or about ``centred``."""
+    """Draw entries in a row of middle line ``middle``, from ``left`` on or about ``centred``."""
     widths = [30 + text_width(entry.label) + 16 for entry in entries]
     start = left if centred is None else max(0.0, centred - sum(widths) / 2)
     parts = []
@@ -241,12 +241,12 @@ def legend(entries: Sequence[Entry], left: float, middle: float, *, centred: flo
 
 
 def text(x: float, y: float, content: str, *, anchor: str = "start", colour: str = MUTED) -> str:
-    """A text on one line; what it says is escaped."""
+    """Draw a text on one line; its content is escaped."""
     return f'<text x="{x:.2f}" y="{y:.2f}" text-anchor="{anchor}" fill="{colour}">{html.escape(content)}</text>'
 
 
 def drawing(width: float, height: float, label: str, parts: Iterable[str], *, zoom: Panel | None = None) -> str:
-    """The SVG element; ``label`` is for screen readers, ``zoom`` the lowest of panels that can be zoomed along x."""
+    """Write the SVG element; ``label`` for screen readers, ``zoom`` the lowest of panels to zoom along x."""
     data = ""
     if zoom is not None:
         places = (zoom.left, zoom.width, zoom.x.low, zoom.x.high, zoom.top + zoom.height)
@@ -285,6 +285,6 @@ def _diamond(u: float, v: float, radius: float) -> str:
 
 
 def _extremes(v: FloatArray) -> npt.NDArray[np.intp]:
-    """Rows of the lowest and the highest point of each stretch, in order: the line looks the same without the rest."""
+    """Find each stretch's lowest and highest point, in order: the line looks the same without the rest."""
     kept = [part[[np.argmin(v[part]), np.argmax(v[part])]] for part in np.array_split(np.arange(len(v)), _STRETCHES)]
     return np.unique(np.concatenate([[0], *kept, [len(v) - 1]]).astype(np.intp))

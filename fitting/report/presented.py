@@ -26,7 +26,7 @@ DIGITS = 4
 
 
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
-    """``report`` with ``summary`` (in all languages) and ``figures`` (scatter, friction, diagnostics).
+    """Add ``summary`` (in all languages) and ``figures`` (scatter, friction, diagnostics) to ``report``.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ _SAMPLES: dict[type[Any], tuple[tuple[str, ...], int]] = {
 
 
 def _values(item: Scatter | FrictionCurve | JointDiagnostics) -> dict[str, Any]:
-    """A figure's values by the names of its fields; those of samples thinned."""
+    """Return a figure's values by its fields' names; those of samples thinned."""
     thinned, most = _SAMPLES[type(item)]
     step = max(1, -(-len(getattr(item, thinned[0])) // most)) if thinned else 1
     result: dict[str, Any] = {}

@@ -25,7 +25,7 @@ _WINDOW = 256
 
 
 def diagnostics(before: Model, after: Model, shown: Sequence[int]) -> tuple[JointDiagnostics, ...]:
-    """All joints; segments ``shown`` one after the other, correlations never across two of them."""
+    """Diagnose all joints; segments ``shown`` in a row, correlations never across two of them."""
     return tuple(_joint(before, after, shown, joint) for joint in range(len(after.design.machine.joints)))
 
 
@@ -70,13 +70,13 @@ def _joint(before: Model, after: Model, shown: Sequence[int], joint: int) -> Joi
 
 
 def fit_percent(measured: FloatArray, residual: FloatArray) -> float:
-    """100 (1 - norm(residual) / norm(measured - mean)), %; NaN where nothing moves."""
+    """Compute 100 (1 - norm(residual) / norm(measured - mean)), %; NaN without motion."""
     size = float(np.linalg.norm(measured - measured.mean()))
     return 100.0 * (1.0 - float(np.linalg.norm(residual)) / size) if size > 0 else float("nan")
 
 
 def correlation(late: Sequence[FloatArray], early: Sequence[FloatArray], lags: int) -> FloatArray:
-    """Correlation of ``late`` with ``early`` 0, 1, ... ``lags - 1`` samples before, (lags,), over all segments."""
+    """Correlate ``late`` with ``early`` 0, 1, ... ``lags - 1`` samples before, (lags,), over all segments."""
     one = np.concatenate(late)
     other = np.concatenate(early)
     sizes = float(one.std() * other.std()) * len(one)

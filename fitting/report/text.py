@@ -29,12 +29,12 @@ _ALL_DIGITS = Context(prec=800)  # no rounding but the one that is asked for, of
 
 
 def _to_place(value: float, place: int) -> Decimal:
-    """``value`` to whole ``10^place``; exact halves away from zero, as browsers do: the page says the same."""
+    """Round ``value`` to whole ``10^place``; exact halves away from zero, like browsers and so the page."""
     return Decimal(value).quantize(Decimal(1).scaleb(place), ROUND_HALF_UP, _ALL_DIGITS)
 
 
 def fixed(value: float, decimals: int) -> str:
-    """With so many decimals; fewer than none: zeros before the point."""
+    """Write so many decimals; fewer than none: zeros before the point."""
     rounded = _to_place(value, -decimals)
     whole, dot, rest = f"{abs(rounded):f}".partition(".")
     if len(whole) > 4:
@@ -48,13 +48,13 @@ def _exponent(value: float) -> int:
 
 
 def _rounded(value: float, digits: int) -> tuple[float, int]:
-    """Value rounded to significant digits, and its exponent of ten after rounding."""
+    """Round to significant digits, and return the exponent of ten after that."""
     rounded = _to_place(value, _exponent(value) - digits + 1)
     return float(rounded), rounded.adjusted()
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """``value`` with so many significant digits: ``0.0123``, ``45.6``, ``12 300``, ``1.23 x 10^7``."""
+    """Write ``value`` to so many significant digits: ``0.0123``, ``45.6``, ``12 300``, ``1.23 x 10^7``."""
     if value is None or not math.isfinite(value):
         return NONE
     if value == 0:
@@ -66,17 +66,17 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def scientific(exponent: int) -> str:
-    """``x 10^7`` with the signs that people write."""
+    """Write ``x 10^7`` with the usual signs."""
     return f"\u00d7\u202f10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
 def count(value: int) -> str:
-    """A whole number, all its digits."""
+    """Write a whole number, all its digits."""
     return fixed(float(value), 0)
 
 
 def with_std(value: float | None, std: float | None) -> str:
-    """``7.13 \u00b1 0.42``: the deviation with two significant digits, the value to the same place.
+    """Write ``7.13 ± 0.42``: the deviation in two significant digits, the value to its place.
 
     A deviation far larger than the value leaves the value at two digits of the deviation: that is what is known.
     """
@@ -93,7 +93,7 @@ def with_std(value: float | None, std: float | None) -> str:
 
 
 def percent(value: float | None) -> str:
-    """Signed percentage: ``\u221274 %``; one decimal below ten."""
+    """Write a signed percentage: ``−74 %``; one decimal below ten."""
     if value is None or not math.isfinite(value):
         return NONE
     decimals = 0 if abs(value) >= 10 else 1
@@ -103,29 +103,29 @@ def percent(value: float | None) -> str:
 
 
 def share(value: float | None) -> str:
-    """A part of one in percent, without a sign of its own: ``3.12 %``."""
+    """Write a part of one in percent, without a sign of its own: ``3.12 %``."""
     return NONE if value is None or not math.isfinite(value) else f"{number(100.0 * value)}\u202f%"
 
 
 def change(before: float | None, after: float | None) -> float | None:
-    """Change in percent of ``before``; None where there is none."""
+    """Compute the change in percent of ``before``; None where there is none."""
     if before is None or after is None or not before:
         return None
     return 100.0 * (after - before) / before
 
 
 def ratio(value: float | None, base: float | None) -> float | None:
-    """``value / base``; None where there is none."""
+    """Compute ``value / base``; None where there is none."""
     return None if value is None or not base else value / base
 
 
 def relative_std(value: float | None, std: float | None) -> float | None:
-    """Relative standard deviation in percent; None where either is missing or the value is zero."""
+    """Compute the relative standard deviation in percent; None without either or at zero value."""
     return None if value is None or std is None or not value else abs(100.0 * std / value)
 
 
 def moved(value: float | None) -> str:
-    """How a change in percent is said: ``fell by {}``, ``rose by {}``, ``did not change``, ``is not known``."""
+    """Word a change in percent: ``fell by {}``, ``rose by {}``, ``did not change``, ``is not known``."""
     if value is None or not math.isfinite(value):
         return "is not known"
     if f"{value:.1f}" in ("0.0", "-0.0"):
@@ -134,7 +134,7 @@ def moved(value: float | None) -> str:
 
 
 def moment(stamp: str, months: Sequence[str] = MONTHS, date: str = "{day} {month} {year}") -> str:
-    """``2026-03-02T09:14:05Z`` as ``2 March 2026, 09:14 UTC``; anything else as it is."""
+    """Write ``2026-03-02T09:14:05Z`` as ``2 March 2026, 09:14 UTC``; others as they are."""
     try:
         time = datetime.fromisoformat(stamp)
     except ValueError:
@@ -145,19 +145,19 @@ def moment(stamp: str, months: Sequence[str] = MONTHS, date: str = "{day} {month
 
 
 def words(name: str) -> str:
-    """``piston_position`` as ``piston position``."""
+    """Write ``piston_position`` as ``piston position``."""
     return name.replace("_", " ")
 
 
 def listed(items: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
+    """Join as ``a, b and c``."""
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def unit(text: Any) -> str:
-    """A unit with real exponents: ``kg m^2`` as ``kg m\u00b2``; nothing for a number without one."""
+    """Write a unit with real exponents: ``kg m^2`` as ``kg m²``; nothing for a plain number."""
     out = "" if text in (None, "1") else str(text).replace("^(1/3)", "\u00b9\u2044\u00b3")
     for power in "23456":
         out = out.replace(f"^{power}", power.translate(_SUPERSCRIPT))

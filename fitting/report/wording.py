@@ -27,20 +27,20 @@ _SIGNAL = re.compile(
 
 
 def is_offset(mean: float | None, rms: float | None) -> bool:
-    """Whether more than half of an error's power is its mean: a constant offset rather than a scatter."""
+    """Return whether most of an error's power is its mean: a constant offset, not a scatter."""
     return mean is not None and rms is not None and mean**2 > 0.5 * rms**2
 
 
 def title(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """Name of an effect for people."""
+    """Return an effect's name for people."""
     return language.said(str(effect["title"])) if effect.get("title") else language.words(str(effect["id"]))
 
 
 def readable(text: str, titles: Mapping[str, str] | None = None, language: Language = ENGLISH) -> str:
-    """A text of the report with names of signals in words, and effects by their titles.
+    """Put names of signals in a report's text in words, and effects as titles.
 
     ``joint2.piston_position`` becomes ``joint2 piston position``, and ``load_dependent_friction`` what ``titles`` (of
-    effect ids, in this language) calls it; names that are neither stay.
+    effect ids, in this language) calls it; names that are neither are kept.
     """
     text = language.said(text)
     if titles:
@@ -51,7 +51,7 @@ def readable(text: str, titles: Mapping[str, str] | None = None, language: Langu
 
 
 def told_apart(item: str, titles: Mapping[str, str], language: Language = ENGLISH) -> str:
-    """What an experiment separates, for a list: an effect by its title, or the law of a signal."""
+    """Word what an experiment separates, for a list: an effect's title, or a law's signal."""
     signal = item.removeprefix("law of ")
     if signal != item:
         return language.say("law of {}", language.words(signal))
@@ -59,12 +59,12 @@ def told_apart(item: str, titles: Mapping[str, str], language: Language = ENGLIS
 
 
 def capital(text: str) -> str:
-    """Text with a large first letter, for the beginning of a line."""
+    """Capitalise a text's first letter, for the beginning of a line."""
     return text[:1].upper() + text[1:]
 
 
 def evidence(entries: Mapping[str, Any], language: Language = ENGLISH) -> dict[str, Any]:
-    """What speaks for an effect, by names for people."""
+    """Return an effect's evidence, by names for people."""
     shown = {key: _cutoffs(entry, language) if key == "cutoffs" else entry for key, entry in entries.items()}
     return {
         language.say(NAMES["evidence"][key]) if key in NAMES["evidence"] else key: entry for key, entry in shown.items()
@@ -72,7 +72,7 @@ def evidence(entries: Mapping[str, Any], language: Language = ENGLISH) -> dict[s
 
 
 def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[str]:
-    """``0.0141 \u00b1 0.0001 at 3.0 Hz`` each."""
+    """Write ``0.0141 ± 0.0001 at 3.0 Hz`` each."""
     return [
         language.say("{} at {} Hz", language.with_std(e.get("value"), e.get("std")), language.number(e.get("hz"), 2))
         for e in entries
@@ -80,18 +80,18 @@ def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[s
 
 
 def place(joint: str | None, language: Language = ENGLISH) -> str:
-    """``at joint2``, or the whole machine."""
+    """Write ``at joint2``, or the whole machine."""
     return language.say("at {}", joint) if joint else language.say("of the whole machine")
 
 
 def at(effect: Mapping[str, Any], language: Language = ENGLISH, sizes: str = "") -> str:
-    """``friction that depends on position at joint2 (k1 = 312 N/m)``."""
+    """Write ``friction that depends on position at joint2 (k1 = 312 N/m)``."""
     named, where = language.lower(title(effect, language)), place(effect.get("joint"), language)
     return language.say("{} {} ({})", named, where, sizes) if sizes else language.say("{} {}", named, where)
 
 
 def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> list[str]:
-    """Effects that these recordings cannot tell from ``effect``, as people name them, with place where it differs."""
+    """List effects that these recordings cannot separate from ``effect``, for people, with place where it differs."""
     names = []
     for other in effect.get("indistinguishable_from") or []:
         entry = {"id": other, "joint": effect.get("joint")} if isinstance(other, str) else dict(other)
@@ -102,7 +102,7 @@ def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str], language:
 
 
 def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Language = ENGLISH) -> str:
-    """``k1 = 312 \u00b1 12 N/m``: the first few parameters of an effect."""
+    """Write ``k1 = 312 ± 12 N/m``: the first few parameters of an effect."""
     parts = [
         f"{name} = {language.with_std(entry.get('value'), entry.get('std'))} {language.unit(entry.get('unit'))}".strip()
         for name, entry in list((parameters or {}).items())[:most]
@@ -125,7 +125,7 @@ _UP_TO = {
 
 
 def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """``up to 157 N more friction, worst near 120 mm`` of a curve; one or two sizes with their deviations."""
+    """Write a curve as ``up to 157 N more friction, worst near 120 mm``; one or two sizes with deviations."""
     parameters, size = effect.get("parameters") or {}, effect.get("amplitude")
     if not size or not size["largest"] or sum(entry.get("std") is not None for entry in parameters.values()) <= _READ:
         return sizes(parameters, language=language)
@@ -140,12 +140,12 @@ def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 
 def validate(entry: Mapping[str, Any] | None) -> float | None:
-    """The validation error of a ``{"train", "validate"}`` pair."""
+    """Return the validation error of a ``{"train", "validate"}`` pair."""
     return (entry or {}).get("validate")
 
 
 def over_noise(report: Mapping[str, Any], which: str) -> float | None:
-    """Validation error over noise floor, root mean square over the joints; None where a joint has neither."""
+    """Compute validation error over noise floor, RMS over the joints; None where a joint has neither."""
     squares = []
     for joint in report["errors"].values():
         error, floor = validate(joint.get(which)), joint.get("noise_floor")
@@ -155,14 +155,14 @@ def over_noise(report: Mapping[str, Any], which: str) -> float | None:
 
 
 def interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
-    """``(95 % interval \u221266 % to \u221252 %)`` or nothing."""
+    """Write ``(95 % interval −66 % to −52 %)`` or nothing."""
     if not ci:
         return ""
     return language.say(" (95\u202f% interval {} to {})", language.percent(ci[0]), language.percent(ci[1]))
 
 
 def improvement(report: Mapping[str, Any], joints: Sequence[str | None], language: Language = ENGLISH) -> str:
-    """How the error changed on the validation motion: at one joint where one is concerned, and altogether."""
+    """Word the error's change on the validation motion: at one joint where one is concerned, and in all."""
     chosen = [joint for joint in dict.fromkeys(joints) if joint in report["errors"]]
     own = _improvement_at(report, chosen[0], language) if len(chosen) == 1 and chosen[0] is not None else ""
     overall = report["overall"]
@@ -176,7 +176,7 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None], languag
 
 
 def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -> str:
-    """How the error of one joint changed; nothing if it did not, or is not known."""
+    """Word the change of one joint's error; nothing if none, or unknown."""
     entry = report["errors"][joint]
     before, after = validate(entry["before"]), validate(entry["after"])
     if before is None or after is None or before == after:
@@ -193,13 +193,13 @@ def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -
 
 
 def _signals(law: Mapping[str, Any], language: Language) -> str:
-    """What a law is a law of, in words."""
+    """Word the signals of a law."""
     first, second = language.words(str(law["variable"])), law.get("second_variable")
     return language.say("{} together with the {}", first, language.words(str(second))) if second else first
 
 
 def follows(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """``the error at joint1 follows the piston position``: what an unexplained law says."""
+    """Word an unexplained law: ``the error at joint1 follows the piston position``."""
     way = law.get("only_while")
     turns = language.say(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
     turns = language.say(f", only while the speed of the joint is {way}") if way else turns
@@ -223,7 +223,7 @@ _FORMULAS = {
 
 
 def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """The simple formula that comes nearest to a measured law, in a sentence; nothing where there is none."""
+    """Word the simple formula nearest to a measured law; nothing where there is none."""
     formula = law["law"].get("formula")
     if formula is None:
         return ""
@@ -240,20 +240,20 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """The verdict in a few words, of the report's ``loop``."""
+    """Word the verdict briefly, of the report's ``loop``."""
     said = loop["verdict"] if looked(loop) else _unlooked(loop)
     left_open = None if loop["effects"] else NAMES["open"].get(loop.get("label") or "")
     return language.say(left_open or NAMES["verdicts"][said])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:
-    """The verdict where nobody looked for what is missing; reports of earlier versions called it nothing."""
+    """Return the verdict where nothing was searched; reports of earlier versions called it nothing."""
     verdict = str(loop["verdict"])
     return "not_examined" if verdict == "nothing_missing" else verdict
 
 
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
-    """The verdict in a few sentences; every effect and law that was found is in it.
+    """Word the verdict in a few sentences; every effect and law that was found is in it.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], langu
 
 
 def _nothing(verdict: str, times: float | None, language: Language) -> str:
-    """What is said where nothing was found, or nobody looked."""
+    """Word the result where nothing was found, or searched."""
     size = language.number(times)
     if verdict == "nothing_missing":
         noise = language.say(": on the validation motion the error is {} times that noise", size) if times else ""
@@ -291,7 +291,7 @@ def _nothing(verdict: str, times: float | None, language: Language) -> str:
 
 
 def as_chance(probability: float, language: Language = ENGLISH) -> str:
-    """A probability as far as one can be trusted: ``84 %``, ``more than 99 %``, ``less than 1 %``."""
+    """Write a probability as far as trusted: ``84 %``, ``more than 99 %``, ``less than 1 %``."""
     rounded = math.floor(100 * probability + 0.5)
     if 1 <= rounded <= 99:
         return f"{rounded}\u202f%"
@@ -299,12 +299,12 @@ def as_chance(probability: float, language: Language = ENGLISH) -> str:
 
 
 def chance(probability: object, language: Language = ENGLISH) -> str:
-    """A probability in brackets, `` (84 %)``; nothing if it is not known."""
+    """Write a probability in brackets, `` (84 %)``; nothing if it is not known."""
     return f" ({as_chance(probability, language)})" if isinstance(probability, float) else ""
 
 
 def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
-    """A hypothesis in words: its effects and laws with their places, or that nothing is missing."""
+    """Word a hypothesis: its effects and laws with places, or that nothing is missing."""
     parts = [
         at({**entry, "title": titles.get(str(entry["id"]))}, language) for entry in hypothesis.get("effects") or []
     ]
@@ -322,7 +322,7 @@ _LISTED, _WORTH_NAMING = 3, 0.02
 def resolution(
     loop: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH
 ) -> list[dict[str, str]]:
-    """What was done about an ambiguity, of the report's ``loop``: per motion ``before``, ``motion`` and ``after``."""
+    """Word an ambiguity's resolution, of the report's ``loop``: per motion ``before``, ``motion`` and ``after``."""
     return [
         {
             "before": _explanations(step["before"], titles, language),
@@ -335,7 +335,7 @@ def resolution(
 
 
 def _explanations(hypotheses: Sequence[Mapping[str, Any]], titles: Mapping[str, str], language: Language) -> str:
-    """``X at joint2 (53 %) or Y at joint2 (44 %)``."""
+    """Write ``X at joint2 (53 %) or Y at joint2 (44 %)``."""
     named = [h for n, h in enumerate(hypotheses[:_LISTED]) if n == 0 or h["probability"] >= _WORTH_NAMING]
     said = [explanation(h, titles, language) + chance(h["probability"], language) for h in named]
     return language.listed(said, "or") or language.say("nothing is known")
@@ -346,7 +346,7 @@ _MOST_SAID = 3
 
 
 def _impossible(report: Mapping[str, Any], language: Language) -> list[str]:
-    """What cannot be, in sentences."""
+    """Word what cannot be."""
     violations = (report.get("plausibility") or {}).get("violations") or []
     said = [
         language.say("{}. Usual cause: {}.", capital(impossible(v, language)), language.said(v["cause"]))
@@ -357,14 +357,14 @@ def _impossible(report: Mapping[str, Any], language: Language) -> list[str]:
 
 
 def impossible(violation: Mapping[str, Any], language: Language = ENGLISH) -> str:
-    """A violation with its numbers: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
+    """Word a violation: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
     value = language.with_std(violation.get("value"), violation.get("std"))
     size = f"{value} {language.unit(violation.get('unit'))}".strip()
     return f"{language.said(violation['text'])} ({size})"
 
 
 def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> list[str]:
-    """What was found, in sentences: effects that are certain, sets, laws, and what it is all worth."""
+    """Word the findings: certain effects, sets, laws, and what it is all worth."""
     loop = report["loop"]
     effects: Sequence[Mapping[str, Any]] = loop.get("effects") or []
     laws: Sequence[Mapping[str, Any]] = loop.get("unexplained") or []
@@ -386,7 +386,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
 
 
 def _added(effects: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any]], count: int) -> str:
-    """What was added to the model, in a word or two."""
+    """Name what was added to the model briefly."""
     if any(e.get("indistinguishable_from") for e in effects):
         return "the first of them added" if len(effects) == 1 else "the first of each added"
     if laws and not effects:
@@ -395,7 +395,7 @@ def _added(effects: Sequence[Mapping[str, Any]], laws: Sequence[Mapping[str, Any
 
 
 def _named(entry: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> str:
-    """An effect by its own title, or by that of its id."""
+    """Name an effect by its own title, or by its id's."""
     own = title(entry, language) if entry.get("title") else titles.get(str(entry["id"]))
     return language.lower(own or title(entry, language))
 

@@ -15,9 +15,9 @@ EFFORTS = ("head_pressure", "rod_pressure", "cylinder_force", "joint_effort", "m
 
 
 def expected_delays(machine: Machine) -> tuple[FloatArray, FloatArray] | None:
-    """Seconds (n,) by which each joint's efforts are later than its positions, and standard deviations (n,).
+    """Return seconds (n,) by which efforts lag each joint's positions, and standard deviations (n,).
 
-    NaN where the machine file says nothing of the two buses, where efforts or positions come over several buses, and
+    NaN where the machine file lacks the two buses, where efforts or positions come over several buses, and
     where efforts would be earlier: then positions are late, which no effect of a joint is. None: of no joint.
 
     Delays are those between buses; deviations hold :data:`OWN_FILTER_S` as well.
@@ -40,7 +40,7 @@ def _buses(machine: Machine, joint: str, quantities: tuple[str, ...]) -> set[str
 
 
 def _behind(machine: Machine, bus: str, base: str) -> tuple[float, float] | None:
-    """By how much ``bus`` is behind ``base``, s, and its standard deviation, along the fewest delays that are told."""
+    """Compute the lag of ``bus`` behind ``base``, s, and standard deviation, along the fewest known delays."""
     reached: dict[str, tuple[float, float]] = {base: (0.0, 0.0)}
     edge = [base]
     while edge and bus not in reached:

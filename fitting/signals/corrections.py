@@ -28,11 +28,11 @@ class Corrections:
     play: Mapping[str, Play] = field(default_factory=dict)
 
     def with_play(self, joint: str, where: Play) -> Corrections:
-        """Play of one joint, in the pin or at the piston's sensor."""
+        """Take up play of one joint, in the pin or at the piston's sensor."""
         return replace(self, play={**self.play, joint: where})
 
     def with_position_error(self, joint: str, error: PositionError) -> Corrections:
-        """A further error of one joint's measured position, a function of what is right so far."""
+        """Add an error of one joint's measured position, a function of what is right so far."""
         before = self.position_error.get(joint)
 
         def total(q: FloatArray) -> FloatArray:

@@ -34,7 +34,7 @@ _SECOND = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 
 
 
 def advanced(values: FloatArray, samples: float) -> FloatArray:
-    """The signal ``samples`` earlier (``out[k] = values[k + samples]``), by windowed-sinc interpolation; ends held."""
+    """Advance a signal (``out[k] = values[k + samples]``) by windowed-sinc interpolation; ends held."""
     if samples == 0.0:
         return values
     whole = int(np.floor(samples))
@@ -83,7 +83,7 @@ class FilterBank:
         return self.rate_hz / self.decimation
 
     def smooth(self, values: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Smoothed values and their first and second time derivatives; ``2 margin`` samples shorter."""
+        """Smooth values and their first two time derivatives; ``2 margin`` samples shorter."""
         values = np.asarray(values, dtype=float)
         # Derivatives of (values - start) are the same and keep more digits.
         centred = values - values[0]
@@ -92,17 +92,17 @@ class FilterBank:
         return zeroth + values[0], first, second
 
     def smoothed(self, values: npt.ArrayLike) -> FloatArray:
-        """The smoothed values of :meth:`smooth` alone."""
+        """Return the smoothed values of :meth:`smooth` alone."""
         values = np.asarray(values, dtype=float)
         return np.asarray(signal.oaconvolve(values - values[0], self.value, mode="valid") + values[0])
 
     def trimmed(self, values: npt.ArrayLike) -> FloatArray:
-        """The unfiltered samples that stand beside the output of :meth:`smooth`."""
+        """Return the unfiltered samples beside the output of :meth:`smooth`."""
         values = np.asarray(values, dtype=float)
         return values[self.margin : len(values) - self.margin]
 
     def rate(self, values: npt.ArrayLike) -> FloatArray:
-        """Time derivative of an already smooth signal by central differences (same length; ends one-sided)."""
+        """Differentiate an already smooth signal by central differences (same length; ends one-sided)."""
         values = np.asarray(values, dtype=float)
         out = np.gradient(values, 1.0 / self.rate_hz, axis=0)
         if len(values) >= len(_FIRST):
@@ -138,16 +138,16 @@ class FilterBank:
         return band
 
     def rows(self, samples: int) -> int:
-        """How many reduced rows a segment of ``samples`` smoothed samples gives."""
+        """Count the reduced rows of a segment of ``samples`` smoothed samples."""
         length = samples - 2 * self.half
         return max(0, -(-length // self.decimation))
 
     def speed_noise(self, position_std: float) -> float:
-        """Standard deviation of a smoothed speed, from white position noise of ``position_std``."""
+        """Compute a smoothed speed's standard deviation from white position noise ``position_std``."""
         return position_std * float(np.linalg.norm(self.first))
 
     def acceleration_noise(self, position_std: float) -> float:
-        """Standard deviation of a smoothed acceleration, from white position noise of ``position_std``."""
+        """Compute a smoothed acceleration's standard deviation from white position noise ``position_std``."""
         return position_std * float(np.linalg.norm(self.second))
 
 
@@ -182,7 +182,7 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
 
 
 def asked_filter_bank(rate_hz: float, bandwidth_hz: float, longest_s: float) -> FilterBank:
-    """The filters for a bandwidth that somebody asked for.
+    """Design the filters for a requested bandwidth.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def asked_filter_bank(rate_hz: float, bandwidth_hz: float, longest_s: float) -> 
 
 
 def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -> Any:
-    """A rational filter ``b(z) / a(z)`` of a signal (N,): scipy's of numbers, and the same of anything that adds up.
+    """Filter a signal (N,) rationally, ``b(z) / a(z)``: by scipy of numbers, and the same of anything additive.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -
 
 
 def white_noise_of(stretches: Sequence[npt.ArrayLike]) -> float:
-    """Standard deviation of the white part of a smooth signal between gaps, from its fourth differences.
+    """Estimate the white part's standard deviation of a smooth signal between gaps, by fourth differences.
 
     Fourth differences of white noise have a variance of 70 times the noise's; of a motion below a fiftieth of the
     rate they keep less than 1e-4. Quantisation counts as noise of a third of a step or less.
@@ -232,7 +232,7 @@ def white_noise_of(stretches: Sequence[npt.ArrayLike]) -> float:
 def white_noise_density(
     frequency: FloatArray, rate_hz: float, std: float, kernel: npt.ArrayLike = (1.0,)
 ) -> FloatArray:
-    """Power density at frequencies in Hz of white noise of ``std`` behind a kernel: ``2 std^2 |K|^2 / rate``."""
+    """Compute the power density at Hz of white noise of ``std`` behind a kernel: ``2 std^2 |K|^2 / rate``."""
     _, response = signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
     return np.asarray(2.0 * std**2 * np.abs(response) ** 2 / rate_hz)
 
@@ -244,7 +244,7 @@ def edge_frequency(
     white_std: float = 0.0,
     kernel: npt.ArrayLike = (1.0,),
 ) -> float:
-    """Frequency in Hz below which ``share`` of the power of some stretches of a signal lies; 0 of nothing.
+    """Find the Hz below which ``share`` of the power of some stretches of a signal is; 0 of nothing.
 
     White noise of ``white_std`` that went through ``kernel`` is taken off: a noisy encoder would else pass for a fast
     motion. What only trembles has no such frequency (0).
@@ -264,7 +264,7 @@ def edge_frequency(
 
 
 def lag_between(first: npt.ArrayLike, second: npt.ArrayLike, most: int) -> int:
-    """Samples by which ``second`` has to be moved back to lie on ``first`` (both (N, k)), at most ``most`` either way.
+    """Find the samples to move ``second`` back onto ``first`` (both (N, k)), at most ``most`` either way.
 
     The lag with the smallest mean squared difference over the overlap.
     """

@@ -15,7 +15,7 @@ PARTS = 4
 
 
 def followed(parts: Sequence[slice], u: FloatArray, samples: float, damping: float) -> FloatArray:
-    """What a spool makes of a command that is held between samples (N,): its means over parts of each cycle (PARTS, N).
+    """Follow a command held between samples (N,) with a spool: means over parts of each cycle (PARTS, N).
 
     A spring, a mass and a damper, ``samples`` late on the average; before a stretch it was at rest.
     """
@@ -37,7 +37,7 @@ def followed(parts: Sequence[slice], u: FloatArray, samples: float, damping: flo
 
 
 def delayed(parts: Sequence[slice], u: FloatArray, samples: float) -> FloatArray:
-    """What is held between samples (N,), ``samples`` later; each value is the mean of a cycle around it.
+    """Delay what is held between samples (N,) by ``samples``; values are means of a cycle around.
 
     Before the first of a stretch it was the first.
     """
@@ -53,7 +53,7 @@ def delayed(parts: Sequence[slice], u: FloatArray, samples: float) -> FloatArray
 
 
 def lagged(u: FloatArray, y: FloatArray, poles: int, zeros: int) -> FloatArray:
-    """Columns ``y_(k-1..poles)``, ``u_(k..k-zeros+1)`` of the rows from ``max(poles, zeros - 1)`` on."""
+    """Return columns ``y_(k-1..poles)``, ``u_(k..k-zeros+1)`` of rows from ``max(poles, zeros - 1)`` on."""
     first = max(poles, zeros - 1)
     past = [y[first - lag : len(y) - lag] for lag in range(1, poles + 1)]
     return np.column_stack([*past, *(u[first - lag : len(u) - lag] for lag in range(zeros))])

@@ -37,7 +37,7 @@ _BESIDE, _CUBIC = 2, 3
 
 
 def repeated_rows(recording: Recording) -> BoolArray:
-    """Rows (N,) that a recorder wrote once more for want of new ones, which a motion would stumble over.
+    """Find rows (N,) that a recorder wrote once more for want of new ones, seen as steps in a motion.
 
     Every channel has the value of the row before there, although they repeat it so seldom elsewhere that not one such
     row is to be expected. What lasts longer is a machine that stands, or a device that hangs, and more than a third of
@@ -56,8 +56,8 @@ def repeated_rows(recording: Recording) -> BoolArray:
 
 
 def with_lost_rows(recording: Recording) -> Recording:
-    """The recording with a row for every period that its clock left out, all its values missing, as they are in rows
-    that repeat the one before.
+    """Insert a row for every period that the recording's clock left out, all its values missing, as in rows that repeat
+    the one before.
 
     Quality, age and UTC of such rows are unknown; a recording that has some is without them altogether.
     """
@@ -91,12 +91,12 @@ def with_lost_rows(recording: Recording) -> Recording:
 
 
 def longest_bridge(bank: FilterBank) -> int:
-    """Rows of the longest gap that is bridged; a single row always is."""
+    """Count the rows of the longest bridged gap; a single row always is."""
     return max(1, round(_PERIODS * bank.rate_hz / bank.bandwidth_hz))
 
 
 def bridged(recording: Recording, most: int) -> Recording:
-    """The recording with gaps of at most ``most`` rows filled in each channel, and marked.
+    """Fill gaps of at most ``most`` rows in each channel, and mark them.
 
     Left open are gaps at the ends and beside a jump of the clock, and those of a channel that lacks more than a third.
     """
@@ -117,7 +117,7 @@ def bridged(recording: Recording, most: int) -> Recording:
 
 
 def short_gaps(missing: BoolArray, joined: BoolArray, most: int) -> BoolArray:
-    """Of the missing rows (N,) those in runs of at most ``most`` between two measured ones; ``joined`` (N-1,) steps."""
+    """Find missing rows (N,) in runs of at most ``most`` between two measured ones; ``joined`` (N-1,) steps."""
     short = np.zeros(len(missing), dtype=bool)
     for run in runs(missing):
         inside = run.start > 0 and run.stop < len(missing) and joined[run.start - 1 : run.stop].all()
@@ -127,7 +127,7 @@ def short_gaps(missing: BoolArray, joined: BoolArray, most: int) -> BoolArray:
 
 
 def filled(values: FloatArray, rows: BoolArray, closely: bool = False) -> FloatArray:
-    """Values (N,) with those of some rows told by the cubic that fits the measured ones on both sides best.
+    """Fill some rows of values (N,) by the cubic that fits the measured ones on both sides best.
 
     A cubic does not fit as well across long gaps, and a step at either end passes for a fast motion. ``closely``, a row
     counts the less the further it is from the gap.
@@ -147,7 +147,7 @@ def filled(values: FloatArray, rows: BoolArray, closely: bool = False) -> FloatA
 
 @lru_cache(maxsize=4096)
 def _weights(near: tuple[int, ...], length: int, closely: bool) -> FloatArray:
-    """Weights (length, k) of values at places ``near`` in the best cubic's values at places 0 to ``length - 1``."""
+    """Compute weights (length, k) of values at ``near`` in the best cubic's at places 0 to ``length - 1``."""
     places = np.array(near)
     counts = 1.0 / np.maximum(-places, places - length + 1) ** 2 if closely else np.ones(len(places))
     scale = float(np.abs(near).max())
@@ -156,10 +156,10 @@ def _weights(near: tuple[int, ...], length: int, closely: bool) -> FloatArray:
 
 
 def hidden(made_up: BoolArray, most: int) -> BoolArray:
-    """Of the rows that were made up (N,) those in runs of more than ``most``: what such a gap hides is not known."""
+    """Find rows made up (N,) in runs of more than ``most``: what such a gap hides is unknown."""
     return long_runs(made_up, most + 1)
 
 
 def _shelf(columns: Mapping[str, FloatArray]) -> MutableMapping[str, FloatArray]:
-    """Where columns are kept: in a file, where the given ones are."""
+    """Return the shelf of columns: in a file, where given ones are."""
     return ScratchColumns(columns.scratch) if isinstance(columns, ScratchColumns) else {}

@@ -24,7 +24,7 @@ _BRIDGED_S = 1.0
 
 
 def motion_frequency(machine: Machine, recordings: Sequence[Recording], in_pieces: bool) -> float:
-    """Frequency in Hz below which :data:`SHARE` of the speed of the joint that moves the fastest is; 0 of nothing.
+    """Find the Hz below which :data:`SHARE` of the fastest joint's speed is; 0 of nothing.
 
     All stretches of a recording count together: one of seconds holds less than a period, and passes for a fast one.
 

@@ -21,14 +21,14 @@ _TAPS, _LEAST = 4, 0.05
 
 
 def position_channel(machine: Machine, joint: Joint) -> Channel | None:
-    """The channel at a joint that tells where it is, else that of its piston; None where only its motor does."""
+    """Return a joint's position channel, else its piston's; None where only its motor measures it."""
     return machine.channel("joint_position", joint.name) or machine.channel("piston_position", joint.name)
 
 
 def joint_velocity_share(
     machine: Machine, joint: Joint, recording: Recording, bank: FilterBank
 ) -> VelocityShare | None:
-    """Weight of the joint's velocity channel; None where there is none, or the rod is off its pin."""
+    """Return the joint velocity channel's weight; None without one, or with the rod off its pin."""
     speed = machine.channel("joint_velocity", joint.name)
     if speed is None or (joint.cylinder is not None and recording.role == "unloaded"):
         return None
@@ -51,7 +51,7 @@ def joint_velocity_share(
 
 
 def piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float:
-    """Weight of the piston's sensor where the joint has one too; NaN where there is nothing to fuse."""
+    """Compute the piston sensor's weight beside the joint's; NaN where there is nothing to fuse."""
     variances = position_variances(machine, joint, recording)
     if len(variances) < 2:
         return np.nan
@@ -59,7 +59,7 @@ def piston_weight(machine: Machine, joint: Joint, recording: Recording) -> float
 
 
 def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArray:
-    """Piston position (N,) of a joint, m: of both sensors where there are two, each by its noise.
+    """Return a joint's piston position (N,), m: of both sensors where two, each by its noise.
 
     Where the joint's sensor puts the rod somewhere else by a constant, that changes no speed.
     """
@@ -77,7 +77,7 @@ def piston_of(machine: Machine, joint: Joint, recording: Recording) -> FloatArra
 
 
 def position_variances(machine: Machine, joint: Joint, recording: Recording) -> dict[str, float]:
-    """White-noise variance of each position sensor that says something, in the piston's unit squared."""
+    """Return white-noise variances of usable position sensors, in the piston's unit squared."""
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
     result = {}
@@ -94,7 +94,7 @@ def position_variances(machine: Machine, joint: Joint, recording: Recording) -> 
 
 
 def channel_noise(recording: Recording, channel: str) -> float:
-    """White noise of a channel where it was measured and does not stand still, between its gaps.
+    """Estimate a channel's white noise where measured and not constant, between gaps.
 
     Where that leaves next to nothing (every fourth row lost), of all that is there.
     """
@@ -109,7 +109,7 @@ def channel_noise(recording: Recording, channel: str) -> float:
 
 
 def reading_error(recordings: Sequence[Recording], channel: str) -> tuple[float, float]:
-    """White noise of a channel's readings, and the steps that they are rounded to (0 or next to it without any)."""
+    """Estimate a channel's white noise and rounding steps (0 or next to it without any)."""
     std = float(np.median([channel_noise(recording, channel) for recording in recordings]))
     changes = np.concatenate([np.abs(np.diff(recording.values[channel])) for recording in recordings])
     changes = changes[np.isfinite(changes) & (changes > 1e-12)]
@@ -117,7 +117,7 @@ def reading_error(recordings: Sequence[Recording], channel: str) -> tuple[float,
 
 
 def rounded_noise(position: FloatArray, error: tuple[float, float], rng: np.random.Generator) -> FloatArray:
-    """Readings less the position (N,) of a sensor with such a noise and such steps: slow motion makes them no noise."""
+    """Return readings less position (N,) of a sensor of such noise and steps: slow motion makes them no noise."""
     std, step = error
     white = np.sqrt(max(std**2 - step**2 / 12.0, 0.0))
     reading = position + white * rng.standard_normal(len(position)) + step * rng.uniform()
@@ -125,7 +125,7 @@ def rounded_noise(position: FloatArray, error: tuple[float, float], rng: np.rand
 
 
 def held(values: FloatArray, rate_hz: float) -> BoolArray:
-    """Rows (N,) in which a value stays the same for longer than a reversal takes: an encoder that stands is silent."""
+    """Find rows (N,) whose value is constant for longer than a reversal takes: an encoder at rest is silent."""
     same = long_runs(np.diff(values, prepend=np.nan) == 0, REST_SECONDS * rate_hz)
     same[:-1] |= same[1:]  # and the row that the first of a run is the same as
     return same

@@ -120,7 +120,7 @@ class Segment:
 def motion_segment(
     machine: Machine, t: Any, moved: Sequence[Any], pistons: Sequence[Any] = (), **others: Any
 ) -> Segment:
-    """A motion that no sensor saw, as a segment: numbers, or expressions in their place.
+    """Make an unseen motion a segment: numbers, or expressions in their place.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def motion_segment(
 
 
 def position_noise(machine: Machine, recordings: Sequence[Recording], bank: FilterBank) -> tuple[PositionNoise, ...]:
-    """Noise of each joint's driving element, from the high-frequency part of the position channels."""
+    """Estimate each driving element's noise from position channels' high-frequency part."""
     result = []
     for joint in machine.joints:
         variances, shares = [], []
@@ -165,7 +165,7 @@ def position_noise(machine: Machine, recordings: Sequence[Recording], bank: Filt
 
 
 def position_channel_noise(machine: Machine, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Standard deviation of the white noise of every channel of a motion, SI: median over the recordings."""
+    """Estimate the standard deviation of every motion channel's white noise, SI: median over recordings."""
     result = {}
     for channel in machine.channels:
         if channel.quantity in ("joint_position", "joint_velocity", "piston_position"):
@@ -196,7 +196,7 @@ def segments_of(
     bank : filters
     noise : per joint; estimated from the recordings if not given
     latency : joint name to seconds by which its effort channels are late
-    resampled : joints whose effort was not sampled late, but handed on late and interpolated
+    resampled : joints whose effort was not sampled late, but passed on late and interpolated
     position_error : joint name to a callable ``q -> error`` that is subtracted from the measured joint position
     play : joints between whose two position sensors there is play, and where: they are not fused
     long : cut stretches into pieces (:func:`pieces`)
@@ -238,12 +238,12 @@ def segments_of(
 
 
 def shortest(bank: FilterBank) -> int:
-    """Rows of the shortest stretch without a gap that the filters leave something of."""
+    """Count the rows of the shortest gapless stretch that survives the filters."""
     return 2 * (bank.margin + bank.half) + 4 * bank.decimation + 1
 
 
 def pieces(whole: slice, bank: FilterBank, most: int) -> list[slice]:
-    """A stretch in pieces of at most about ``most`` samples that overlap by what both filters lose.
+    """Cut a stretch into pieces of at most about ``most`` samples, overlapping by both filters' loss.
 
     They start on the decimated grid: together they give the very reduced rows of the whole stretch, each once.
     """
@@ -267,7 +267,7 @@ def _segment(
     position_error: Mapping[str, PositionError],
     play: Mapping[str, Play],
 ) -> Segment:
-    """The segment of a whole recording that is free of gaps; it starts at row ``start`` of what it was cut from."""
+    """Make the segment of a gapless recording; it starts at row ``start`` of what it was cut from."""
     part = slice(0, len(recording))
     columns: dict[str, list[Any]] = {
         key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r", "effort", "p1", "p2", "gap", "rest", "lead")
@@ -311,9 +311,9 @@ def with_delays(
     latency: Mapping[str, float],
     resampled: Collection[str],
 ) -> Segment:
-    """A segment of ``recording`` that was prepared without any delay, with some joints' efforts moved in time.
+    """Return a segment of ``recording``, prepared without delays, with some joints' efforts moved in time.
 
-    ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion stays.
+    ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion is kept.
     """
     moved = _with_efforts(machine, recording, segment, bank, latency)
     sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
@@ -321,14 +321,14 @@ def with_delays(
 
 
 def with_efforts_of(machine: Machine, recording: Recording, segment: Segment, bank: FilterBank) -> Segment:
-    """A segment without any delay with the efforts of another ``recording``, whose motion is the very same."""
+    """Return a segment without delays with the efforts of another ``recording`` of the very same motion."""
     return _with_efforts(machine, recording, segment, bank, {joint.name: 0.0 for joint in machine.joints})
 
 
 def _with_efforts(
     machine: Machine, recording: Recording, segment: Segment, bank: FilterBank, latency: Mapping[str, float]
 ) -> Segment:
-    """The segment with the efforts of the joints in ``latency`` (s) read from the recording anew."""
+    """Read the efforts of the joints in ``latency`` (s) from the recording anew."""
     first = segment.start - bank.margin
     part = slice(first, first + len(segment) + 2 * bank.margin)
     effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()
@@ -341,7 +341,7 @@ def _with_efforts(
 
 
 def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tuple[Recording, slice]:
-    """The recording's start and the straight line that leads there: smoothed, it gives the samples up to the first."""
+    """Prepend the straight line to a recording's start: smoothed, it gives the samples up to the first."""
     count = max(2, round(_FIRST_SECONDS * bank.rate_hz))
     values = {}
     for channel in machine.channels:
@@ -357,14 +357,14 @@ def _with_start(machine: Machine, recording: Recording, bank: FilterBank) -> tup
 
 
 def _temperature(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
-    """Oil temperature of a segment; None where it was not measured all along."""
+    """Return a segment's oil temperature; None where not measured all along."""
     channel = next((c for c in machine.channels if c.quantity == "oil_temperature"), None)
     values = None if channel is None else recording.values.get(channel.name)
     return None if values is None or not np.isfinite(values[part]).all() else bank.smoothed(values[part])
 
 
 def _external(machine: Machine, recording: Recording, part: slice, bank: FilterBank) -> FloatArray | None:
-    """Forces from outside that a load cell measures, (N, n), zero where there is none; None for a machine without."""
+    """Return outside forces by load cells, (N, n), zero where there is none; None for a machine without."""
     channels = [machine.channel("external_force", joint.name) for joint in machine.joints]
     if not any(channels):
         return None
@@ -433,7 +433,7 @@ def _effort(
     latency: float,
     lever: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Measured drive effort (unfiltered, trimmed) and smoothed chamber pressures (NaN where not measured).
+    """Return measured drive effort (unfiltered, trimmed), smoothed chamber pressures (NaN where unmeasured).
 
     What was measured as a torque is divided by the ``lever`` (N,) of the joint's cylinder.
     """
@@ -458,7 +458,7 @@ def _effort(
 
 
 def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> FloatArray | None:
-    """Effort of a joint's drive in N or N m: of both pressures if they are measured; None if nothing is.
+    """Compute the effort of a joint's drive in N or N m: of both pressures if measured; None if nothing is.
 
     Parameters
     ----------
@@ -475,12 +475,12 @@ def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> F
 
 
 def _rest(x: FloatArray, speed: FloatArray, speed_noise: float, reach: float, rate_hz: float) -> BoolArray:
-    """Where the element stands still for longer than a reversal takes: by its sensor, or by its reach (parked)."""
+    """Find where the element is at rest for longer than a reversal: by its sensor, or by its reach (parked)."""
     return long_rests(np.abs(speed) <= REST_SPEED * speed_noise, rate_hz) | parked(x, reach, rate_hz)
 
 
 def parked(x: FloatArray, reach: float, rate_hz: float) -> BoolArray:
-    """Rows (N,) about which a position stays within :data:`STILL` of the joint's reach for :data:`PARKED_SECONDS`.
+    """Find rows (N,) with a position within :data:`STILL` of the joint's reach for :data:`PARKED_SECONDS`.
 
     A joint that is held trembles while others move, by more than its sensor's noise.
     """
@@ -495,12 +495,12 @@ def parked(x: FloatArray, reach: float, rate_hz: float) -> BoolArray:
 
 
 def reach(joint: Joint, piston: bool) -> float:
-    """How far a joint goes, or its piston: rad or m."""
+    """Return how far a joint goes, or its piston: rad or m."""
     if piston and joint.cylinder is not None:
         return joint.cylinder.stroke
     return float(np.ptp(joint.limits.position))
 
 
 def long_rests(slow: BoolArray, rate_hz: float) -> BoolArray:
-    """Of the samples (N,) at which an element is slow those that are no mere reversal."""
+    """Keep samples (N,) of a slow element that are no mere reversal."""
     return long_runs(slow, REST_SECONDS * rate_hz)

@@ -32,7 +32,7 @@ _ORDER, _ROOM = 8, 1.1
 def quiet_motion(
     segment: Segment, noise: Sequence[PositionNoise], bank: FilterBank
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, speeds and accelerations (N, n) of a segment's joints, as far as they stand above their noise."""
+    """Estimate positions, speeds and accelerations (N, n) of a segment's joints, as far as above noise."""
     q, qd, qdd = segment.q.copy(), segment.qd.copy(), segment.qdd.copy()
     for joint, known in enumerate(noise):
         std = known.position / max(float(np.median(np.abs(segment.r[:, joint]))), 1e-12)
@@ -49,7 +49,7 @@ def quiet_motion(
 
 
 def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank) -> float:
-    """Frequency in Hz above which an acceleration (N,) holds more noise than motion; 0 if it holds none at all.
+    """Find the Hz above which an acceleration (N,) holds more noise than motion; 0 if none at all.
 
     The noise is that of white positions of ``position_std`` behind the second derivative's kernel. The edge is where
     the sum of (spectrum over noise - 10) is largest: single lines that stand out by chance do not make up for the noise

@@ -42,17 +42,17 @@ _WINDOW_S = 0.5
 def with_rods_as_said(
     machine: Machine, recordings: Sequence[Recording]
 ) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
-    """Recordings without the rows in which the rods are not as the role says, and a line about each that has some.
+    """Cut rows with rods unlike the role out of recordings, with a line about each that has some.
 
     Parameters
     ----------
-    machine : joints of which one position is measured only tell nothing here
-    recordings : of that machine, in SI; those rows get a missing value, all others stay
+    machine : joints of which one position is measured only are not checked
+    recordings : of that machine, in SI; those rows get a missing value, all others are kept
 
     Raises
     ------
     RecordingError
-        If the rods are not as the role says in all of a recording in which anything tells.
+        If the rods are not as in the role in all of a recording in which anything shows it.
     """
     kept, lines = [], []
     for recording in recordings:
@@ -81,7 +81,7 @@ def with_rods_as_said(
 
 
 def _positions(machine: Machine, joint: Joint, recording: Recording) -> tuple[FloatArray, FloatArray | None]:
-    """Where the piston is, and how far that is from where the linkage says, m; None if only one is measured."""
+    """Return piston position and its distance from the linkage's, m; None if only one is measured."""
     angle = machine.channel("joint_position", joint.name)
     piston = machine.channel("piston_position", joint.name)
     assert joint.cylinder is not None and piston is not None
@@ -92,7 +92,7 @@ def _positions(machine: Machine, joint: Joint, recording: Recording) -> tuple[Fl
 
 
 def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArray, float]:
-    """Rows in which the rod is off, and how far the piston is away there, m."""
+    """Find rows with the rod off, and the piston's distance there, m."""
     assert joint.cylinder is not None
     nowhere = np.zeros(len(recording), dtype=bool)
     x, distance = _positions(machine, joint, recording)
@@ -120,7 +120,7 @@ def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArra
 
 
 def _still_on(machine: Machine, joint: Joint, recording: Recording) -> BoolArray:
-    """Rows in which the rod is on: joint and piston move together, or an end holds what no free cylinder needs."""
+    """Find rows with the rod on: joint and piston move together, or an end holds what no free cylinder needs."""
     assert joint.cylinder is not None
     x, distance = _positions(machine, joint, recording)
     on, moving = np.zeros(len(recording), dtype=bool), np.zeros(len(recording), dtype=bool)
@@ -145,7 +145,7 @@ def _still_on(machine: Machine, joint: Joint, recording: Recording) -> BoolArray
 
 
 def _loaded_ends(machine: Machine, joint: Joint, recording: Recording, moving: BoolArray) -> BoolArray:
-    """Rows at either end whose effort is far outside of that in the ``moving`` rows."""
+    """Find rows at either end whose effort is far outside the ``moving`` rows'."""
 
     def channel(quantity: str) -> FloatArray | None:
         found = machine.channel(quantity, joint.name)
@@ -164,7 +164,7 @@ def _loaded_ends(machine: Machine, joint: Joint, recording: Recording, moving: B
 
 
 def _range(values: FloatArray) -> float:
-    """Range of all but a tenth of the values."""
+    """Compute the range of all but a tenth of the values."""
     low, high = np.nanpercentile(values, [5, 95])
     return float(high - low)
 

@@ -52,7 +52,7 @@ class OpenSpectrum:
     bandwidth_hz: float
 
     def variance(self, frequency: FloatArray, power: FloatArray) -> FloatArray:
-        """Variance of ``power @ S_error / S``: power (k, F) over frequencies (F,), Hz; (k,)."""
+        """Compute the variance of ``power @ S_error / S``: power (k, F) over Hz (F,); (k,)."""
         weights = power @ log_basis(frequency, self.bandwidth_hz)
         return np.asarray(np.einsum("ki,ij,kj->k", weights, self.covariance, weights))
 
@@ -79,7 +79,7 @@ class Whitening:
     open: OpenSpectrum | None = None
 
     def __call__(self, rows: FloatArray) -> FloatArray:
-        """Whitened and scaled rows of one stretch, (M,) or (M, k); as many as went in."""
+        """Whiten and scale rows of one stretch, (M,) or (M, k); as many as went in."""
         order = min(len(self.head), len(rows))
         out = np.asarray(self.taps[0] * rows)
         for lag, tap in enumerate(self.taps[1:], start=1):
@@ -89,18 +89,18 @@ class Whitening:
         return out
 
     def kept(self, keep: BoolArray) -> BoolArray:
-        """Which whitened rows use only rows that are kept."""
+        """Find whitened rows that use kept rows only."""
         padded = np.concatenate([np.ones(len(self.taps) - 1, dtype=bool), keep])
         return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, len(self.taps)).all(axis=1))
 
 
 def unit_whitening(std: float = 1.0) -> Whitening:
-    """White noise of a given standard deviation: nothing is filtered."""
+    """Return the whitening of white noise of a given standard deviation: nothing is filtered."""
     return Whitening(np.array([1.0]), np.zeros((0, 0)), max(std, 1e-12), max(std, 1e-12))
 
 
 def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
-    """Whitening filter of the reduced noise, from stretches of the noise at full rate, before any filter.
+    """Fit a whitening filter of reduced noise to stretches of full-rate noise, before any filter.
 
     Without any variance in the noise, or with less data than coefficients, nothing is whitened.
     """
@@ -140,14 +140,14 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
 
 
 def log_basis(frequency: FloatArray, bandwidth_hz: float) -> FloatArray:
-    """Cosines in warped frequency, (N, coefficients): basis of a log-spectrum."""
+    """Compute cosines in warped frequency, (N, coefficients): a log-spectrum's basis."""
     knee = _KNEE * bandwidth_hz
     warped = np.log1p(frequency / knee) / np.log1p(_EDGE * bandwidth_hz / knee)
     return np.asarray(np.cos(np.pi * warped[:, None] * np.arange(_COEFFICIENTS)[None, :]))
 
 
 def _smooth(basis: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coefficients of a log-spectrum and their covariance, with the smoothness estimated along (by EM)."""
+    """Estimate a log-spectrum's coefficients and covariance, with their smoothness (by EM)."""
     roughness = np.arange(_COEFFICIENTS, dtype=float) ** 4
     coefficients = np.zeros(_COEFFICIENTS)
     coefficients[0] = np.log(power.mean())
@@ -165,7 +165,7 @@ def _smooth(basis: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _whittle(basis: FloatArray, power: FloatArray, penalty: FloatArray, start: FloatArray) -> FloatArray:
-    """Maximum of Whittle's likelihood for ``log S = basis @ c`` less ``penalty @ c^2 / 2``, by Fisher scoring.
+    """Maximise Whittle's likelihood for ``log S = basis @ c`` less ``penalty @ c^2 / 2``, by Fisher scoring.
 
     The problem is convex.
     """

@@ -14,7 +14,7 @@ DEGREE = 3
 
 
 def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
-    """Knots of a clamped cubic B-spline with ``functions`` basis functions, inner knots at quantiles of ``values``."""
+    """Place a clamped cubic B-spline's knots for ``functions`` functions, inner ones at quantiles of ``values``."""
     values = np.asarray(values, dtype=float)
     inner = functions - 4
     if inner < 0:
@@ -29,20 +29,20 @@ def spline_knots(values: npt.ArrayLike, functions: int) -> FloatArray:
 
 
 def evaluate(knots: FloatArray, values: npt.ArrayLike, coefficients: FloatArray | None = None) -> FloatArray:
-    """Basis functions at ``values``, shape (N, functions), or their sum (N,) with ``coefficients``; constant beyond the
-    outer knots."""
+    """Evaluate basis functions at ``values``, shape (N, functions), or their sum (N,) with ``coefficients``; constant
+    beyond the outer knots."""
     inside = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
     # Coefficients of the identity: all functions at once, in compiled code.
     return np.asarray(BSpline(knots, np.eye(len(knots) - 4) if coefficients is None else coefficients, 3)(inside))
 
 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:
-    """Basis over the range of ``values`` itself, shape (N, functions)."""
+    """Evaluate a basis over the range of ``values`` itself, (N, functions)."""
     return evaluate(spline_knots(values, functions), values)
 
 
 def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArray]:
-    """The parts (N,) of a free curve: integrals over ``(o / reach)^power`` of Bernstein's polynomials.
+    """Compute a free curve's parts (N,): integrals over ``(o / reach)^power`` of Bernstein's polynomials.
 
     Beyond the largest command that was fitted it goes on as it ends.
     """

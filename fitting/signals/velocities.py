@@ -34,7 +34,7 @@ class VelocityShare:
     acceleration: float
 
     def fused(self, motion: Motion, velocity: FloatArray, bank: FilterBank) -> Motion:
-        """A joint's motion with the measured velocity in it.
+        """Fuse the measured velocity into a joint's motion.
 
         Parameters
         ----------
@@ -46,7 +46,7 @@ class VelocityShare:
         return q, qd + self.speed * (speed - qd), qdd + self.acceleration * (acceleration - qdd)
 
     def noise(self, speed: float, acceleration: float) -> tuple[float, float]:
-        """Standard deviations of the fused speed and acceleration from those of the position's derivatives.
+        """Compute standard deviations of fused speed and acceleration from those of the position's derivatives.
 
         With weights by inverse variances the variance that is left is the other's share of the position's.
         """
@@ -61,7 +61,7 @@ def velocity_share(
     position_std: float,
     velocity_std: float,
 ) -> VelocityShare:
-    """Weights of a velocity channel over the gap-free ``parts`` of a recording.
+    """Compute weights of a velocity channel over gapless ``parts`` of a recording.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ _SURE = float(np.log(19.0))
 
 
 def moves(axis: Axis) -> bool:
-    """Whether the axis is told to move, and does."""
+    """Return whether the axis is commanded to move, and does."""
     if not axis.keep.any() or float(np.ptp(axis.signals.u)) < STILL_COMMAND:
         return False
     return float(np.sqrt(np.mean(axis.speed[axis.keep] ** 2))) > STILL_SPEED
@@ -42,7 +42,7 @@ Check = tuple[str, str, str]
 
 
 def axis_checks(machine: Machine, axis: Axis, fit: Fit) -> list[dict[str, str]]:
-    """What may be wrong, each with its cure."""
+    """List possible mistakes, each with its cure."""
     channel = machine.channel("command", axis.joint.name)
     name = "command" if channel is None else channel.name
     found = [*_of_the_command(name, axis, fit), *_of_the_motion(axis, fit), *_of_the_pressures(axis)]
@@ -114,7 +114,7 @@ def _moves(fit: Fit, way: str) -> bool:
 
 
 def compensated_edge(u: FloatArray, first: IntArray) -> float | None:
-    """The edge that a controller jumps to, as share of full command; None where it does not, or nobody can tell.
+    """Find the edge a controller jumps to, as share of full command; None without one, or if unknown.
 
     One that compensates a dead band sends nothing between rest and its own edge. One that does not, and an operator's
     lever, pass through these commands whenever the axis sets off. So of each run of commands to one side the smallest

@@ -100,13 +100,13 @@ class Chosen:
 
     @property
     def refused(self) -> bool:
-        """Whether the motion that is judged on spoke against what held everywhere else and was worth being said."""
+        """Whether the judging motion contradicts what held everywhere else and was worth reporting."""
         known, tried = {own.id for own in self.found}, [own for step in self.steps for own in step]
         return any(own.refused and worth(own.before, own.error) for own in tried if own.id not in known)
 
 
 def folds_of(axis: Axis) -> list[BoolArray]:
-    """Rows (M,) of each part that is left out in turn: recordings, or stretches of time where there is one only."""
+    """Return rows (M,) of each part left out in turn: recordings, or stretches of time of a single one."""
     numbers = np.unique(axis.recordings)
     if len(numbers) > 1:
         parts = np.array_split(numbers, min(FOLDS, len(numbers)))
@@ -116,7 +116,7 @@ def folds_of(axis: Axis) -> list[BoolArray]:
 
 
 def compared(axis: Axis, before: Local, after: Local) -> tuple[gate.HeldOut, float, float]:
-    """What rows that were left out say of a model beside a simpler one; errors over the speed's RMS with it, without.
+    """Compare a model with a simpler one on held-out rows; errors over the speed's RMS with it, without.
 
     Whether it hangs on one part only is asked of the gate's blocks: few recordings move one axis.
     """
@@ -127,14 +127,14 @@ def compared(axis: Axis, before: Local, after: Local) -> tuple[gate.HeldOut, flo
 
 
 def worth(before: float, after: float) -> bool:
-    """Whether what takes an error (of the speed's RMS) down is worth being said."""
+    """Return whether an error's reduction (of the speed's RMS) is worth reporting."""
     return after <= (1.0 - WORTH) * before and before**2 - after**2 >= VISIBLE**2
 
 
 def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chosen:
-    """The model of an axis: its laws of the pressure and its curve; with the ``loop`` its effects.
+    """Choose an axis' model: its pressure laws and curve; with the ``loop`` its effects.
 
-    Nothing is chosen on the motion that is ``judged`` on: it only refuses.
+    Nothing is chosen on the motion that is ``judged`` on: it only rejects.
     """
     wide = fitted(axis, Structure(curve="monotone", stiffness=axis.has_pressures))
     wide, laws = _with_laws(axis, wide)
@@ -162,7 +162,7 @@ def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chos
 
 
 def _curved(fit: Fit) -> Fit:
-    """A line, an exponent where it is earned, or a free curve (a spool that levels out) where that is."""
+    """Choose a line, an exponent where it is earned, or a free curve (a spool that levels out)."""
     shapes = (replace(fit.structure, curve=curve) for curve in ("line", "power", "monotone"))
     best, *others = (fitted(fit.axis, own, _kept(fit, own)) for own in shapes)
     for trial in others:
@@ -173,13 +173,13 @@ def _curved(fit: Fit) -> Fit:
 
 
 def _alike(best: Candidate, other: Candidate) -> bool:
-    """Whether one cannot be told from the best: nearly as probable, or known to be like it and nearly as good."""
+    """Return whether one is as good as the best: nearly as probable, or akin to it and nearly as good."""
     known = best.law is None and other.id in EFFECTS[best.id].confounders
     return other.odds > best.odds - priors.SAID_ODDS or (known and other.error < ALIKE * best.error)
 
 
 def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
-    """The law of each direction, one after the other and the first once more."""
+    """Choose each direction's law, one after the other and the first once more."""
     ids = laws_for(pressures=axis.has_pressures, supply=axis.has_supply, compensated=axis.valve.compensated)
     tried: dict[str, dict[str, float]] = {way: {} for way in WAYS}
     declared = axis.valve.compensated is True  # what the file says has nothing to earn
@@ -202,19 +202,19 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
 
 
 def replace_law(fit: Fit, way: int, law: str) -> Fit:
-    """The model with another law in one direction, refined from where it stands."""
+    """Set another law in one direction, refined from the present values."""
     extend, retract = fit.structure.laws
     structure = replace(fit.structure, laws=(law, retract) if way == 0 else (extend, law))
     return fit if structure == fit.structure else fitted(fit.axis, structure, _kept(fit, structure))
 
 
 def _kept(fit: Fit, structure: Structure) -> Shape:
-    """What a shape has in common with another structure's."""
+    """Keep what a shape has in common with another structure's."""
     return {name: value for name, value in fit.shape.items() if name in structure.shape()}
 
 
 def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
-    """Everything that could be added, with its probability, the best first.
+    """List everything that could be added, with its probability, the best first.
 
     ``named`` is what names that were found took of the error, squared: what they are off by is no other effect.
     """
@@ -248,7 +248,7 @@ def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
 
 
 def _best(before: Fit, structure: Structure, starts: Sequence[Shape]) -> Fit:
-    """The best of a candidate's shapes, begun with the delay and the edges anew, and from where they stand.
+    """Choose the best of a candidate's shapes, from new and from present delay and edges.
 
     Begun on a part of what was recorded; what comes out best is refined on all of it.
     """
@@ -261,7 +261,7 @@ def _best(before: Fit, structure: Structure, starts: Sequence[Shape]) -> Fit:
 
 
 def _part(axis: Axis) -> Axis:
-    """Recordings of an axis, evenly taken, of as many samples as shapes are told by."""
+    """Thin an axis' recordings evenly to as many samples as shapes need."""
     numbers = np.unique(axis.signals.recording)
     share = max(1, int(np.ceil(len(axis.signals) / ENOUGH)))
     return axis if share == 1 or len(numbers) < 2 else axis.of(numbers[::share].tolist())

@@ -61,25 +61,25 @@ class Kept:
 
     @classmethod
     def of(cls, fit: Fit) -> Kept:
-        """Of a fit."""
+        """Keep a fit."""
         axis = fit.axis
         return cls(fit.structure, fit.shape, fit.gains, axis.drops, axis.largest, axis.bank.bandwidth_hz)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain content; :meth:`from_json` reads it back."""
+        """Return plain content; :meth:`from_json` reads it back."""
         content = {**vars(self), "structure": asdict(self.structure), "drops": self.drops.tolist()}
         return dict(json.loads(json.dumps(content)))
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> Kept:
-        """From :meth:`to_json`'s content."""
+        """Read :meth:`to_json`'s content."""
         own = content["structure"]
         structure = Structure(tuple(own["laws"]), own["curve"], own["stiffness"], tuple(own["effects"]))
         own = {"structure": structure, "drops": np.array(content["drops"]), "largest": tuple(content["largest"])}
         return cls(**{**content, **own})
 
     def bank(self, rate_hz: float) -> FilterBank:
-        """Its filters."""
+        """Return its filters."""
         return filter_bank(rate_hz, self.bandwidth_hz)
 
 
@@ -105,13 +105,13 @@ class Block:
         return found or None
 
     def slack(self, error: float) -> dict[str, float]:
-        """What of each statistic, m/s, a model may leave that is off by a share ``error`` of the speed."""
+        """Compute each statistic's slack, m/s, for a model that is off by share ``error`` of speed."""
         sizes = {name: float(size) for name, size in zip(STATISTICS, np.sqrt(np.diag(self.normal)), strict=True)}
         return {name: error * sizes[f"gain.{name.partition('.')[2]}"] for name in STATISTICS}
 
 
 def block_of(machine: Machine, joint: str, kept: Kept, recording: Recording, samples: int) -> Block | None:
-    """The last so many ``samples`` of a recording without gaps; None where it has some."""
+    """Cut the last so many ``samples`` of a gapless recording; None with gaps."""
     try:
         axis = axis_of(machine, machine.joint(joint), [recording], bandwidth_hz=kept.bandwidth_hz, like=kept)
     except InputError:
@@ -136,7 +136,7 @@ def block_of(machine: Machine, joint: str, kept: Kept, recording: Recording, sam
 
 
 def _of_ways(axis: Axis, kept: Kept, shape: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
-    """Filtered speeds by each direction's opening, (M, 2), and what stiffness and leaks add beside them, (M,)."""
+    """Return filtered speeds by direction's opening, (M, 2), and what stiffness and leaks add, (M,)."""
     names, matrix = columns(axis, kept.structure, shape)
     shares = matrix * np.array([kept.gains[name] for name in names])
     of = np.array([[name.startswith(f"gain.{way}") for name in names] for way in WAYS])
@@ -154,7 +154,7 @@ class Moved:
 
 
 def moved_numbers(blocks: Sequence[Block], usual: FloatArray, error: FloatArray) -> list[Moved]:
-    """Which numbers moved over some blocks, the surest first; empty where these do not tell.
+    """List numbers that moved over some blocks, the surest first; empty where undecided.
 
     Parameters
     ----------

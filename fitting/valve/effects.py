@@ -42,25 +42,25 @@ class ValveEffect:
     source: ClassVar[str]
 
     def applies(self, axis: Axis) -> bool:
-        """Whether what is measured could show it."""
+        """Return whether measured channels could show it."""
         return True
 
     def command(self, u: FloatArray, shape: Shape) -> FloatArray:
-        """The command (N,) that the spool follows."""
+        """Return the command (N,) that the spool follows."""
         return u
 
     def delay(self, way: int, shape: Shape) -> tuple[float, float]:
-        """What is added to the delay of a direction, s, and how much of that is a lag of the spool."""
+        """Return the addition to a direction's delay, s, and the spool's lag in it."""
         return 0.0, 0.0
 
     def factor(
         self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
     ) -> FloatArray:
-        """What an opening is multiplied by (N,), from what it would be without this effect."""
+        """Return an opening's factor (N,), against that without this effect."""
         return own
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
-        """Further linear columns (N,); ``share`` is that of the head's balance in the speed."""
+        """Return further linear columns (N,); ``share`` is the head's balance in the speed."""
         return {}
 
 
@@ -170,7 +170,7 @@ _SIGNS = {"extend": 1.0, "retract": -1.0}
 
 
 def _pulls(signals: Signals, way: str, areas: tuple[float, float]) -> BoolArray:
-    """Where (N,) the load is along a direction's motion."""
+    """Return where (N,) the load is along a direction's motion."""
     force = signals.inlet[0] * areas[0] - signals.inlet[1] * areas[1]
     return np.asarray(_SIGNS[way] * force < 0.0)
 

@@ -40,7 +40,7 @@ SAFETY = (
 
 
 def formats() -> dict[str, Callable[[ValveModel, Path], Written]]:
-    """What writes each format in a folder."""
+    """Return the writer of each format in a folder."""
     texts = {"c": _c, "csv": _csv, "python": _python, "st": _st}
 
     def writing(of: Callable[[ValveModel], dict[str, str]]) -> Callable[[ValveModel, Path], Written]:
@@ -71,7 +71,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
 
 
 def said_of(model: ValveModel) -> list[str]:
-    """The model's card in lines."""
+    """Write the model's card in lines."""
     lines = [
         f"Command of the valve of {model.joint} for a speed of its rod, made {datetime.now(UTC):%Y-%m-%d} by hilfit.",
         f"speed in m/s, positive extends; pressures in Pa; command in {model.unit}, neutral {model.neutral:g}.",
@@ -100,7 +100,7 @@ def _name(model: ValveModel) -> str:
 
 
 def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
-    """Statements and results of the formula in a language, and the curves that it uses."""
+    """Write statements and results of the formula in a language, and the curves used."""
     nodes = inverse_graph(model)
     del nodes["share"]
     lines, words = statements(nodes, dialect, {name: name for name in GIVEN}, indent)
@@ -122,7 +122,7 @@ def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
 
 
 def self_test_rows(model: ValveModel, *, chained: bool = False) -> list[tuple[float, ...]]:
-    """Speed, head, rod, supply, tank, moving before, and what :meth:`ValveModel.command` says: command and flags.
+    """Make rows: speed, head, rod, supply, tank, moving before, and :meth:`ValveModel.command`'s command, flags.
 
     ``chained``: an axis moves before a row if it did in the row before, and at first it does not.
     """
@@ -158,7 +158,7 @@ _ROW = (*(name for name, _, _ in _INPUTS), "moving before", "command", "flags")
 
 
 def _fmu(model: ValveModel, folder: Path) -> Written:
-    """Units of the C; whether the axis moved is kept from one communication point, or accepted step, to the next."""
+    """Build units of the C; whether the axis moved is kept between communication points, or accepted steps."""
     name, sources, held = _name(model), _c(model), io.StringIO()
     del sources[f"{name}_selftest.c"]
     csv.writer(held, lineterminator="\n").writerows([_ROW, *self_test_rows(model, chained=True)])
@@ -189,7 +189,7 @@ def _st(model: ValveModel) -> dict[str, str]:
 
 
 def _csv(model: ValveModel) -> dict[str, str]:
-    """Commands over speeds and over the drop that the direction's law asks for, in rows."""
+    """Tabulate commands over speeds and over the drop of the direction's law, in rows."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     for line in said_of(model):

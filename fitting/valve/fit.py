@@ -72,7 +72,7 @@ class Fit:
     def jacobian(self) -> tuple[tuple[str, ...], FloatArray]:
         """Names of all free parameters, and what each does to the predicted speed, (M, p); 0 in rows left out.
 
-        What stands at the end of its interval is not free.
+        What is at the end of its interval is not free.
         """
         axis, structure = self.axis, self.structure
         names, matrix = columns(axis, structure, self.shape)
@@ -122,7 +122,7 @@ class Fit:
         return Local(columns, self.residual, noise * np.eye(len(names)), noise, self.rows)
 
     def on(self, judged: Axis) -> tuple[Fit, Local]:
-        """The fit with what it leaves of another motion, and :attr:`local` with the columns that it has there."""
+        """Refit on another motion: what the fit leaves of it, and :attr:`local` with the columns there."""
         there = replace(self, axis=judged, residual=np.where(judged.keep, judged.speed - predicted(judged, self), 0.0))
         (names, J), (own, _, wide, _) = there.jacobian, self.scaled
         columns = [J[:, names.index(name)] if name in names else np.zeros(len(J)) for name in own]
@@ -151,13 +151,13 @@ class Fit:
         return names, S, moves * wide
 
     def spread(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Standard deviations and half 95 % intervals (k,) of what has ``slopes`` (k, p) over the free parameters."""
+        """Compute deviations and half 95 % intervals (k,) of what has ``slopes`` (k, p) over free parameters."""
         _, S, moves = self.covariance
         std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
         return std, SIGMAS * coverage_factors(freedom_of(moves @ slopes.T)) * std
 
     def bar(self, name: str) -> tuple[float, float] | None:
-        """:meth:`spread` of a parameter; None where it stands at the end of its interval, or is not there."""
+        """Compute a parameter's :meth:`spread`; None at the end of its interval, or if absent."""
         names = self.covariance[0]
         if name not in names:
             return None
@@ -166,28 +166,28 @@ class Fit:
 
 
 def relative(axis: Axis, residual: FloatArray) -> float:
-    """RMS of an error (M,) over that of the measured speed, over rows that are kept."""
+    """Compute an error's (M,) RMS over the measured speed's, on kept rows."""
     keep = axis.keep
     return float(np.sqrt(np.mean(residual[keep] ** 2) / max(float(np.mean(axis.speed[keep] ** 2)), 1e-30)))
 
 
 def scale_of(bounds: Bounds) -> float:
-    """A usual change of a number that is searched."""
+    """Return a usual change of a number that is searched."""
     start, low, high = bounds
     return max(abs(start), 0.02 * (high - low)) if start else 0.05 * (high - low)
 
 
 def predicted(axis: Axis, fit: Fit) -> FloatArray:
-    """Filtered speed (M,) that a fit predicts for an axis, of other recordings too."""
+    """Predict filtered speed (M,) for an axis, of other recordings too."""
     return speeds(axis, fit.structure, [fit.shape], fit.gains)[:, 0]
 
 
 def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iterations: int = _ITERATIONS) -> Fit:
-    """The model fitted to an axis.
+    """Fit the model to an axis.
 
     Parameters
     ----------
-    start : where the search begins, as far as it says; without a delay the grid is searched with the rest held
+    start : where the search begins, as far as given; without a delay the grid is searched with the rest held
     """
     bounds = structure.shape()
     begun = {name: own[0] for name, own in bounds.items()} | dict(start or {})
@@ -197,7 +197,7 @@ def fitted(axis: Axis, structure: Structure, start: Shape | None = None, *, iter
 
 
 def profile(fit: Fit) -> list[tuple[float, float]]:
-    """The whole model's misfit over the delay, s, everything else at its best for each, from one to the next."""
+    """Compute the model's misfit over the delay, s, everything else at its best, each from the last."""
     found, best = list[tuple[float, float]](), fit.shape["delay"]
     for side in (sorted(d for d in PROFILE if d >= best), sorted((d for d in PROFILE if d < best), reverse=True)):
         own = fit
@@ -210,7 +210,7 @@ def profile(fit: Fit) -> list[tuple[float, float]]:
 def _grid(
     axis: Axis, structure: Structure, shape: Shape, points: tuple[tuple[float, ...], tuple[float, ...]]
 ) -> dict[str, float]:
-    """The best delay and edges of a grid, of a straight line: one edge for both directions, then each its own."""
+    """Find a line's best delay and edges of a grid: one edge for both directions, then each its own."""
     structure, keep, y = replace(structure, curve="line"), axis.keep, axis.speed[axis.keep]
 
     def cost(own: dict[str, float]) -> float:

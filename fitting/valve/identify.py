@@ -217,7 +217,7 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
 
 
 def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
-    """The dead band that the controller compensates, and by how much that is too small; None where it does not."""
+    """Return the compensated dead band, and by how much it is too small; None without one."""
     signals = fit.axis.signals
     found = compensated_edge((1.0, -1.0)[way] * signals.u, signals.first)
     if found is None:
@@ -227,7 +227,7 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
 
 
 def _edge(fit: Fit, way: int) -> dict[str, Any]:
-    """The command that gives 2 % of the speed at the largest one, at the reference drops, with its interval."""
+    """Find the command of 2 % of the largest speed, at the reference drops, with its interval."""
 
     def at(moved: Fit) -> float:
         own = direction_of(moved, way)
@@ -243,7 +243,7 @@ def _edge(fit: Fit, way: int) -> dict[str, Any]:
 
 
 def _spread(fit: Fit, of: Callable[[Fit], FloatArray | float]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What ``of`` makes of a fit (k,), and its :meth:`Fit.spread`, by its slopes over all free parameters."""
+    """Compute ``of`` a fit (k,), and its :meth:`Fit.spread`, by slopes over all free parameters."""
     (names, S, _), here = fit.covariance, np.atleast_1d(of(fit))
     slopes = np.zeros((len(here), len(names)))
     for place, name in enumerate(names):
@@ -299,7 +299,7 @@ def _candidate(own: Candidate) -> dict[str, Any]:
 
 
 def _figures(fit: Fit, model: ValveModel, judged: Axis) -> dict[str, Any]:
-    """The curve at the reference drops, and what was measured and predicted on the motion that was judged on."""
+    """Return the curve at the reference drops, and measured and predicted speed on the judging motion."""
     u = np.linspace(-model.directions[1].largest, model.directions[0].largest, _POINTS)
 
     def curve(own: Fit) -> FloatArray:

@@ -68,13 +68,13 @@ class Direction:
     largest: float
 
     def speed(self, opening: float) -> float:
-        """m/s at the reference drops of what is beyond the edge."""
+        """Compute m/s at the reference drops of what is beyond the edge."""
         if self.openings:
             return float(np.interp(opening, self.openings, self.speeds))
         return float(self.gain * max(opening, 0.0) ** self.power)
 
     def opening(self, speed: float) -> float:
-        """What has to be beyond the edge for a speed at the reference drops, m/s; beyond a free curve its end."""
+        """Compute the opening beyond the edge for a speed at the reference drops, m/s; past a free curve its end."""
         return float(_opening(Graph(), self, speed)) if self.openings or self.gain > 0 else np.inf
 
     @property
@@ -145,12 +145,12 @@ class ValveModel:
         supply: float = np.nan,
         tank: float = 0.0,
     ) -> Command:
-        """The command for a speed of the rod.
+        """Compute the command for a speed of the rod.
 
         Parameters
         ----------
         speed : m/s, positive extends
-        moving : whether the last command was not at rest: the hysteresis of standing still
+        moving : whether the last command was not at rest: the hysteresis of rest
         head, rod, supply, tank : Pa; NaN takes the reference drops
         """
         if not np.isfinite(speed):
@@ -162,20 +162,20 @@ class ValveModel:
         return Command(float(found["command"]), float(found["share"]), int(float(found["flags"])))
 
     def scale(self, speeds: Mapping[str, float], models: Mapping[str, ValveModel]) -> float:
-        """By what all wanted speeds are to be multiplied, so that the pump can give them: ``min(1, Q / sum A |v|)``."""
+        """Compute the factor of all wanted speeds within the pump's flow: ``min(1, Q / sum A |v|)``."""
         if self.pump_limit is None:
             return 1.0
         asked = sum(models[name].areas[0 if v > 0 else 1] * abs(v) for name, v in speeds.items())
         return min(1.0, self.pump_limit / asked) if asked > 0 else 1.0
 
     def to_json(self) -> dict[str, Any]:
-        """As plain content; :meth:`from_json` reads it back."""
+        """Return plain content; :meth:`from_json` reads it back."""
         content: dict[str, Any] = json.loads(json.dumps(asdict(self)))
         return content | {"schema": "hilfit/valve-model/1"}
 
     @classmethod
     def from_json(cls, content: Mapping[str, Any]) -> ValveModel:
-        """A model from :meth:`to_json`'s content (InputError if it is none)."""
+        """Read a model from :meth:`to_json`'s content (InputError if it is none)."""
         if content.get("schema") != "hilfit/valve-model/1":
             raise InputError("not a valve's model: schema is not hilfit/valve-model/1; give model of a valve report")
         own = {key: value for key, value in content.items() if key != "schema"}
@@ -188,7 +188,7 @@ class ValveModel:
 
 
 def inverse_graph(model: ValveModel, numbers: Mapping[str, float] | None = None) -> dict[str, Node]:
-    """Nodes ``command`` (as it is sent), its ``share`` of full, ``flags`` and ``going`` (whether it moves).
+    """Build nodes ``command`` (as sent), its ``share`` of full, ``flags`` and ``going`` (moving or not).
 
     They are of variables :data:`GIVEN`, or of ``numbers`` in their place, and numbers then.
     """
@@ -223,7 +223,7 @@ def inverse_graph(model: ValveModel, numbers: Mapping[str, float] | None = None)
 
 
 def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -> tuple[Node, Node]:
-    """What the pressures make of the gain, and 1 where the reference is taken for them."""
+    """Return the pressures' factor of the gain, and 1 where the reference replaces them."""
     needs = LAWS[own.law].needs
     if needs == "nothing":
         return graph.number(1.0), graph.number(0.0)
@@ -244,7 +244,7 @@ def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -
 
 
 def _opening(graph: Graph, own: Direction, speed: Node | float) -> Node:
-    """What has to be beyond the edge for a speed at the reference drops."""
+    """Return the opening beyond the edge for a speed at the reference drops."""
     if not own.openings:
         line = graph.of(speed) / own.gain
         return line if own.power == 1.0 else graph.binary("power", graph.binary("max", line, 1e-12), 1.0 / own.power)
@@ -261,7 +261,7 @@ _HARMLESS = ("delay_per_direction", "undeclared_orifice")
 
 
 def direction_of(fit: Fit, way: int) -> Direction:
-    """One direction of what a fit hands out."""
+    """Return one direction of a fit's model."""
     axis, shape, name = fit.axis, fit.shape, WAYS[way]
     law = "meter_in" if "undeclared_orifice" in fit.structure.effects else fit.structure.laws[way]
     edge, largest = shape[f"edge.{name}"], axis.largest[way]
@@ -287,7 +287,7 @@ def direction_of(fit: Fit, way: int) -> Direction:
 
 
 def model_of(fit: Fit, *, error: float | None, pump_limit: float | None) -> ValveModel:
-    """What a fit hands out."""
+    """Return a fit's model."""
     axis, shape = fit.axis, fit.shape
     valve = axis.valve
     return ValveModel(

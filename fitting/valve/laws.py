@@ -42,7 +42,7 @@ class Law:
 
 
 def root(drop: FloatArray) -> FloatArray:
-    """``sqrt(d)`` of what is above zero: no land lets oil back."""
+    """Compute ``sqrt(d)`` of what is above zero: no land lets oil back."""
     return np.sqrt(np.maximum(drop, 0.0))
 
 
@@ -77,10 +77,10 @@ LAWS: dict[str, Law] = {
 
 
 def laws_for(*, pressures: bool, supply: bool, compensated: bool | str) -> tuple[str, ...]:
-    """Ids of the laws that what is measured and declared leaves open, the simplest first.
+    """List laws open to what is measured and declared, by id, the simplest first.
 
     Of a valve that is declared compensated an orifice is no law but an effect, as is an outlet that decides where the
-    supply is known: both edges say the same there, but where the load runs ahead (:mod:`fitting.valve.effects`).
+    supply is known: both edges are alike there, but where the load runs ahead (:mod:`fitting.valve.effects`).
     """
     known = {"nothing": True, "outlet": pressures, "supply": supply}
     ids = [law.id for law in LAWS.values() if known[law.needs] and not (supply and law.needs == "outlet")]

@@ -73,7 +73,7 @@ class Structure:
         return tuple(EFFECTS[own] for own in self.effects)
 
     def shape(self) -> dict[str, Bounds]:
-        """Numbers to be searched: start, least, largest."""
+        """Return numbers to be searched: start, least, largest."""
         numbers = {"delay": DELAY, "lag": LAG, "damping": DAMPING, "edge.extend": EDGE, "edge.retract": EDGE}
         for way, law in zip(WAYS, self.laws, strict=True):
             numbers |= {f"{name}.{way}": bounds for name, bounds in LAWS[law].shape.items()}
@@ -85,13 +85,13 @@ class Structure:
 
 
 def columns(axis: Axis, structure: Structure, shape: Shape) -> tuple[tuple[str, ...], FloatArray]:
-    """Names of the linear parameters, and what one of each adds to the filtered speed, (M, k)."""
+    """Return linear parameters' names, and their unit share of filtered speed, (M, k)."""
     parts = _parts(axis, structure, shape)
     return tuple(parts), axis.reduced(np.stack(list(parts.values()), axis=1))
 
 
 def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Mapping[str, float]) -> FloatArray:
-    """Filtered speeds (M, S) that shapes make with the same gains, each by one column; a gain not there is none."""
+    """Compute filtered speeds (M, S) of shapes with equal gains, a column each; an absent gain is none."""
     whole = np.zeros((len(shapes), len(axis.signals)))
     for own, shape in zip(whole, shapes, strict=True):
         for name, part in _parts(axis, structure, shape).items():
@@ -101,12 +101,12 @@ def speeds(axis: Axis, structure: Structure, shapes: Sequence[Shape], gains: Map
 
 
 def _parts(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
-    """What one of each linear parameter adds to the speed (N,) before the filters, by its name."""
+    """Compute each linear parameter's unit speed (N,) before the filters, by its name."""
     return openings(axis, structure, shape) | _undirected(axis, structure, shape["delay"])
 
 
 def openings(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatArray]:
-    """What one of each gain adds to the speed (N,) before the filters: what the valve lets through."""
+    """Compute each gain's unit speed (N,) before the filters: what the valve passes."""
     result = dict[str, FloatArray]()
     for name, other in zip(WAYS, reversed(WAYS), strict=True):
         own = tuple((key, value) for key, value in shape.items() if not key.endswith(f".{other}"))
@@ -118,7 +118,7 @@ def openings(axis: Axis, structure: Structure, shape: Shape) -> dict[str, FloatA
 def _directed(
     axis: Axis, structure: Structure, way: int, numbers: tuple[tuple[str, float], ...]
 ) -> Mapping[str, FloatArray]:
-    """Openings of one direction as speeds (N,): later, and by what pressures and effects make of them."""
+    """Compute one direction's openings as speeds (N,): delayed, with pressures and effects."""
     shape, signals = dict(numbers), axis.signals
     more, slower = np.sum([(0.0, 0.0), *(effect.delay(way, shape) for effect in structure.found)], axis=0).tolist()
     late, rate = max(shape["delay"] + more, 0.0), axis.bank.rate_hz
@@ -133,7 +133,7 @@ def _directed(
 
 @lru_cache(maxsize=4)
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
-    """What the oil's stiffness and effects add to the speed (N,), by the balance of the chamber that is filled."""
+    """Compute what oil stiffness and effects add to the speed (N,), by the balance of the filled chamber."""
     signals, result = axis.signals, dict[str, FloatArray]()
     told = delayed(signals.parts, signals.last_way, delay * axis.bank.rate_hz)
     share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
@@ -153,7 +153,7 @@ _Spool = tuple[tuple[str, ...], tuple[tuple[str, float], ...], float, float]
 
 @lru_cache(maxsize=4)
 def _stroke(axis: Axis, spool: _Spool) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Where the spool is before the delay, (PARTS, N), and its mean, least and largest in each cycle (N,)."""
+    """Compute spool places before the delay, (PARTS, N), and mean, least and largest per cycle (N,)."""
     (effects, numbers, samples, damping), u = spool, axis.signals.u
     for effect in effects:
         u = EFFECTS[effect].command(u, dict(numbers))
@@ -163,7 +163,7 @@ def _stroke(axis: Axis, spool: _Spool) -> tuple[FloatArray, FloatArray, FloatArr
 
 @lru_cache(maxsize=8)
 def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: float) -> Mapping[str, FloatArray]:
-    """The curve's columns (N,) for one unit of each gain, counted to the largest command that was recorded.
+    """Compute the curve's columns (N,) per unit of each gain, up to the largest recorded command.
 
     Means over each cycle: over its parts where the spool crosses the edge or goes far, else at the spool's mean.
     """
@@ -186,7 +186,7 @@ def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: f
 
 
 def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
-    """What pressures and effects make of an opening (N,), 1 at the reference."""
+    """Compute an opening's factors (N,) of pressures and effects, 1 at the reference."""
     law = structure.laws[way]
     factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))
     for effect in structure.found:
@@ -208,7 +208,7 @@ def _by_law(axis: Axis, law: str, way: int, numbers: tuple[float, ...]) -> Float
 
 
 def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:
-    """Linear parameters (k,) of least squares that are not negative."""
+    """Solve nonnegative least squares for linear parameters (k,)."""
     scale = np.linalg.norm(matrix, axis=0)
     told, scale = scale > 0, np.where(scale > 0, scale, 1.0)
     scaled = matrix / scale

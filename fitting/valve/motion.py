@@ -68,11 +68,11 @@ class Expected(RodTravel):
     grid = np.linspace(0.0, 1.0, 201)
 
     def moving(self, most: float) -> float:
-        """m/s in the slower direction at the largest command of a move to a pose, ``most`` being that of all."""
+        """Compute m/s in the slower direction at the largest command to a pose, of ``most`` at that of all."""
         return float(np.abs(self.speed(np.array([1.0, -1.0]) * min(CAUTION, most))).min())
 
     def speed(self, share: FloatArray | float, faster: Sequence[float] = (1.0, 1.0)) -> FloatArray:
-        """Speeds of the rod in m/s for shares of full, positive extends."""
+        """Compute rod speeds in m/s for shares of full, positive extends."""
         ways = zip(faster, self.speeds, strict=True)
         out, back = (factor * np.interp(np.abs(share), self.grid, row) for factor, row in ways)
         return np.asarray(np.where(np.asarray(share) > 0, out, -back))
@@ -88,7 +88,7 @@ class Expected(RodTravel):
         return 3.0 * self.delay + 0.4
 
     def axis(self, level: float) -> ValveAxis:
-        """For the controller; its largest command keeps ``level``, speed and travel, its rate the acceleration."""
+        """Make the controller's axis; its largest command keeps ``level``, speed, travel, its rate the acceleration."""
         assert self.joint.cylinder is not None and self.joint.cylinder.valve is not None
         valve, limits, r = self.joint.cylinder.valve, self.joint.limits, float(np.abs(self.lever).min())
         fastest = self.speeds.max(axis=0)
@@ -115,7 +115,7 @@ class Planned:
 
 
 def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> list[Expected]:
-    """What is expected of every axis with a valve: what ``valve.json`` says of it, or else the machine file.
+    """Return the expectation of every valve's axis: of ``valve.json``, or else the machine file.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def plan_valve_motions(
     report: Mapping[str, Any] | None = None,
     level: float = LEVEL,
 ) -> list[Planned]:
-    """A motion for each axis with a valve, and where there are several one of all together.
+    """Plan a motion for each axis with a valve, and of several one of all together.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def plan_valve_motions(
 
 
 def _poses(machine: Machine, axes: Sequence[Expected], number: int) -> list[dict[str, float]]:
-    """Joint poses, the axis in mid-travel, where its drive holds the most different efforts; the largest first."""
+    """Choose poses, the axis in mid-travel, of most different holding efforts; the largest first."""
     base = reduce_parameters(geometry_of(machine).uncoupled())
     middle = np.array([sum(joint.limits.position) / 2 for joint in machine.joints])
     others = [k for k, own in enumerate(axes) if k != number]
@@ -261,7 +261,7 @@ def _of_axis(machine: Machine, axes: Sequence[Expected], told: Sequence[ValveAxi
 
 
 def _together(axes: Sequence[Expected], told: Sequence[ValveAxis]) -> list[Step]:
-    """Levels of all axes, signs changing like the digits of a number: each axis with and against each other one."""
+    """Step all axes, signs changing like the digits of a number: each axis with and against each other."""
     middle = {own.joint.name: own.middle for own in axes}
     seconds = min(own.held for own in axes)
     steps: list[Step] = []
@@ -284,7 +284,7 @@ def _together(axes: Sequence[Expected], told: Sequence[ValveAxis]) -> list[Step]
 def _expected_motion(
     machine: Machine, axes: Sequence[Expected], motion: ValveMotion, faster: Sequence[float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions, speeds and accelerations (N, n) of all joints, if valves give ``faster`` times what is expected."""
+    """Predict joints' positions, speeds, accelerations (N, n), valves giving ``faster`` times the expected."""
     period = 1.0 / machine.rate_hz
     now, shares, parts = [own.x(own.middle) for own in axes], [0.0] * len(axes), []
     for step in motion.steps:

@@ -22,7 +22,7 @@ _SETTLING = 8
 
 
 def peers_of(axis: Axis, judged: Axis) -> tuple[dict[str, float | None], Fit]:
-    """Errors of the peers fitted to an axis on another motion, RMS over that of the speed, and the static curve.
+    """Compute errors of peers fitted to an axis on another motion, RMS over the speed's, and the static curve.
 
     ``linear``: one gain and a delay; ``arx``: two poles, two zeros and a delay, simulated, None where that has no end;
     ``static``: a curve of the command and a delay, no pressures: what is handed out where nothing is better.
@@ -38,7 +38,7 @@ def peers_of(axis: Axis, judged: Axis) -> tuple[dict[str, float | None], Fit]:
 
 
 def _linear(axis: Axis, judged: Axis, delay: float) -> tuple[float, float]:
-    """Errors on the fitted rows and on others."""
+    """Compute errors on the fitted rows and on others."""
     one, other = (
         own.reduced(delayed(own.signals.parts, own.signals.u, delay * axis.bank.rate_hz)) for own in (axis, judged)
     )
@@ -47,7 +47,7 @@ def _linear(axis: Axis, judged: Axis, delay: float) -> tuple[float, float]:
 
 
 def _arx(axis: Axis, judged: Axis, lag: int) -> tuple[float, float]:
-    """Errors, simulated freely, on the fitted rows and on others: ``y_k = a y_(k-1..2) + b u_(k-lag..lag+1)``."""
+    """Compute errors, simulated freely, on fitted and other rows: ``y_k = a y_(k-1..2) + b u_(k-lag..lag+1)``."""
     rows, right = [], []
     for u, y, keep in _series(axis):
         late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
@@ -71,7 +71,7 @@ def _simulated(axis: Axis, a: FloatArray, lag: int) -> float:
 
 
 def _series(axis: Axis) -> Iterator[tuple[FloatArray, FloatArray, BoolArray]]:
-    """Filtered command, speed and whether a row is kept (rows,), stretch by stretch."""
+    """Return filtered command, speed and whether a row is kept (rows,), by stretch."""
     start = 0
     for part in axis.signals.parts:
         u = axis.bank.reduce(axis.signals.u[part])

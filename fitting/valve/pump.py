@@ -55,7 +55,7 @@ class PumpLimit:
 
 
 def pump_limits_of(fits: Sequence[Fit], kind: str) -> tuple[PumpLimit, ...]:
-    """The limit of the pump that feeds these axes, of its flow or its power, or either where they cannot be told apart.
+    """Find the limit of these axes' pump, of its flow or its power, or either where inseparable.
 
     Nothing where none is seen, or the axes' stretches are not the same. ``kind`` is the machine file's:
     ``load_sensing``, ``constant_pressure``, or ``unknown``.
@@ -100,7 +100,7 @@ def pump_limits_of(fits: Sequence[Fit], kind: str) -> tuple[PumpLimit, ...]:
 def _above(
     axis: Axis, loads: FloatArray, supply: FloatArray, seen: BoolArray, lag: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The supply over the highest of ``loads`` (k, N) as a spool follows it, and the shares of each in it (M, k)."""
+    """Compute supply over the highest of ``loads`` (k, N) as a spool follows it, and each one's share (M, k)."""
     shares = (np.arange(len(loads))[:, None] == loads.argmax(axis=0)).astype(float)
     samples = lag * axis.bank.rate_hz
     late = [followed(axis.signals.parts, own, samples, 1.0).mean(axis=0) for own in (loads.max(axis=0), *shares)]
@@ -109,7 +109,7 @@ def _above(
 
 
 def _limit(flow: FloatArray, held: FloatArray, sides: FloatArray, per: FloatArray, unit: str) -> PumpLimit:
-    """The best limit of ``flow * per`` and the log odds for it, whatever they are."""
+    """Find the best limit of ``flow * per`` and its log odds, whatever they are."""
     given = flow * per
     tried = (_mixture(flow, held, sides, per, float(own)) for own in np.quantile(given, _BEGIN))
     logs, limit, spread, share = max(tried, key=lambda own: float(own[0].sum()))
@@ -123,7 +123,7 @@ def _limit(flow: FloatArray, held: FloatArray, sides: FloatArray, per: FloatArra
 def _mixture(
     flow: FloatArray, held: FloatArray, sides: FloatArray, per: FloatArray, begin: float | None
 ) -> tuple[FloatArray, float, float, float]:
-    """Log densities (N,), the limit from where it is searched (None: there is none), its spread and its share of rows.
+    """Compute log densities (N,), the limit searched from (None: there is none), its spread and share of rows.
 
     The level of ``held`` is another one for each of ``sides`` (N, k), by their shares in each row.
     """
@@ -159,7 +159,7 @@ def _mixture(
 
 
 def _lasting(kinds: FloatArray, shares: FloatArray) -> FloatArray:
-    """Log densities (N,) of rows, each by those before: a row is of the same kind as the last, or drawn anew."""
+    """Compute log densities (N,) of rows given those before: a row is of the last one's kind, or drawn anew."""
     stays = np.array([[0.0], [0.5], [0.7], [0.8], [0.9], [0.95]])
     state, out = np.tile(shares, (len(stays), 1)), np.empty((kinds.shape[1], len(stays)))
     for told, own in zip(out, kinds.T, strict=True):

@@ -77,7 +77,7 @@ class Signals:
 
     @cached_property
     def last_way(self) -> FloatArray:
-        """Which way (N,) it was told to go last, 1 or -1; 0 before the first command of a stretch."""
+        """Which way (N,) it was last commanded to go, 1 or -1; 0 before the first command of a stretch."""
         last = np.maximum.accumulate(np.where(self.u != 0.0, np.arange(len(self)), -1))
         return np.where(last >= self.first, np.sign(self.u[last]), 0.0)
 
@@ -145,11 +145,11 @@ class Axis:
         return self.cylinder.head_area, self.cylinder.rod_area
 
     def reduced(self, columns: FloatArray) -> FloatArray:
-        """Columns (N,) or (N, k) through both filters, stretch by stretch: (M,) or (M, k)."""
+        """Filter columns (N,) or (N, k) by both filters, by stretch: (M,) or (M, k)."""
         return np.concatenate([self.bank.reduce(columns[part]) for part in self.signals.parts])
 
     def of(self, recordings: Sequence[int]) -> Axis:
-        """The same axis, some of the recordings."""
+        """Return the same axis with some of the recordings."""
         own = np.isin(self.signals.recording, recordings)
         rows = np.isin(self.recordings, recordings)
         cut = {
@@ -172,7 +172,7 @@ def axis_of(
     bandwidth_hz: float | None = None,
     like: Counted | None = None,
 ) -> Axis:
-    """Rows of one joint's valve.
+    """Build rows of one joint's valve.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def _stretch(
 
 
 def _taken(machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank) -> FloatArray:
-    """m^3/s (N,) that the cylinders of other joints take, of those whose positions were recorded."""
+    """Compute m^3/s (N,) of other joints' cylinders, of those with recorded positions."""
     taken = np.zeros(part.stop - part.start)
     for other in machine.joints:
         sensors = [machine.channel(f"{kind}_position", other.name) for kind in ("joint", "piston")]
@@ -326,7 +326,7 @@ def _stale(machine: Machine, joint: Joint, recording: Recording) -> BoolArray:
 
 
 def _drops(axis: Axis) -> FloatArray:
-    """Median pressure drops at inlet and outlet of each direction, over rows in which the valve is told to move."""
+    """Compute median pressure drops at each direction's inlet and outlet, over rows commanded to move."""
     drops, own = np.ones((2, 2)), axis.signals
     for way, sign in enumerate((1.0, -1.0)):
         told = sign * own.u > 0.1 * max(axis.largest[way], 1e-9)

@@ -22,7 +22,7 @@ from fitting.valve.rows import Axis
 
 
 def _filled(axis: Axis) -> FloatArray:
-    """Pa (N,): the drop that feeds the cylinder, or where no supply is known the pressure that is fed."""
+    """Compute Pa (N,): the drop that feeds the cylinder, or without supply the fed pressure."""
     filled = np.where(axis.signals.last_way < 0.0, axis.signals.inlet[1], axis.signals.inlet[0])
     return np.asarray(axis.signals.supply - filled if axis.has_supply else filled)
 
@@ -55,12 +55,12 @@ class Unknown:
     knots: FloatArray
 
     def on(self, there: Fit, moved: Local) -> Local:
-        """What it leaves of another motion, and its columns there, from those of the fit on it (:meth:`Fit.on`)."""
+        """Refit on another motion: what is left, and its columns there, from those of the fit (:meth:`Fit.on`)."""
         whole = np.hstack([moved.columns, _columns(there, self.variable, self.knots)])
         return replace(self.local, columns=whole, residual=there.residual - whole @ self.values, rows=moved.rows)
 
     def to_json(self, points: int = 21) -> dict[str, Any]:
-        """What is said of it: the curve as shares of the speed, with standard deviations, over the variable."""
+        """Return its report: the curve as shares of the speed, with standard deviations, over the variable."""
         first = len(self.values) - (len(self.knots) - 4)
         grid = np.linspace(self.knots[0], self.knots[-1], points)
         basis = evaluate(self.knots, grid)
@@ -75,13 +75,13 @@ class Unknown:
 
 
 def _columns(fit: Fit, variable: str, knots: FloatArray) -> FloatArray:
-    """Speeds (M, functions) that one of each coefficient adds; 0 in rows that are left out."""
+    """Compute each coefficient's unit speed (M, functions); 0 in rows left out."""
     axis, basis = fit.axis, evaluate(knots, VARIABLES[variable][1](fit.axis))
     return np.where(axis.keep[:, None], axis.reduced(fit.openings[:, None] * basis), 0.0)
 
 
 def unknown_laws(fit: Fit) -> Iterator[Unknown]:
-    """The most probable curve of every variable that was measured and changed while the axis moved."""
+    """Fit the most probable curve of every measured variable that changed in motion."""
     base, moving = fit.local, fit.openings != 0.0
     for variable, (_, of) in VARIABLES.items():
         z = of(fit.axis)[moving]

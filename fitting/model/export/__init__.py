@@ -21,7 +21,7 @@ __all__ = ["export_model", "format_names"]
 
 
 def format_names() -> list[str]:
-    """Formats that a model can be written in."""
+    """List the formats of a model's export."""
     return sorted(module.name for module in iter_modules(formats.__path__))
 
 

@@ -92,7 +92,7 @@ class Bodies:
 
 
 def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
-    """Links with the model's base parameters.
+    """Return links with the model's base parameters.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
 
 
 def gravity_of(model: ArmModel) -> FloatArray:
-    """Gravity (3,) in the base's frame, with the tilt that effects say it has, m/s^2."""
+    """Return gravity (3,) in the base's frame with the tilt of effects, m/s^2."""
     field = np.asarray(model.arm.gravity, dtype=float)
     for columns, values in _tilts(model).values():
         field = field + sum(value * column.gravity for column, value in zip(columns, values, strict=True))
@@ -136,7 +136,7 @@ def gravity_of(model: ArmModel) -> FloatArray:
 
 
 def _tilts(model: ArmModel) -> dict[int, tuple[Sequence[BodyColumn], list[float]]]:
-    """By number the terms that are fields of gravity for all links, with their values."""
+    """Return by number the terms that are fields of gravity for all links, and values."""
     result = {}
     for number, term in enumerate(model.terms):
         columns = term.content.body_columns(model.arm, term.shape) if isinstance(term.content, Effect) else None
@@ -146,7 +146,7 @@ def _tilts(model: ArmModel) -> dict[int, tuple[Sequence[BodyColumn], list[float]
 
 
 def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: FloatArray) -> FloatArray:
-    """Standard parameters of bodies whose base parameters are nearest to ``theta`` in the metric of ``rows``."""
+    """Find bodies' standard parameters with base parameters nearest to ``theta`` in metric ``rows``."""
     target = rows @ theta
     arm = plausible_arm(geometry, base, (), [np.column_stack([rows, target])])
     return arm.optimum(rows, target, weight=ALONE).standard.copy()
@@ -178,12 +178,12 @@ def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
 
 
 def tendon_of(cylinder: Cylinder) -> bool:
-    """Whether a simulator's tendon moves as the cylinder does."""
+    """Return whether a simulator's tendon moves like the cylinder."""
     return isinstance(reduced(cylinder.linkage), ThreePin | Rack | Direct)
 
 
 def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
-    """A line for each part of a model that links and drives of a simulator's format do not carry.
+    """List a line for each part of a model outside a simulator format's links and drives.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -
 
 
 def _drive(model: ArmModel, number: int) -> dict[str, float]:
-    """A joint's limits, and friction and inertia of a drive that acts on it directly, never below zero."""
+    """Return a joint's limits, and a direct drive's friction and inertia, never below zero."""
     joint, direct = model.arm.joints[number], model.arm.joints[number].cylinder is None
     values = model.drive_values(number) if direct else {}
     dry, viscous, inertia = (max(values.get(name, 0.0), 0.0) for name in ("f_c", "f_v", "J"))
@@ -223,7 +223,7 @@ def _drive(model: ArmModel, number: int) -> dict[str, float]:
 
 
 def _cylinder(model: ArmModel, number: int, place: FloatArray) -> dict[str, Any] | None:
-    """A cylinder as a tendon: where it is pinned, areas, friction, mass and stiffness, never below zero."""
+    """Return a cylinder as a tendon: its pins, areas, friction, mass and stiffness, never below zero."""
     cylinder, found = model.arm.joints[number].cylinder, model.drive_values(number)
     if cylinder is None or not tendon_of(cylinder):
         return None
@@ -239,7 +239,7 @@ def _cylinder(model: ArmModel, number: int, place: FloatArray) -> dict[str, Any]
 
 
 def _largest(model: ArmModel, number: int) -> float:
-    """Largest joint effort of the recordings, at the longest lever arm within the limits."""
+    """Compute the largest joint effort of the recordings, at the longest lever arm."""
     low, high = model.arm.joints[number].limits.position
     q = np.zeros((33, len(model.joints)))
     q[:, number] = np.linspace(low, high, 33)

@@ -36,7 +36,7 @@ Word = Callable[[str, int | None], str]
 
 
 def indexed(name: str, place: int | None) -> str:
-    """The word of most languages."""
+    """Write an index as most languages do."""
     return name if place is None else f"{name}[{place}]"
 
 
@@ -62,18 +62,18 @@ class Function:
         return [node for own in self.outputs.values() for node in own]
 
     def variables(self, word: Word) -> dict[str, str]:
-        """What stands for each variable of its nodes."""
+        """Return the word for each variable of its nodes."""
         asked = [str(node.value) for node in needed(self.nodes) if node.operation == "variable"]
         return {own: word(own, None) if own in NUMBERS else word(_LETTERS[own[0]], int(own[1:])) for own in asked}
 
     def body(self, dialect: Dialect, word: Word) -> tuple[list[str], dict[str, list[str]]]:
-        """Statements of a language, and by output the expression of each of its numbers; see :meth:`variables`."""
+        """Write a language's statements, and by output the expression of each number; see :meth:`variables`."""
         targets = {f"{output}{k}": node for output, nodes in self.outputs.items() for k, node in enumerate(nodes)}
         lines, words = statements(targets, dialect, self.variables(word), "")
         return lines, {output: [words[f"{output}{k}"] for k in range(len(own))] for output, own in self.outputs.items()}
 
     def assignments(self, dialect: Dialect, word: Word = indexed) -> list[str]:
-        """Statements of a language that set every output number by number: what is kept is read before it is set."""
+        """Write statements that set every output number by number: what is kept is read before it is set."""
 
         def kept(name: str, place: int | None) -> str:
             return f"kept_{place}" if name == "memory" else word(name, place)
@@ -128,12 +128,12 @@ class Program:
         return [{"number": k, **vars(self.tracer.graph.curves[k])} for k in used]
 
     def sizes(self, own: Function) -> dict[str, int]:
-        """Numbers of a function's arrays by name: as many as an output has, or a value per joint."""
+        """Return the lengths of a function's arrays by name: of an output, or a value per joint."""
         return dict.fromkeys(ARRAYS, self.joints) | {word: len(nodes) for word, nodes in own.outputs.items()}
 
 
 def program_of(model: ArmModel) -> Program:
-    """The functions of a model, or of the fit without what no format has.
+    """Return the functions of a model, or of the fit without what no format has.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def program_of(model: ArmModel) -> Program:
 
 
 def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tuple[str, ...]]:
-    """What a motion under efforts follows from, as :func:`fitting.model.simulation.simulate` has it; lines on it.
+    """Return the program of motion under efforts (:func:`fitting.model.simulation.simulate`); lines on it.
 
     Of a model without what no format has. None where the mass matrix has no inverse somewhere, and the nearest model
     that has one is not asked for.
@@ -165,7 +165,7 @@ def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tu
 
 
 def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, ...]]:
-    """The model, or if asked for the nearest that can move, and what that costs; refused where it cannot."""
+    """Return the model, or if asked the nearest that can move, and its cost; refuse where none can."""
     wrong = motion.indefinite(model)
     if wrong is None:
         return model, ()
@@ -178,7 +178,7 @@ def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, 
 
 
 def heading(tracer: Tracer, *, remembers: bool = True) -> list[str]:
-    """Lines at the beginning of an exported program; ``remembers`` where it has what the model does."""
+    """Write an exported program's first lines; ``remembers`` where it has the model's memory."""
     lines = [
         *said_of(tracer.model, tracer.left_out),
         "Signs of speeds are smooth: their expectation under the noise of the measured speed.",
@@ -201,7 +201,7 @@ def written(folder: Path, texts: Mapping[str, str], left_out: Sequence[str]) -> 
 
 
 def functions_of(tracer: Tracer) -> list[Function]:
-    """What an exported model can be asked."""
+    """List what an exported model can be asked."""
     state, moment = tracer.variables(), ("q", "qd", "qdd", "t", *tracer.oil)
     known = () if tracer.model.temperature is None else ("temperature",)
     found = tracer.efforts(state)
@@ -225,7 +225,7 @@ def functions_of(tracer: Tracer) -> list[Function]:
 
 
 def moving_functions(tracer: Tracer) -> list[Function]:
-    """What a motion follows from: efforts of a moment, and the mass matrix (n x n, symmetric) in a row."""
+    """Return the functions of a motion: a moment's efforts, and the mass matrix (n x n, symmetric) in a row."""
     state, n = tracer.variables(), len(tracer.model.joints)
     still = [0.0] * n
     rest, columns = tracer.efforts(State(state.q, still, still, state.t))["tau"], list[Node]()
@@ -240,13 +240,13 @@ def moving_functions(tracer: Tracer) -> list[Function]:
 
 
 def identifier(name: str) -> str:
-    """A name that C takes, of a machine's."""
+    """Make a C name of a machine's."""
     word = re.sub(r"[^0-9a-z]+", "_", name.lower()).strip("_") or "arm"
     return f"arm_{word}" if word[0].isdigit() or word in _KEYWORDS else word
 
 
 def rendered(template: str, **words: Any) -> str:
-    """A file of this folder with words in their places."""
+    """Render a file of this folder with words in their places."""
     environment = jinja2.Environment(
         autoescape=template.endswith((".xml.j2", ".urdf.j2", ".mjcf.j2")),
         trim_blocks=True,
@@ -262,7 +262,7 @@ def rendered(template: str, **words: Any) -> str:
 
 
 def states(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """States within the limits of the machine, the same at each call: ``q, qd, qdd`` (count, n) and ``t`` (count,)."""
+    """Draw states within the machine's limits, the same each call: ``q, qd, qdd`` (count, n), ``t`` (count,)."""
     rng = np.random.default_rng(0)
     limits = [joint.limits for joint in model.machine.joints]
     low, high = model.limits
@@ -275,7 +275,7 @@ def states(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def swing(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """A motion in even steps within the limits, as :func:`states` has it: every joint to and fro, each at its time."""
+    """Make a motion in even steps within limits, as :func:`states`: every joint to and fro, each at its time."""
     limits = [joint.limits for joint in model.machine.joints]
     low, high = model.limits
     t = np.arange(count) / model.machine.rate_hz
@@ -286,7 +286,7 @@ def swing(model: ArmModel, count: int) -> tuple[FloatArray, FloatArray, FloatArr
 
 
 def expected(tracer: Tracer, moved: Sequence[FloatArray], *, settled: bool = False) -> FloatArray:
-    """Joint efforts (N, n) that a program has to say of ``q, qd, qdd, t``: of moments alone, or one after the other.
+    """Compute joint efforts (N, n) that a program must give at ``q, qd, qdd, t``: moments alone, or in sequence.
 
     The oil is at its usual temperature.
     """

@@ -70,7 +70,7 @@ class Table:
 
 
 def tabled(quantity: Quantity, rng: np.random.Generator) -> Table | str | None:
-    """A quantity as a table over the variables that it depends on; a line that says why not, None of nothing."""
+    """Tabulate a quantity over its variables; return a line on why not, None of nothing."""
     low, high = quantity.low, quantity.high
     points = rng.uniform(low, high, (_TRIALS, len(low)))
     first = quantity.value(points)
@@ -115,7 +115,7 @@ def _ongrid_points(value: Callable[[FloatArray], FloatArray], axes: Sequence[Flo
 def _refined(
     value: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, tolerance: float
 ) -> tuple[FloatArray, ...]:
-    """Axes on which linear interpolation errs by no more than ``tolerance``, as far as points suffice."""
+    """Refine axes until linear interpolation errs by at most ``tolerance``, as far as points suffice."""
     most = _MOST[len(low)]
     axes = [np.linspace(a, b, 17) for a, b in zip(low, high, strict=True)]
     busy = True

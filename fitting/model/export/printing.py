@@ -36,7 +36,7 @@ class Dialect:
     infix: Mapping[str, str] = field(default_factory=lambda: _INFIX)
 
     def number(self, value: float) -> str:
-        """A number with all of its digits."""
+        """Write a number with all of its digits."""
         text = repr(float(value))
         if text in ("nan", "inf", "-inf"):
             raise ValueError("a model's numbers are finite")
@@ -64,11 +64,11 @@ PYTHON = Dialect(
 def statements(
     outputs: Mapping[str, Node], dialect: Dialect, variables: Mapping[str, str], indent: str = "    "
 ) -> tuple[list[str], dict[str, str]]:
-    """Lines that compute some outputs, and the expression of each.
+    """Write lines that compute some outputs, and the expression of each.
 
     Parameters
     ----------
-    variables : what stands for each variable of the graph
+    variables : the word for each variable of the graph
     """
     nodes = needed(outputs.values())
     counts = uses(nodes, list(outputs.values()))
@@ -87,7 +87,7 @@ def statements(
 def _word(
     node: Node, words: Mapping[int, tuple[str, int]], dialect: Dialect, variables: Mapping[str, str]
 ) -> tuple[str, int]:
-    """A node as text, and how deep it is nested."""
+    """Write a node as text, and return how deep it is nested."""
     if node.operation == "number":
         return dialect.number(float(node)), 0
     if node.operation == "variable":
@@ -107,7 +107,7 @@ def _word(
 
 
 def _signed_power(node: Node, speed: str, dialect: Dialect) -> str:
-    """A call with the constants of :func:`fitting.arm.expected.expected_power` worked out."""
+    """Write a call with :func:`fitting.arm.expected.expected_power`'s constants."""
     noise, p = (float(argument) for argument in node.arguments[1:])
     factor = noise**p * 2 ** ((p + 1) / 2) * float(gamma(1 + p / 2)) / 3.141592653589793**0.5
     numbers = ", ".join(dialect.number(value) for value in (noise, p, factor))

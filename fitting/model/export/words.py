@@ -27,7 +27,7 @@ def require_folder(path: Path) -> None:
 
 
 def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
-    """The model's card in lines: machine, data, range, error, effects, calibration; and what is not in the file."""
+    """Write the model's card: machine, data, range, error, effects, calibration; and what is not in the file."""
     made = model.provenance
     lines = [
         f"Model of {model.machine.name}, identified {made.created} ({made.verdict}), exported by hilfit.",
@@ -48,14 +48,14 @@ def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
 
 
 def per_joint(model: ArmModel, values: FloatArray) -> str:
-    """A number of each joint with its unit."""
+    """Write a number of each joint with its unit."""
     return ", ".join(
         f"{n} {v:.3g} {u}" for n, v, u in zip(model.joints, values.tolist(), model.joint_units, strict=True)
     )
 
 
 def refitted(model: ArmModel, rest: ArmModel) -> list[str]:
-    """A line that says what a fit without some terms costs."""
+    """Word what a fit without some terms costs."""
     if model.errors is None or rest.errors is None:
         return []
     whole, without = per_joint(model, model.errors), per_joint(model, rest.errors)

@@ -44,13 +44,13 @@ class Energy:
 
 
 def energy_of_motion(model: ArmModel, path: Trajectory, temperature: float | None = None) -> Energy:
-    """Work of a motion as the model has it; ``temperature`` of the oil in K, for laws of it."""
+    """Compute a motion's work by the model; ``temperature`` of the oil in K, for laws of it."""
     found = motion.on_motion(model, path.q, path.qd, path.qdd, path.t, temperature=temperature)
     return _energy(model, found, measured=False)
 
 
 def energy_of_recording(model: ArmModel, recording: Recording) -> Energy:
-    """Work of a recorded motion, by the model and by what was measured; rows lost at gaps are in neither.
+    """Compute a recorded motion's work, by model and by measurement; rows lost at gaps are in neither.
 
     Raises
     ------

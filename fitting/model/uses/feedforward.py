@@ -59,7 +59,7 @@ class Feedforward:
 
 
 def path_of(model: ArmModel, program: Motion) -> Trajectory:
-    """A motion program between its rows: quintic splines, at rest at both ends; other joints hold mid-range.
+    """Interpolate a motion program: quintic splines, at rest at both ends; other joints hold mid-range.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def path_of(model: ArmModel, program: Motion) -> Trajectory:
 
 
 def read_path(model: ArmModel, file: Path) -> Trajectory:
-    """The motion of a motion file.
+    """Read the motion of a motion file.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def read_path(model: ArmModel, file: Path) -> Trajectory:
 def feedforward(
     model: ArmModel, path: Trajectory, rod: float | None = None, *, temperature: float | None = None
 ) -> Feedforward:
-    """Efforts and pressures of a motion.
+    """Compute efforts and pressures of a motion.
 
     Parameters
     ----------

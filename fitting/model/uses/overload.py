@@ -87,7 +87,7 @@ class Overload:
 
 
 def quick(model: ArmModel) -> ArmModel:
-    """The model with filters that look :data:`SPAN_S` back."""
+    """Return the model with filters that look :data:`SPAN_S` back."""
     rate = model.machine.rate_hz
     side = max(_FEWEST_SIDE, round(0.5 * SPAN_S * rate))
     value, first, second = (
@@ -102,12 +102,12 @@ def quick(model: ArmModel) -> ArmModel:
 
 
 def delay_s(model: ArmModel) -> float:
-    """Seconds by which a :func:`quick` model is late."""
+    """Return the seconds by which a :func:`quick` model is late."""
     return model.bank.margin / model.bank.rate_hz
 
 
 def scores_of(model: ArmModel, recording: Recording) -> list[Scores]:
-    """Scores of a recording, one entry for each stretch between gaps.
+    """Compute scores of a recording, one entry for each stretch between gaps.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def scores_of(model: ArmModel, recording: Recording) -> list[Scores]:
 
 
 def scores_in(found: Evaluated, index: int) -> Scores:
-    """Scores of one stretch that a :func:`quick` model was evaluated on."""
+    """Compute scores of one stretch evaluated by a :func:`quick` model."""
     segment, model = found.design.segments[index], found.model
     error = segment.effort - found.drive_effort(index)
     band = np.hypot(found.parameter_std(index), model.residual_std)
@@ -148,12 +148,12 @@ def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
 
 
 def _coulomb(model: ArmModel, joint: int) -> float:
-    """Coulomb friction of a drive, N or N m; 0 where the recordings could not tell it."""
+    """Return a drive's Coulomb friction, N or N m; 0 where undetermined."""
     return abs(model.drive_values(joint).get("f_c", 0.0))
 
 
 def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:
-    """:func:`scores_of`, a minute at a time: what stands beside a long recording would not fit in memory."""
+    """Compute :func:`scores_of`, a minute at a time: else a long recording would not fit in memory."""
     rows, start, found = round(PIECE_S * model.machine.rate_hz), None, list[Scores]()
     count = max(1, len(recording) // rows)
     for number in range(count):
@@ -170,7 +170,7 @@ def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:
 
 
 def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
-    """What the scores of an unchanged machine do, per joint.
+    """Learn an unchanged machine's scores, per joint.
 
     Raises
     ------
@@ -186,12 +186,12 @@ def learn(model: ArmModel, recordings: Sequence[Recording]) -> tuple[Tail, ...]:
 
 
 def thresholds(tails: Sequence[Tail], per_hour: float) -> FloatArray:
-    """Scores (n,) that raise an alarm, for so many false alarms of the machine an hour."""
+    """Compute scores (n,) that raise an alarm, for so many false alarms an hour."""
     return np.array([tail.threshold(per_hour / 3600.0 / len(tails)) for tail in tails])
 
 
 def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list[Overload]:
-    """Alarms in a recording.
+    """Find alarms in a recording.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list
 
 
 def alarms_in(model: ArmModel, scores: Sequence[Scores], limits: FloatArray) -> list[Overload]:
-    """Alarms in the stretches of a recording, by the scores of the :func:`quick` model and the thresholds (n,)."""
+    """Find alarms in a recording's stretches, by the :func:`quick` model's scores and thresholds (n,)."""
     late, quiet, found = delay_s(quick(model)), round(QUIET_S * model.machine.rate_hz), list[Overload]()
     for part in scores:
         share = part.lasting / limits

@@ -48,7 +48,7 @@ class PayloadSignal:
 
 
 def tip_columns(found: Evaluated, index: int) -> FloatArray:
-    """Joint efforts (M, n) that one kilogram at the tip adds in a segment, filtered as a residual is."""
+    """Compute joint efforts (M, n) of one kilogram at the tip in a segment, filtered as a residual."""
     design, n = found.design, len(found.design.machine.joints)
     segment = design.segments[index]
     whole = rigid_body_regressor(design.machine, segment.q, segment.qd, segment.qdd, columns=[10 * (n - 1)])
@@ -56,7 +56,7 @@ def tip_columns(found: Evaluated, index: int) -> FloatArray:
 
 
 def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> Weighed | None:
-    """The mass that a residual shows.
+    """Estimate the mass that a residual shows.
 
     Parameters
     ----------
@@ -84,14 +84,14 @@ def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> Weighed
 
 
 def _dependence(left: FloatArray) -> float:
-    """By how much the variance of a sum grows because rows that follow each other are alike."""
+    """Compute the growth of a sum's variance because consecutive rows are alike."""
     power = float(left @ left)
     alike = min(max(float(left[1:] @ left[:-1]) / power if power > 0 else 0.0, 0.0), _MOST_DEPENDENT)
     return (1.0 + alike) / (1.0 - alike)
 
 
 def payload_signal(model: ArmModel, recording: Recording, every_s: float = 1.0) -> PayloadSignal:
-    """The payload over a recording, an estimate each ``every_s`` seconds of the last :data:`WINDOW_S`.
+    """Estimate the payload over a recording each ``every_s`` seconds from the last :data:`WINDOW_S`.
 
     Raises
     ------

@@ -52,7 +52,7 @@ LIMIT_POWER = 0.95
 
 
 def loop_content(session: Session, results: StageResults, model: Model, terms: list[Term]) -> dict[str, Any]:
-    """``loop`` of report.json, of the final fit\'s ``model`` with these ``terms``."""
+    """Build ``loop`` of report.json, of the final fit's ``model`` with these ``terms``."""
     machine = session.machine
     names = [joint.name for joint in machine.joints]
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
@@ -98,7 +98,7 @@ def _change(found: ChangePoint, names: Sequence[str]) -> dict[str, Any]:
 def _added_law(
     machine: Machine, term: Term, law: Law, model: Model, number: int, accepted: AcceptedTerm
 ) -> dict[str, Any]:
-    """A law that was added to the model, as number ``number`` of its terms."""
+    """Build a law that was added to the model, term ``number``."""
     return _law_entry(
         machine,
         law,
@@ -115,7 +115,7 @@ def _added_law(
 def _added_effect(
     machine: Machine, term: Term, content: Effect, model: Model, number: int, accepted: AcceptedTerm
 ) -> dict[str, Any]:
-    """An effect of the catalogue that was added to the model, as number ``number`` of its terms."""
+    """Build a catalogue effect that was added to the model, as term ``number``."""
     names = [joint.name for joint in machine.joints]
     return {
         **_head(content, None if term.joint is None else names[term.joint]),
@@ -128,13 +128,13 @@ def _added_effect(
 
 
 def _head(content: Effect, joint: str | None) -> dict[str, Any]:
-    """What is said of every effect that was found."""
+    """Build the head of every effect that was found."""
     said = {"title": content.title, "equation": content.equation, "look_at": content.look_at}
     return {"id": content.id, "joint": joint, **said}
 
 
 def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
-    """A finding between two position sensors, with its entries among the effects and the candidates."""
+    """Build a finding between position sensors, with its entries of effects and candidates."""
     rivals = zip(finding.rivals, finding.rival_probabilities, strict=True)
     shape, content = finding.steps[0].shape, finding.effect
     parameters: dict[str, Any] = {
@@ -163,7 +163,7 @@ def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
 
 
 def position_law(machine: Machine, found: KinematicLaw) -> dict[str, Any]:
-    """A law of what two position sensors disagree by, m; what it could be all the same stands beside it."""
+    """Build a law of two position sensors' difference, m, with its possible alternatives beside it."""
     curve = spline_curve(found.law.law, found.values, found.covariance)
     return _law_entry(
         machine,
@@ -178,7 +178,7 @@ def position_law(machine: Machine, found: KinematicLaw) -> dict[str, Any]:
 
 
 def unconfirmed_law(machine: Machine, item: Unconfirmed) -> dict[str, Any]:
-    """A law of what is there in the fitted motions, and does not hold on others."""
+    """Build a law found in the fitted motions and not confirmed on others."""
     score, law = item.score, item.score.term.content
     assert isinstance(law, Law)
     covariance = np.asarray(np.linalg.pinv(score.information, rcond=1e-8, hermitian=True), float)
@@ -195,14 +195,14 @@ def unconfirmed_law(machine: Machine, item: Unconfirmed) -> dict[str, Any]:
 
 
 def _law_entry(machine: Machine, of: Law, joint: int, **said: Any) -> dict[str, Any]:
-    """A law of a joint with what is ``said`` of it."""
+    """Build a joint's law with what is reported (``said``) of it."""
     names = tuple(own.name for own in machine.joints)
     where = _law_place(of, names[joint], names) | second_variable(of, names)
     return in_own_units(machine, {**where, "unit": of.unit, **said})
 
 
 def accepted_term(machine: Machine, item: Accepted) -> AcceptedTerm:
-    """A term that was added, with its rivals and with what speaks for it; what was not measured is left out."""
+    """Build an added term, with its rivals and its evidence; what was not measured is left out."""
     null = item.score.null
     evidence = {
         **_gains(item),
@@ -230,7 +230,7 @@ def _gains(item: Accepted | Unconfirmed) -> dict[str, Any]:
 
 
 def detection_limits(machine: Machine, found: Attribution) -> tuple[dict[str, Any], ...]:
-    """Of each effect that was not added the smallest size that these recordings would have shown."""
+    """Return the smallest size of each unadded effect that these recordings would have shown."""
     accused, limits = {a.score.term.family for a in found.accepted}, []
     for score in found.limits:
         content, joint = score.term.content, score.term.joint
@@ -253,17 +253,17 @@ def detection_limits(machine: Machine, found: Attribution) -> tuple[dict[str, An
 
 
 def _named(machine: Machine, name: str, joint: int | None) -> dict[str, Any]:
-    """An effect as it is named wherever it stands: id, title and joint."""
+    """Name an effect as everywhere: id, title and joint."""
     return {"id": name, "title": effect(name).title, "joint": None if joint is None else machine.joints[joint].name}
 
 
 def _likely(machine: Machine, name: str, joint: int | None, probability: float | None) -> dict[str, Any]:
-    """An effect that explains the same, with its probability."""
+    """Build an equivalent effect, with its probability."""
     return _named(machine, name, joint) | {"probability": probability}
 
 
 def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[str, Any]]:
-    """Explanations of the efforts, the most probable first; one without effects and laws is "nothing"."""
+    """List explanations of the efforts, the most probable first; the empty one is "nothing"."""
     result = []
     for hypothesis in found:
         effects, laws = list[dict[str, Any]](), list[dict[str, Any]]()
@@ -278,13 +278,13 @@ def _hypotheses(found: Sequence[Hypothesis], names: Sequence[str]) -> list[dict[
 
 
 def _law_place(law: Law, joint: str | None, names: Sequence[str]) -> dict[str, Any]:
-    """What a law is a law of, and where."""
+    """Return what a law is a law of, and where."""
     variable, only = law.variable(tuple(names)), law.only or None
     return {"joint": joint, "variable": variable, "times_sign_of_speed": law.signed, "only_while": only}
 
 
 def _line_effect(names: list[str], line: Line) -> dict[str, Any]:
-    """A spectral line above the identification band: named, but there is nothing to add."""
+    """Build a spectral line above the identification band: named, but not to add."""
     content = line_effect()
     return {
         **_head(content, names[line.joint]),
@@ -331,7 +331,7 @@ def _term_parameters(term: Term, model: Model, part: slice, machine: Machine) ->
 
 
 def _amplitude(model: Model, number: int) -> dict[str, Any]:
-    """How large a term is over the motions that were fitted: a size that does not depend on what a formula counts from.
+    """Compute a term's size over the fitted motions, independent of what a formula counts from.
 
     ``largest`` is the 99th percentile of its magnitude over the moving samples, on the joint where it is largest; of a
     delay what is left of it after the efforts were moved. ``worst`` is where on its variable it is largest there.

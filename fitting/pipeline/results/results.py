@@ -69,14 +69,14 @@ class Final:
 
 
 def final_fit(session: Session, results: StageResults) -> Final:
-    """The final fit again, from what the stages left."""
+    """Make the final fit again, from the stages' results."""
     terms, steps = results[Attributed].terms, results[Residual].steps
     prepared, final = final_model(session, corrections_from_json(session, steps), terms)
     return Final(steps, terms, prepared, handed(session, final.model)[0])
 
 
 def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
-    """Content of report.json (DESIGN 6) and the data of the page's figures; the ``final`` fit is made if not given."""
+    """Build report.json's content (DESIGN 6) and the page's figures; the ``final`` fit is made if not given."""
     final = final or final_fit(session, results)
     terms, prepared, model = final.terms, final.prepared, final.model
     checked, refitted = results[Checked], results[Refitted]
@@ -126,7 +126,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
 
 
 def _plausibility(session: Session, results: StageResults) -> dict[str, Any]:
-    """Parameters that cannot be, and beside them the fit that keeps to what can."""
+    """List parameters that cannot be, and beside them the fit that keeps to what can."""
     found = results[Refitted].plausibility
     if found.constrained is None:
         return {"violations": []}
@@ -167,7 +167,7 @@ def _cylinders(session: Session, results: StageResults) -> dict[str, Any]:
 def _values(
     names: Sequence[str], theta: FloatArray, std: FloatArray, units: Mapping[str, str], share: FloatArray | None = None
 ) -> dict[str, Any]:
-    """Values by name; where the data tell less than the prior there is a share instead of a deviation."""
+    """Return values by name; where the data add less than the prior, a share instead of a deviation."""
     told = [{}] * len(names) if share is None else [_told(own) for own in share.tolist()]
     return {
         name: {"value": value, "std": deviation, "unit": units[name], **own}
@@ -176,7 +176,7 @@ def _values(
 
 
 def _told(share: float) -> dict[str, Any]:
-    """What a parameter has beside its value: which share of what is known of it came from the data."""
+    """Return a parameter's content beside its value: the share of information from data."""
     return {"told_by_data": share, **({"std": None} if share < MOSTLY_PRIOR else {})}
 
 
@@ -205,7 +205,7 @@ def _at(fitted: Fitted | Stacked, place: int) -> dict[str, Any]:
 
 
 def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str, Any]:
-    """What the estimator asked for costs in error against the joint refit, and what it had to say."""
+    """Return the cost in error of the estimator asked for against the joint refit, and its remarks."""
     joint_refit, floor = results[Refitted].errors["joint"], results[Residual].noise_floor
     price = {}
     for role in ("train", "validate"):
@@ -216,7 +216,7 @@ def _price(session: Session, results: StageResults, chosen: Stacked) -> dict[str
 
 
 def _by_joint(session: Session, errors: Errors) -> dict[str, dict[str, float | None]]:
-    """Sizes of errors of each joint."""
+    """Return each joint's error sizes."""
     return {
         joint.name: {key: values[number] for key, values in errors.items()}
         for number, joint in enumerate(session.machine.joints)
@@ -306,7 +306,7 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
 
 
 def _beyond_told(session: Session, results: StageResults) -> list[str]:
-    """Joints whose error on ``validate`` was to be expected much larger than on the motion that was fitted."""
+    """List joints whose error on ``validate`` was expected to exceed that on the fitted motion by far."""
     refitted = results[Refitted]
     lines = []
     for joint, std, trained in zip(
@@ -322,7 +322,7 @@ def _beyond_told(session: Session, results: StageResults) -> list[str]:
 
 
 def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
-    """Why friction of these joints was estimated with the arm attached."""
+    """Explain why friction of these joints was estimated with the arm attached."""
     unloaded = any(recording.role == "unloaded" for recording in session.recordings)
     hidden = set(session.machine.unseen_pistons()) if unloaded else set()
     attached = "friction was estimated with the arm attached on"
@@ -334,7 +334,7 @@ def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
 
 
 def _line_warning(machine: Machine, line: Line) -> str:
-    """What to do about a spectral line where no pump can have made it."""
+    """Advise on a spectral line where no pump can have made it."""
     joint = machine.joints[line.joint]
     return (
         f"{joint.name}: the effort oscillates at {line.frequency_hz:.4g} Hz with an amplitude of "

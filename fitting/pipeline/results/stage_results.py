@@ -227,16 +227,16 @@ class StageResults:
     found: Mapping[type[Any], Any] = field(default_factory=dict)
 
     def __getitem__(self, kind: type[_T]) -> _T:
-        """The result of that type; KeyError where its stage has not been run."""
+        """Return the result of that type; KeyError where its stage has not run."""
         result: _T = self.found[kind]
         return result
 
     def get(self, kind: type[_T]) -> _T | None:
-        """The result of that type, if there is one."""
+        """Return the result of that type, if there is one."""
         return self.found.get(kind)
 
     def having(self, result: Any) -> StageResults:
-        """These and one more."""
+        """Return these and one more."""
         return StageResults({**self.found, type(result): result})
 
 
@@ -245,12 +245,12 @@ _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 
 def to_json(result: Any) -> dict[str, Any]:
-    """A stage's result as plain JSON content."""
+    """Return a stage's result as plain JSON content."""
     return dict(_adapter(type(result)).dump_python(result, mode="json", warnings="error"))
 
 
 def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
-    """Inverse of :func:`to_json`; ``place`` is named where the content is none of that kind.
+    """Invert :func:`to_json`; ``place`` is named where the content is none of that kind.
 
     Raises
     ------

@@ -41,7 +41,7 @@ class _Sentence(NamedTuple):
 
 
 def _sentence(english: str, other: str) -> _Sentence:
-    """A key as a pattern, and what it becomes; the sentence that something stands behind is its first value."""
+    """Make a key's pattern and translation; a sentence before another text is its first value."""
     if english.startswith(_BEHIND):
         rest = _sentence("{}" + english, "$1" + _VALUE.sub(lambda found: f"${int(found[1]) + 1}", other))
         # As much as there is in front: the same words may stand within it.
@@ -73,7 +73,7 @@ class Sentences:
 
     @classmethod
     def of(cls, table: Mapping[str, str], decimal: str) -> Sentences:
-        """``table``: English to the other language; a key that begins with a space or ``;`` may follow any sentence."""
+        """Read ``table``: English to the other language; keys that begin with a space or ``;`` follow any sentence."""
         fixed = {key: other for key, other in table.items() if "{}" not in key and not key.startswith(_BEHIND)}
         opened = sorted((key for key in table if key not in fixed), key=_letters, reverse=True)
         inner = [key for key in opened if _letters(key) < _TELLING]
@@ -86,12 +86,12 @@ class Sentences:
         )
 
     def said(self, text: str) -> str:
-        """``text`` in the other language; as it is where no table has it, or has one of its parts only."""
+        """Translate ``text``; unchanged where no table has it, or has one of its parts only."""
         known = self._whole(text)
         return text if known is None else known
 
     def numerals(self, text: str) -> str:
-        """``text`` with this language's decimal sign in its numbers; versions and names with points stay."""
+        """Set this language's decimal sign in the numbers of ``text``; not in versions and names with points."""
         return _DECIMAL.sub(rf"\1{self.decimal}\2", text)
 
     def _found(self, text: str, among: Iterable[_Sentence]) -> str | None:
@@ -102,7 +102,7 @@ class Sentences:
         return None
 
     def _filled(self, sentence: _Sentence, values: re.Match[str]) -> str:
-        """The translation with its values."""
+        """Fill the translation with its values."""
 
         def value(found: re.Match[str]) -> str:
             at = int(found[1])
@@ -111,7 +111,7 @@ class Sentences:
         return _VALUE.sub(value, sentence.other)
 
     def _whole(self, text: str) -> str | None:
-        """A sentence, or what is put together of nothing but known ones."""
+        """Translate a sentence, or what is composed of known ones only."""
         known = self.fixed.get(text) or self._list(text) or self._found(text, self.sentences)
         if known is not None:
             return known
@@ -125,7 +125,7 @@ class Sentences:
         return "; ".join(pieces) if len(pieces) == len(text.split("; ")) else None
 
     def _list(self, text: str) -> str | None:
-        """What consists of several, all of them known."""
+        """Translate what consists of several, all of them known."""
         for joint, other in self.joints.items():
             pieces = [self._whole(piece) for piece in text.split(joint)] if joint in text else []
             known = [piece for piece in pieces if piece is not None]
@@ -134,7 +134,7 @@ class Sentences:
         return None
 
     def _part(self, text: str) -> str:
-        """What stands in a sentence as a value."""
+        """Translate a value within a sentence."""
         known = self.fixed.get(text) or self.fixed.get(text.replace("_", " ")) or self._whole(text)
         known = known or self._found(text, self.inner)
         if known is not None:
@@ -181,7 +181,7 @@ class Language:
     # --- texts ----------------------------------------------------------------------------------------------------
 
     def say(self, english: str, *values: str) -> str:
-        """A text of the page itself, with ``values`` (already in this language) where it has ``{}``."""
+        """Return a text of the page itself, with ``values`` (in this language) where it has ``{}``."""
         if self.own is None:
             parts = english.split("{}")
             return parts[0] + "".join(value + part for value, part in zip(values, parts[1:], strict=True))
@@ -191,17 +191,17 @@ class Language:
         return re.sub(r"\$(\d)", lambda at: values[int(at[1]) - 1], other)
 
     def said(self, english: str) -> str:
-        """A text that the report holds; it may have values in it, and be put together of several."""
+        """Translate a text of the report, with values in it or composed of several."""
         return english if self.own is None else self.table.said(english)
 
     def said_each(self, english: str) -> str:
-        """Several sentences that the report holds as one text, each for itself."""
+        """Translate several sentences of one text of the report, each for itself."""
         if self.own is None:
             return english
         return " ".join(map(self.said, re.split(r"(?<=\.) (?=[A-Z])", english)))
 
     def words(self, name: str) -> str:
-        """The name of a signal or of a key in words: ``piston_position``, ``joint2.piston_speed``."""
+        """Return a signal's or key's name in words: ``piston_position``, ``joint2.piston_speed``."""
         spaced = text.words(name)
         if self.own is None:
             return spaced
@@ -213,38 +213,38 @@ class Language:
         return spaced if known is None else known
 
     def lower(self, said: str) -> str:
-        """A text for the middle of a sentence: English begins with a small letter there, ``IDIM`` and ``K x`` stay."""
+        """Adapt a text to the middle of a sentence: English has a small letter there, not in ``IDIM``, ``K x``."""
         return said[:1].lower() + said[1:] if self.own is None and said[1:2].islower() else said
 
     def quoted(self, name: str) -> str:
-        """A name that is made of several words, within a sentence."""
+        """Quote a name of several words within a sentence."""
         return f"{self.quotes[0]}{name}{self.quotes[1]}"
 
     def listed(self, items: Sequence[str], last: str = "and") -> str:
-        """``a, b and c``."""
+        """Join as ``a, b and c``."""
         return text.listed(items, self.say(last))
 
     def unit(self, unit: Any) -> str:
-        """A unit as people write it; some are words."""
+        """Write a unit as people do; some are words."""
         return self.say(text.unit(unit))
 
     def effort(self, unit: str, name: str = "effort") -> str:
-        """What an effort of a unit is called; English has one word for forces and torques."""
+        """Name an effort of a unit; English has one word for forces and torques."""
         return self.say(name) if self.own is None or "N m" not in unit else self.say(f"{name}, N m")
 
     def size(self, value: float, unit: str) -> str:
-        """A value for a sentence, two digits in the unit that people use: ``120 mm``, ``35°``, ``12 MPa``."""
+        """Write a value in a sentence, two digits in people's unit: ``120 mm``, ``35°``, ``12 MPa``."""
         scale, known = text.USUAL.get(unit, (1.0, f" {self.unit(unit)}".rstrip()))
         return f"{self.number(scale * value, 2)}{known}"
 
     def formula(self, formula: str) -> str:
-        """An equation, or a combination of parameters: names stay, numbers are this language's."""
+        """Write an equation or combination of parameters: names as they are, this language's numbers."""
         return formula if self.own is None else self.table.numerals(self.said(formula))
 
     # --- numbers --------------------------------------------------------------------------------------------------
 
     def numeral(self, english: str) -> str:
-        """A number that was written the English way; a thin space between thousands is right everywhere."""
+        """Rewrite an English number; a thin space between thousands is right everywhere."""
         return english.replace(".", self.decimal)
 
     def number(self, value: float | None, digits: int = 3) -> str:
@@ -272,13 +272,13 @@ ENGLISH = Language("en")
 
 
 def codes() -> tuple[str, ...]:
-    """Codes of all languages, English first."""
+    """List the codes of all languages, English first."""
     return (ENGLISH.code, *_FILES)
 
 
 @cache
 def language(code: str) -> Language:
-    """The language of a code, ``en`` or ``de``.
+    """Return the language of a code, ``en`` or ``de``.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def language(code: str) -> Language:
 
 
 def content_of(code: str) -> dict[str, Any]:
-    """A language's file: ``page`` and ``report`` are groups of texts, English to that language."""
+    """Read a language's file: ``page`` and ``report`` map groups of English texts to it."""
     return _read(_FILES[code])
 
 

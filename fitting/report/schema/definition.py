@@ -153,7 +153,7 @@ class Overall(Part):
 
 
 def looked(loop: Mapping[str, Any]) -> bool:
-    """Whether anybody looked for what the model lacks, of a report's ``loop``; without the key somebody did."""
+    """Return whether a report's ``loop`` looked for what the model lacks; without the key it did."""
     return bool(loop.get("looked", True))
 
 
@@ -242,7 +242,7 @@ class Report(Part):
 
 
 def clean(value: Any) -> Any:
-    """The same as plain JSON types: arrays become lists, NaN and infinities null.
+    """Convert to plain JSON types: arrays to lists, NaN and infinities to null.
 
     Raises
     ------
@@ -286,7 +286,7 @@ def validate_report(report: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON schema of `report.json`."""
+    """Return the JSON schema of `report.json`."""
     return Report.model_json_schema(by_alias=True)
 
 

@@ -16,7 +16,7 @@ PLACE = Path(__file__).parents[3] / "docs" / "report.schema.json"
 
 
 def text() -> str:
-    """The file's text: sorted, so that a difference is a change."""
+    """Write the file's text: sorted, so that a difference is a change."""
     return json.dumps(json_schema(), indent=1, sort_keys=True) + "\n"
 
 

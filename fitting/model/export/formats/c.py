@@ -52,12 +52,12 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
 
 
 def c_files(program: Program) -> dict[str, str]:
-    """Header and source by name."""
+    """Write header and source by name."""
     return _files(program, _KINDS, _said(program), ())
 
 
 def forward_files(program: Program) -> dict[str, str]:
-    """Header and source of :func:`~fitting.model.export.functions.forward_program`, which integrates it."""
+    """Write header and source of :func:`~fitting.model.export.functions.forward_program`, an integrator."""
     name, n = program.name, program.joints
     size, oil = 2 * n + 1, "".join(f", double {word}" for word in program.tracer.oil)
     signatures = [
@@ -146,7 +146,7 @@ def dialect_of(name: str, kind: str, suffix: str) -> Dialect:
 
 
 def _function(program: Program, own: Function, kind: str, suffix: str) -> dict[str, object]:
-    """Signature and body of a function."""
+    """Write signature and body of a function."""
     asked = own.variables(lambda name, place: name).values()
     unused = [f"(void){given};" for given in own.arguments if given not in (*asked, "memory")]
     body = own.assignments(dialect_of(program.name, kind, suffix))

@@ -32,7 +32,7 @@ from fitting.model.export.words import Written, refitted, require_folder, said_o
 
 
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
-    """Write a folder of tables, and ``tables.csv`` that says what each is.
+    """Write a folder of tables, and ``tables.csv`` that lists what each is.
 
     Raises
     ------
@@ -95,13 +95,13 @@ _TRIALS = 40
 
 
 def gravity_quantities(model: ArmModel) -> list[Quantity]:
-    """The effort at rest: gravity of the links, and what else holds a joint, where there is such."""
+    """Return the effort at rest: gravity of the links, and what else holds a joint, if any."""
     links = _links(model)
     return [*_link_quantities(links), *(_held(model, links, joint) for joint in range(len(model.joints)))]
 
 
 def _links(model: ArmModel) -> ArmModel:
-    """The links alone, with what effects change about them."""
+    """Return the links alone, with what effects change about them."""
     changes = {
         number
         for number, term in enumerate(model.terms)
@@ -115,7 +115,7 @@ def _links(model: ArmModel) -> ArmModel:
 
 
 def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
-    """What acts at rest beside the links."""
+    """Return what acts at rest beside the links."""
     says = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
     return _at_rest(
         model, joint, "held", says, lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint]
@@ -128,13 +128,13 @@ def _own_gravity(model: ArmModel, joint: int) -> Quantity:
 
 
 def _at_rest(model: ArmModel, joint: int, what: str, says: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
-    """A joint's effort over all joint positions."""
+    """Return a joint's effort over all joint positions."""
     positions = tuple(_position(model, k) for k in range(len(model.joints)))
     return Quantity(f"{what}_{model.joints[joint]}", says, model.joint_units[joint], positions, value)
 
 
 def _link_quantities(model: ArmModel) -> list[Quantity]:
-    """Gravity of links along parallel axes over the link's angle, of other joints over joint positions."""
+    """Return links' gravity over the link's angle along parallel axes, else over joint positions."""
     limits = model.limits.T
     result: list[Quantity] = []
     for chain in parallel_axes(model):
@@ -163,7 +163,7 @@ def _link_quantities(model: ArmModel) -> list[Quantity]:
 
 
 def parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
-    """Joints in runs of parallel axes that turn; a joint that slides is a run of its own."""
+    """Group joints in runs of parallel turning axes; a sliding joint is a run of its own."""
     geometry = geometry_of(model.arm)
     runs: list[tuple[int, ...]] = []
     for joint in range(geometry.joints):
@@ -177,7 +177,7 @@ def parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
 
 
 def _alone(model: ArmModel, chain: Sequence[int]) -> bool:
-    """Whether gravity along parallel axes is a sum of functions of the links' angles."""
+    """Return whether gravity along parallel axes is a sum over the links' angles."""
     rng, n = np.random.default_rng(1), len(model.joints)
     if not geometry_of(model.arm).revolute[chain[0]]:
         return False
@@ -203,7 +203,7 @@ def _position(model: ArmModel, joint: int) -> tuple[str, str, float, float]:
 
 
 def friction_quantities(model: ArmModel) -> list[Quantity]:
-    """Friction of every drive over its own speed, and whatever else it depends on."""
+    """Return every drive's friction over its own speed, and whatever else it depends on."""
     n, result = len(model.joints), []
     levers = motion.levers(model, model.limits.mean(axis=0, keepdims=True))[0]
     for joint, described in enumerate(model.arm.joints):

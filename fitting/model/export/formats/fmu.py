@@ -104,7 +104,7 @@ class Unit:
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     """Write in a folder ``NAME_fmi3.fmu`` and ``NAME_fmi2.fmu``, and with ``forward`` in their names those of motions.
 
-    Without a C compiler (``cc``) they hold sources only, and that is said.
+    Without a C compiler (``cc``) they hold sources only, and that is reported.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def _packed(target: Path, unit: Unit, version: int, said: Sequence[str], compile
 
 
 def binary_place(version: int) -> tuple[str, str]:
-    """Folder of this platform's binaries in a unit, and their suffix."""
+    """Return the folder of this platform's binaries in a unit, and suffix."""
     system = _PLACES.get(sys.platform, sys.platform)
     machine = _MACHINES.get(platform.machine().lower(), platform.machine().lower())
     suffix = {"windows": ".dll", "darwin": ".dylib"}.get(system, ".so")
@@ -171,7 +171,7 @@ def binary_place(version: int) -> tuple[str, str]:
 
 
 def _each(model: ArmModel, word: str, says: str, causality: str, starts: Sequence[float] = ()) -> list[Variable]:
-    """A variable per joint; the word says what it is of: a joint's (``q``, ``effort``), or a drive's."""
+    """Make a variable per joint; the word names its owner: a joint's (``q``, ``effort``), or a drive's."""
     result = []
     for number, joint in enumerate(model.machine.joints):
         turns, cylinder = joint.type == "revolute", model.arm.joints[number].cylinder is not None
@@ -185,7 +185,7 @@ def _each(model: ArmModel, word: str, says: str, causality: str, starts: Sequenc
 
 
 def _inverse(program: Program) -> Unit:
-    """Efforts of a moment; memory of the moments before it."""
+    """Make efforts of a moment; memory of the moments before it."""
     n, model = program.joints, program.tracer.model
     variables = [v for word, says in _MOTION.items() for v in _each(model, word, says, "input")]
     given = {word: f"in + {k * n}" for k, word in enumerate(_MOTION)}
@@ -211,7 +211,7 @@ def _inverse(program: Program) -> Unit:
 
 
 def _forward(program: Program) -> Unit:
-    """Motion from efforts and pressures, which are held from one communication point to the next."""
+    """Make motion from efforts and pressures, held from one communication point to the next."""
     model = program.tracer.model
     middle = [sum(joint.limits.position) / 2 for joint in model.machine.joints]
     variables = [
@@ -235,7 +235,7 @@ def _oil(model: ArmModel) -> Variable:
 def _unit(
     program: Program, kinds: tuple[str, ...], variables: list[Variable], sources: Mapping[str, str], words: Any
 ) -> Unit:
-    """A unit of an arm."""
+    """Make a unit of an arm."""
     model = program.tracer.model
     name, made = model.machine.name, model.provenance
     parts = [name, made.created, made.calibration or "", *(source.sha256 for source in made.data)]
@@ -244,7 +244,7 @@ def _unit(
 
 
 def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
-    """The library that the compiler makes."""
+    """Compile the library."""
     with tempfile.TemporaryDirectory(prefix="hilfit-") as name:
         folder = Path(name)
         for file, text in sources.items():

@@ -39,7 +39,7 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
 
 
 def _source(program: Program, name: str) -> str:
-    """Text of the file."""
+    """Write the text of the file."""
     functions, joints = program.functions, program.joints
     calls = [f"[{', '.join(own.outputs)}] = {name}('{own.name}', {', '.join(own.arguments)})" for own in functions]
     rows = f"Motions are N x {joints}, a row per sample, memory has one; t is N x 1 or one number, 0 if it is left out."

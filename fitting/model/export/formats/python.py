@@ -18,7 +18,7 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
 
 
 def _source(program: Program) -> str:
-    """Text of the module: a function has one value, but for what is kept beside it."""
+    """Write the module: a function has one value, but for what is kept beside it."""
     functions = list[Function]()
     for own in program.functions:
         apart = own.name == "pressures"
@@ -35,7 +35,7 @@ def _source(program: Program) -> str:
 
 
 def _function(own: Function) -> dict[str, Any]:
-    """A function on arrays (N, n)."""
+    """Write a function on arrays (N, n)."""
 
     def word(name: str, place: int | None) -> str:
         return name if place is None else f"{ARRAYS[name]}{place}"

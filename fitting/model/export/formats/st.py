@@ -43,7 +43,7 @@ def _source(program: Program) -> str:
 
 
 def _block(program: Program, own: Function) -> dict[str, object]:
-    """Name, declarations and body of a function block."""
+    """Write name, declarations and body of a function block."""
     body = own.assignments(dialect_of(program.name), lambda name, place: indexed(_WORDS.get(name, name), place))
     local = [name for name, _, _ in (line.partition(" :=") for line in body) if "[" not in name]
     sizes = program.sizes(own)

@@ -49,12 +49,12 @@ BINARY: dict[str, Callable[[float, float], float]] = {
 
 
 def _unary(operation: str) -> Callable[[Any], Any]:
-    """A method that makes a node of one."""
+    """Make a method that makes a node of one."""
     return lambda self: self.graph.unary(operation, self)
 
 
 def _binary(operation: str, *, turned: bool = False) -> Callable[[Any, Any], Any]:
-    """A method that makes a node of two, of the other and this one if they are turned."""
+    """Make a method that makes a node of two, the other and this one if they are turned."""
     if turned:
         return lambda self, other: self.graph.binary(operation, other, self)
     return lambda self, other: self.graph.binary(operation, self, other)
@@ -72,7 +72,7 @@ class Node:
         self.arguments, self.value = arguments, value
 
     def is_number(self, value: float) -> bool:
-        """Whether this is the number ``value``."""
+        """Return whether this is the number ``value``."""
         return self.operation == "number" and self.value == value
 
     def __bool__(self) -> bool:
@@ -110,7 +110,7 @@ class Curve:
     pieces: FloatArray
 
     def at(self, x: float) -> float:
-        """Its value."""
+        """Return its value."""
         inside = min(max(x, self.breaks[0]), self.breaks[-1])
         piece = min(int(np.searchsorted(self.breaks, inside, side="right")) - 1, len(self.pieces) - 1)
         d, c = inside - self.breaks[piece], self.pieces[piece]
@@ -118,7 +118,7 @@ class Curve:
 
 
 def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
-    """A cubic spline as pieces."""
+    """Return a cubic spline as pieces."""
     pieces = PPoly.from_spline((knots, values, 3))
     inside = np.diff(pieces.x) > 0
     return Curve(np.append(pieces.x[:-1][inside], pieces.x[-1]), pieces.c[:, inside].T)
@@ -134,7 +134,7 @@ class Graph:
     _known: dict[tuple[Any, ...], Node] = field(default_factory=dict, repr=False)
 
     def node(self, operation: str, arguments: tuple[Node, ...] = (), value: float | str | None = None) -> Node:
-        """The one node that is this."""
+        """Return the one node that is this."""
         key = (operation, tuple(a.number for a in arguments), value)
         if key not in self._known:
             self._known[key] = Node(self, len(self.nodes), operation, arguments, value)
@@ -142,15 +142,15 @@ class Graph:
         return self._known[key]
 
     def number(self, value: float) -> Node:
-        """A number; there is no negative zero."""
+        """Return a number; there is no negative zero."""
         return self.node("number", (), float(value) + 0.0)
 
     def variable(self, name: str) -> Node:
-        """A variable."""
+        """Return a variable."""
         return self.node("variable", (), name)
 
     def curve(self, x: Any, curve: Curve) -> Node:
-        """A piecewise cubic of ``x``."""
+        """Return a piecewise cubic of ``x``."""
         if self.of(x).operation == "number":
             return self.number(curve.at(float(self.of(x))))
         key = (curve.breaks.tobytes(), curve.pieces.tobytes())
@@ -160,17 +160,17 @@ class Graph:
         return self.node("curve", (self.of(x),), str(self._numbers[key]))
 
     def signed_power(self, speed: Any, noise: float, exponent: float) -> Node:
-        """``E[|v|^p sgn v]`` of a speed with noise: see :func:`fitting.arm.expected.expected_power`."""
+        """Return ``E[|v|^p sgn v]`` of a noisy speed: see :func:`fitting.arm.expected.expected_power`."""
         if self.of(speed).is_number(0.0):
             return self.number(0.0)
         return self.node("signed_power", (self.of(speed), self.number(noise), self.number(exponent)))
 
     def of(self, value: Any) -> Node:
-        """A node as it is, a number as a node."""
+        """Return a node as it is, a number as a node."""
         return value if isinstance(value, Node) else self.number(float(value))
 
     def unary(self, operation: str, value: Any) -> Node:
-        """An operation on one node."""
+        """Return an operation on one node."""
         a = self.of(value)
         if a.operation == "number":
             return self.number(UNARY[operation](float(a)))
@@ -183,14 +183,14 @@ class Graph:
         return self.node(operation, (a,))
 
     def _turned(self, operation: str, angle: Node, by: float) -> Node:
-        """Sine or cosine of a sum by those of an angle."""
+        """Return sine or cosine of a sum by those of an angle."""
         sine, cosine = self.unary("sin", angle), self.unary("cos", angle)
         if operation == "sin":
             return self.of(sine * math.cos(by) + cosine * math.sin(by))
         return self.of(cosine * math.cos(by) - sine * math.sin(by))
 
     def binary(self, operation: str, a: Any, b: Any) -> Node:
-        """An operation on two nodes."""
+        """Return an operation on two nodes."""
         a, b = self.of(a), self.of(b)
         if a.operation == "number" and b.operation == "number":
             return self.number(BINARY[operation](float(a), float(b)))
@@ -202,7 +202,7 @@ class Graph:
         return self.node(operation, (a, b))
 
     def _folded(self, operation: str, a: Node, b: Node) -> Node | None:
-        """What is simpler than the operation; None if nothing is."""
+        """Return what is simpler than the operation; None if nothing is."""
         if operation == "add":
             if a.is_number(0.0) or b.is_number(0.0):
                 return b if a.is_number(0.0) else a
@@ -241,7 +241,7 @@ class Graph:
 
 
 def needed(outputs: Iterable[Node]) -> list[Node]:
-    """All nodes that some outputs are made of, arguments first."""
+    """List all nodes that some outputs are made of, arguments first."""
     found: dict[int, Node] = {}
     todo = list(outputs)
     while todo:
@@ -253,7 +253,7 @@ def needed(outputs: Iterable[Node]) -> list[Node]:
 
 
 def uses(nodes: Sequence[Node], outputs: Sequence[Node]) -> dict[int, int]:
-    """How often each node is an argument or an output."""
+    """Count how often each node is an argument or an output."""
     counts = dict.fromkeys((node.number for node in nodes), 0)
     for node in nodes:
         for argument in node.arguments:
@@ -297,23 +297,23 @@ class Traced(np.ndarray[Any, np.dtype[np.object_]]):
         return traced(result)
 
     def expected_power(self, noise: float, exponent: float) -> Any:
-        """Expected signed powers of speeds: see :func:`fitting.arm.expected.expected_power`."""
+        """Return expected signed powers: see :func:`fitting.arm.expected.expected_power`."""
         return traced(
             np.frompyfunc(lambda v: v.graph.signed_power(v, max(noise, 0.0), exponent), 1, 1)(np.asarray(self))
         )
 
     def astype(self, *args: Any, **kwargs: Any) -> Any:
-        """The same: nodes are numbers of every kind."""
+        """Return the same: nodes are numbers of every kind."""
         return self
 
 
 def traced(values: Any) -> Traced:
-    """Nodes as an array that effects can calculate with."""
+    """Return nodes as an array that effects can calculate with."""
     return np.asarray(values, dtype=object).view(Traced)
 
 
 def sign(graph: Graph, speed: Value, noise: float) -> Node:
-    """Expected sign of a speed: see :func:`fitting.arm.expected.expected_sign`."""
+    """Return the expected sign: see :func:`fitting.arm.expected.expected_sign`."""
     speed = graph.of(speed)
     if noise <= 0:
         return graph.unary("sign", speed)

@@ -44,7 +44,7 @@ class Remembered:
 def remembered(
     graph: Graph, columns: Sequence[Sequence[Node]], moments: Sequence[Mapping[str, Node]], taken: int
 ) -> Remembered:
-    """The recurrence in a term's columns.
+    """Find the recurrence in a term's columns.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def remembered(
 
 
 def _chains(graph: Graph, columns: list[list[Node]], moments: Sequence[Mapping[str, Node]]) -> list[list[Node]]:
-    """Nodes of each remembered number, moment by moment."""
+    """List the nodes of each remembered number, moment by moment."""
     place = {own.number: (name, k) for k, variables in enumerate(moments) for name, own in variables.items()}
     latest: dict[int, int] = {}
     for node in graph.nodes:
@@ -80,7 +80,7 @@ def _chains(graph: Graph, columns: list[list[Node]], moments: Sequence[Mapping[s
         latest[node.number] = max([own, *(latest[argument.number] for argument in node.arguments)])
 
     def cut(a: Node, b: Node, moment: int, found: list[tuple[Node, Node]]) -> bool:
-        """Whether ``b`` is to the next moment what ``a`` is to this one; what both take from before is noted."""
+        """Return whether ``b`` is the next moment's ``a``; what both take from before is noted."""
         if latest[a.number] < 0:
             return a is b
         if latest[a.number] < moment:
@@ -119,7 +119,7 @@ def _chains(graph: Graph, columns: list[list[Node]], moments: Sequence[Mapping[s
 
 
 def _rewritten(graph: Graph, node: Node, known: Mapping[int, Node]) -> Node:
-    """A node with others in place of some of those that it is made of."""
+    """Replace some of the nodes that a node is made of."""
     made = dict(known)
     todo = [node]
     while todo:

@@ -25,7 +25,7 @@ class State:
 def newton_euler(
     graph: Graph, geometry: Geometry, pi: FloatArray, state: State, gravity: FloatArray
 ) -> tuple[Node, ...]:
-    """Joint efforts by Newton's and Euler's recursion, in frames of the links.
+    """Compute joint efforts by Newton's and Euler's recursion, in frames of the links.
 
     Link ``i`` needs the force ``f = m a + w' x h + w x (w x h)`` and, about its frame's origin, the moment
     ``n = h x a + I w' + w x (I w)``, with ``h`` its first moments and ``I`` its inertia about that origin
@@ -107,7 +107,7 @@ def _row(graph: Graph, geometry: Geometry, i: int, q: Value) -> _Row:
 
 
 def _backward(graph: Graph, geometry: Geometry, steps: Sequence[tuple[_Row, Vector, Vector]]) -> tuple[Node, ...]:
-    """Joint efforts from every link's force and moment about its own origin, tip to base."""
+    """Compute joint efforts from links' forces and moments about their own origin, tip to base."""
     n = len(steps)
     tau: list[Node] = [graph.number(0.0)] * n
     zero = graph.number(0.0)

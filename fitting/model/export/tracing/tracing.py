@@ -56,7 +56,7 @@ class _MachineNodes:
         self.geometry, self._arm = geometry_of(model.arm), model.arm
 
     def links(self, state: State, base: FloatArray, gravity: FloatArray | None = None) -> tuple[Node, ...]:
-        """Joint efforts of links and coupled motors; with ``gravity`` that of the links alone."""
+        """Compute links' and coupled motors' joint efforts; with ``gravity`` the links' alone."""
         n = len(state.q)
         standard = self.model.base.standard_example(base)
         g = self.geometry.gravity if gravity is None else gravity
@@ -69,13 +69,13 @@ class _MachineNodes:
         return tuple(self.graph.of(own + more) for own, more in zip(tau, motors, strict=True))
 
     def drive(self, joint: int, theta: FloatArray, segment: Segment) -> Value:
-        """Effort of the drive's own mass, stiffness and friction, the known part included."""
+        """Compute the effort of the drive's own mass, stiffness and friction, and known part."""
         own, x, v, a = self.model.parameters, *(rows[:, joint] for rows in (segment.x, segment.v, segment.a))
         columns = drive_columns(own.drive[joint], x, v, a, self.model.noise[joint].speed)
         return (columns @ theta[own.drive_slice(joint)] + known_effort(self._arm.joints[joint], v, a))[0]
 
     def rod(self, law: RodLaw, segment: Segment, joint: int, force: Value) -> Node:
-        """Expected rod pressure."""
+        """Compute the expected rod pressure."""
         v = segment.v[0, joint]
         signals = (v, force, segment.x[0, joint], segment.a[0, joint], segment.t[0])
         total, place = self.graph.number(0.0), 0
@@ -88,7 +88,7 @@ class _MachineNodes:
         return self.graph.of(total + of_sign * way + of_both * (way * force))
 
     def pressures(self, own: Pass, segment: Segment, drives: Sequence[Node]) -> dict[str, tuple[Node, ...]]:
-        """Pressures ``head`` and ``rod`` of all joints, Pa; none where one has no cylinder, or none was measured."""
+        """Compute ``head`` and ``rod`` pressures of all joints, Pa; none where one has no cylinder, or no sensor."""
         rod, head = list[Node](), list[Node]()
         for joint, (law, described) in enumerate(zip(own.rods, self._arm.joints, strict=True)):
             if law is None or described.cylinder is None:
@@ -138,13 +138,13 @@ class Tracer:
         return tuple(own for number in self._terms for own in self._past(number).memory)
 
     def variables(self, mark: str = "") -> State:
-        """A moment that is known at run time: variables ``q0 ...``, ``v0 ...``, ``a0 ...`` and ``t``."""
+        """Make a moment known at run time: variables ``q0 ...``, ``v0 ...``, ``a0 ...`` and ``t``."""
         n = range(len(self.model.joints))
         q, qd, qdd = ([self.graph.variable(f"{letter}{joint}{mark}") for joint in n] for letter in "qva")
         return State(q, qd, qdd, self.graph.variable(f"t{mark}"))
 
     def _traceable(self) -> list[int]:
-        """Numbers of the terms that can be traced; the others are noted."""
+        """Return numbers of terms that can be traced; note the others."""
         model, kept = self.model, list[int]()
         variables = self.variables()
         for number, term in enumerate(model.terms):
@@ -165,23 +165,23 @@ class Tracer:
         return kept
 
     def efforts(self, state: State, past: Past = "settled") -> dict[str, tuple[Node, ...]]:
-        """Efforts ``tau`` of joints (N m, N) and ``force`` of drives (N at a piston), pressures where all are known.
+        """Compute joint efforts ``tau`` (N m, N) and drives' ``force`` (N at a piston), pressures where all are known.
 
         Of a moment; with a past only of that of :meth:`variables`.
         """
         return self._efforts(state, self._terms, past)
 
     def gravity(self, q: Sequence[Value]) -> tuple[Node, ...]:
-        """Joint efforts that hold the arm still: see :func:`fitting.model.motion.gravity`."""
+        """Compute efforts that hold the arm still: see :func:`fitting.model.motion.gravity`."""
         still = [0.0] * len(q)
         return self.efforts(State(q, still, still, 0.0))["tau"]
 
     def beyond(self, state: State) -> tuple[Node, ...]:
-        """1 of each joint that is beyond what was recorded: see :func:`fitting.model.evaluation.beyond`."""
+        """Return 1 of each joint beyond what was recorded: see :func:`fitting.model.evaluation.beyond`."""
         return tuple(beyond(self.model, self._segment([state]))[0])
 
     def pressed(self, state: State, head: Sequence[Value], rod: Sequence[Value]) -> tuple[Node, ...]:
-        """Joint efforts that chamber pressures make, 0 of a joint without a cylinder."""
+        """Compute joint efforts of chamber pressures, 0 without a cylinder."""
         cylinders, levers = [joint.cylinder for joint in self._arm.joints], self._segment([state]).r[0]
         return tuple(
             self.graph.of(0.0 if own is None else lever * (own.head_area * p1 - own.rod_area * p2))
@@ -189,7 +189,7 @@ class Tracer:
         )
 
     def friction(self, state: State) -> tuple[Node, ...]:
-        """Joint efforts that change their sign with the speed's: see :func:`fitting.model.motion.friction`."""
+        """Compute efforts that change sign with the speed: see :func:`fitting.model.motion.friction`."""
         still = [0.0] * len(state.q)
         forward = self.efforts(State(state.q, state.qd, still, state.t))["tau"]
         back = self.efforts(State(state.q, [-v for v in state.qd], still, state.t))["tau"]
@@ -233,7 +233,7 @@ class Tracer:
     def _columns(
         self, number: int, own: Pass, state: State, views: Sequence[DriveView], r: Sequence[Value], past: Past
     ) -> dict[int, Any]:
-        """Columns of a term in one moment by joint, or what makes its part of them from its values."""
+        """Return a term's columns in one moment by joint, or the map to its part from its values."""
         term = self.model.terms[number]
         content = term.content
         if over_time(term):
@@ -250,7 +250,7 @@ class Tracer:
         return {term.joint or 0: list(np.asarray(term.columns(views), dtype=object)[0])}
 
     def _past(self, number: int) -> Remembered:
-        """What a term remembers, and its columns."""
+        """Return what a term remembers, and its columns."""
         term, graph, n = self.model.terms[number], self.graph, len(self.model.joints)
         if not over_time(term):
             return Remembered((), (), ())
@@ -280,7 +280,7 @@ class Tracer:
         return part
 
     def _body_column(self, column: BodyColumn, own: Pass, state: State) -> Sequence[Value]:
-        """Joint efforts of a change of the rigid body."""
+        """Compute joint efforts of a change of the rigid body."""
         if column.links is None:
             still = [0.0] * len(state.q)
             base = own.theta[self.model.parameters.base_slice]
@@ -304,7 +304,7 @@ class Tracer:
     def _views(
         self, own: Pass, segment: Segment, drives: Sequence[Value], loads: Sequence[Value], bank: Any = None
     ) -> tuple[DriveView, ...]:
-        """Views of all joints; ``None`` among the forces is one that no term may ask for."""
+        """Return views of all joints; ``None`` among the forces is unavailable to terms."""
 
         def row(values: Sequence[Value]) -> Any:
             return traced([[value if value is None else self.graph.of(value) for value in values]])
@@ -319,7 +319,7 @@ class Tracer:
 
 
 def tracer_of(model: ArmModel) -> Tracer:
-    """Expressions of a model; where a term is in none, of the fit without it.
+    """Trace a model's expressions; where a term is in none, of the fit without it.
 
     Raises
     ------
@@ -336,7 +336,7 @@ def tracer_of(model: ArmModel) -> Tracer:
 
 
 def untraced(model: ArmModel) -> frozenset[int]:
-    """Numbers of the machine's terms that no format holds; none of a machine that is refused anyway."""
+    """List the machine's terms that no format holds; none of a machine refused anyway."""
     try:
         return frozenset(Tracer(model).lost)
     except InputError:
