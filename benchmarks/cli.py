@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
 def _list(
     context: typer.Context, json: Annotated[bool, typer.Option("--json", help="Print the list as JSON.")] = False
 ) -> None:
-    """Benchmarks with targets; without a name they are listed."""
+    """List benchmarks with targets."""
     if context.invoked_subcommand is not None:
         return
     texts = {name: str(getdoc(command)) for name, command in BENCHMARKS.items()}

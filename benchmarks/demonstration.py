@@ -36,7 +36,7 @@ SMALL = 0.3
 
 
 def cycles_per_machine_second(output: Path) -> float:
-    """Rate of the validation recording by the controller's clock.
+    """Compute the rate of the validation recording by the controller's clock.
 
     The recorded angle is laid over the motion file's, ``q(t) = q_file(scale t + shift)``; the scale times the stamped
     rate is the rate. The controller's tracking error (about 1 mrad) leaves the scale uncertain by some 1e-4.

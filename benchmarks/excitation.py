@@ -56,7 +56,7 @@ def run(arms: tuple[Arm, ...] = ARMS, seed: int = 0, long_runs: int = 20, show: 
 
 
 def measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, float]:
-    """Processor s of the default search, its condition number, the best of the long runs, and the largest share.
+    """Measure processor s of the default search, its condition number, the best long run's, the largest share.
 
     The latter is of any limit that the motion uses; it may use ``use`` of each.
     """
@@ -76,7 +76,7 @@ def measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, f
 
 
 def binding_limits(machine: Machine, truth: Truth) -> HydraulicLimits:
-    """Supply flow and chamber pressure that take something from the best motion without them."""
+    """Choose supply flow and chamber pressure that take something from the best motion without them."""
     base = reduce_parameters(machine)
     values = base.from_standard([link.as_list() for link in truth.links])
     friction = np.array([truth.cylinders[joint.name].f_c for joint in machine.joints])
@@ -93,7 +93,7 @@ def binding_limits(machine: Machine, truth: Truth) -> HydraulicLimits:
 
 
 def _pressures(machine: Machine, free: Excitation, values: np.ndarray, friction: np.ndarray) -> tuple[float, float]:
-    """Highest chamber pressure of a motion in Pa, and what the arm at mid-range needs to hold itself."""
+    """Compute the highest chamber pressure of a motion in Pa, and what holds the arm at mid-range."""
     q = free.motion.joint_positions(machine)
     tau = base_regressor(machine, reduce_parameters(machine), q, free.speed, free.acceleration) @ values
     highest, resting = 0.0, 0.0

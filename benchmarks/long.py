@@ -93,7 +93,7 @@ def long(
 def record(
     plan: CasePlan, seconds: float, effects: Sequence[EffectSpec], number: int, *, unloaded: bool = False
 ) -> dict[str, FloatArray]:
-    """One recording of a motion of its own, with noise of its own; ``number`` tells them apart."""
+    """Record a motion of its own, with noise of its own; ``number`` distinguishes them."""
     motion = random_motion(
         plan.machine,
         np.random.default_rng([plan.seed, 60, number]),
@@ -111,13 +111,13 @@ def record(
 
 
 def training(plan: CasePlan, minutes: float, *effects: EffectSpec) -> FloatTable:
-    """A training recording of so many minutes."""
+    """Make a training recording of so many minutes."""
     count = max(1, round(minutes * 60.0 / _STRETCH))
     return joined([record(plan, minutes * 60.0 / count, effects, k) for k in range(count)])
 
 
 def picked_up(plan: CasePlan, minutes: float) -> FloatTable:
-    """A training recording in which a payload comes; the rest is one motion, as the plant picks up once in each."""
+    """Make a training recording in which a payload comes, else one motion: the plant picks up once in each."""
     before = training(plan, minutes * _PICKED_UP)
     return joined([before, record(plan, 60.0 * minutes * (1 - _PICKED_UP), [PAYLOAD], 500)])
 
@@ -133,7 +133,7 @@ def _found(report: Mapping[str, Any]) -> str:
 
 
 def _named(report: Mapping[str, Any], what: str, effect: EffectSpec) -> list[Check]:
-    """Whether the effect was named, or is in the set, and nothing beside it; and what it did on `validate`."""
+    """Check that the effect, and nothing else, was named or is in the set; and its gain on `validate`."""
     found = report["loop"]["effects"]
     right = any((effect.id, effect.joint) in own for own in named(report))
     surplus = len(found) + len(report["loop"]["unexplained"]) - int(right)
@@ -146,7 +146,7 @@ def _named(report: Mapping[str, Any], what: str, effect: EffectSpec) -> list[Che
 
 
 def _moment(report: Mapping[str, Any], true: float) -> Check:
-    """Distance of the moment of the payload from the true one, which lies 15 to 35 s after ``true``."""
+    """Check the moment of the payload against the true one, which lies 15 to 35 s after ``true``."""
     moments = [e["parameters"]["t_0"]["value"] for e in report["loop"]["effects"] if e["id"] == PAYLOAD.id]
     off = min((abs(moment - true - 25.0) for moment in moments), default=float("inf"))
     return figure("moment of the payload", off, "{:g} s", most=_MOMENT, shown=f"{off:.0f} s off")

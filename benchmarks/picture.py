@@ -43,7 +43,7 @@ def main(target: Path) -> None:
 
 
 def _panel(result: hilfit.Result, recording: hilfit.Recording) -> tuple[FloatArray, FloatArray, float]:
-    """Piston position in mm and residual in N m of the moving rows of ``validate``; the error as the report has it."""
+    """Collect piston position in mm and residual in N m of ``validate``'s moving rows; the error as reported."""
     found = result.model.predict(recording)
     joint = found.joints.index(JOINT)
     piston = np.interp(found.t, recording.time, recording.values[f"{JOINT}.piston_position"])

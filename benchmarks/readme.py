@@ -21,13 +21,13 @@ _WIDTH = 120
 
 
 def printed_result() -> str:
-    """The block of README.md."""
+    """Return the block of README.md."""
     (found,) = _BLOCK.findall(README.read_text(encoding="utf-8"))
     return str(found)
 
 
 def said_by_the_demo(printed: str) -> str:
-    """Of all that ``hilfit demo`` prints: what was acquired, the first table, and the verdict."""
+    """Extract from ``hilfit demo``'s output what was acquired, the first table, and the verdict."""
     lines = printed.splitlines()
     first = lines[: next(number for number, line in enumerate(lines) if line.startswith("└")) + 1]
     (verdict,) = (line for line in lines if line.startswith("The model lacked"))
@@ -35,14 +35,14 @@ def said_by_the_demo(printed: str) -> str:
 
 
 def said_of_valves(printed: str) -> str:
-    """Of all that ``hilfit demo --valve`` prints: errors, what was found, and the self-tests."""
+    """Extract from ``hilfit demo --valve``'s output errors, findings, and the self-tests."""
     lines = printed.splitlines()
     first = next(number for number, line in enumerate(lines) if "error over the speed's RMS" in line)
     return "\n".join(line.rstrip() for line in lines[first:] if not line.startswith("report:")) + "\n"
 
 
 def numbers(result: str) -> list[float]:
-    """Of each joint the noise floor and the errors before and after, in the order of the table."""
+    """Read each joint's noise floor and errors before and after, in the order of the table."""
     rows = re.findall(r"^│ \w+ +│ N m +│ ([\d.]+) +│ ([\d.]+) +│ ([\d.]+) +│", result, re.MULTILINE)
     return [float(number) for row in rows for number in row]
 

@@ -62,7 +62,7 @@ def samples(directory: Path = SAMPLES, only: str | None = None, show: Show = sil
 
 
 def files_of(directory: Path) -> dict[str, list[Path]]:
-    """Recordings of a case by their roles."""
+    """Return recordings of a case by their roles."""
     files: dict[str, list[Path]] = {}
     for stem in STEMS:
         files.setdefault(stem.partition("-")[0], []).append(directory / f"{stem}.parquet")
@@ -70,7 +70,7 @@ def files_of(directory: Path) -> dict[str, list[Path]]:
 
 
 def identify_case(directory: Path) -> Report:
-    """The report of one case."""
+    """Identify one case: its report."""
     from fitting.loop.session import Request
     from fitting.pipeline.stages import identify
 
@@ -86,13 +86,13 @@ def over_floor(report: Report, when: str, joint: str | None = None) -> float:
 
 
 def named(report: Mapping[str, Any]) -> list[list[tuple[str, str | None]]]:
-    """What the loop names: of each effect its id and joint, and those of what it cannot be told from."""
+    """List what the loop names: each effect's id and joint, and those inseparable from it."""
     effects = report["loop"]["effects"]
     return [[(own["id"], own["joint"]) for own in (effect, *effect["indistinguishable_from"])] for effect in effects]
 
 
 def said(report: Report) -> str:
-    """Verdict, effects with their sets, and laws."""
+    """Describe verdict, effects with their sets, and laws."""
     loop = report["loop"]
     parts = [loop["verdict"]]
     parts += [" | ".join(f"{id}@{joint or 'machine'}" for id, joint in own) for own in named(report)]
@@ -101,12 +101,12 @@ def said(report: Report) -> str:
 
 
 def true_effects(truth: dict[str, Any]) -> list[tuple[str | None, str | None]]:
-    """What the plant had, as (id, joint); the id is None for what stands in no catalogue."""
+    """List the plant's effects, as (id, joint); the id is None for what is in no catalogue."""
     return [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
 
 
 def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
-    """What has to be so of one case."""
+    """Check what has to be so of one case."""
     loop, true, sets = report["loop"], true_effects(truth), named(report)
     before, after = (over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
@@ -141,7 +141,7 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
 
 
 def complete(case: str, report: Report) -> Iterator[Check]:
-    """What every report has to say, and what no loop may do."""
+    """Check what every report has to hold, and what no loop may do."""
     loop = report["loop"]
     if loop["verdict"] != "unexplained":
         worst = max(
@@ -159,7 +159,7 @@ def complete(case: str, report: Report) -> Iterator[Check]:
 
 
 def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
-    """Parameters against the truth, for the effects whose size is one of them."""
+    """Check parameters against the truth, for the effects whose size is one of them."""
     for effect in report["loop"]["effects"]:
         size, own = float(truth["effects"][0]["size"]), effect["parameters"]
         if effect["id"] == "sensor_latency":

@@ -104,7 +104,7 @@ def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show =
 
 
 def linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
-    """Time of a minute added between the last two lengths beside that of one added between the first two.
+    """Compare the time of a minute added between the last two lengths with that between the first two.
 
     Two lengths alone have no other stretch to compare: then it is the average over everything, fixed costs included.
     """
@@ -128,14 +128,14 @@ def _seconds(name: str, value: float, target: float) -> Check:
 
 
 def memory(name: str, value: float) -> Check:
-    """Peak memory beside its target, MB."""
+    """Compare peak memory with its target, MB."""
     return figure(f"peak memory, {name}", value, "{:.0f} MB", most=MEMORY)
 
 
 def identified(
     machine: Path, recordings: list[tuple[str, Path]], output: Path, *, loop: bool, warm: bool
 ) -> dict[str, float]:
-    """Time in s and peak memory in MB of an identification in a process of its own; results in ``output/timed``."""
+    """Measure s and peak MB of an identification in a process of its own; results in ``output/timed``."""
     order = {
         "machine": str(machine),
         "recordings": [(role, str(file)) for role, file in recordings],
@@ -155,14 +155,14 @@ def identified(
 
 
 def _long(case: Case, minutes: float) -> dict[str, FloatArray]:
-    """Recordings laid end to end until they last ``minutes``."""
+    """Lay recordings end to end until they last ``minutes``."""
     stems = ("train-1", "train-2", "validate", "repeat")
     pieces = max(1, round(minutes * 60 / float(case.recordings["train-1"]["time"][-1])))
     return joined([case.recordings[stems[k % len(stems)]] for k in range(pieces)])
 
 
 def joined(tables: Sequence[FloatTable]) -> dict[str, FloatArray]:
-    """Recordings laid end to end, on one clock."""
+    """Lay recordings end to end, on one clock."""
     names = [name for name in tables[0] if name != "time"]
     whole = {name: np.concatenate([table[name] for table in tables]) for name in names}
     step = float(tables[0]["time"][1] - tables[0]["time"][0])

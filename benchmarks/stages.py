@@ -89,7 +89,7 @@ def stages(
 
 
 def truth_vector(case: Case, design: Design) -> FloatArray:
-    """True drive and base parameters (p,) of a simulated case, in the design's order."""
+    """Return true drive and base parameters (p,) of a simulated case, in the design's order."""
     drive: list[float] = []
     for joint, names in zip(case.machine.joints, design.parameters.drive, strict=True):
         if joint.cylinder is not None:
@@ -103,13 +103,13 @@ def truth_vector(case: Case, design: Design) -> FloatArray:
 
 
 def kind_of(name: str) -> str:
-    """``K`` for ``joint1.K``, ``base`` for a base parameter's expression."""
+    """Return ``K`` for ``joint1.K``, ``base`` for a base parameter's expression."""
     joint, _, kind = name.rpartition(".")
     return kind if joint and kind in KINDS else "base"
 
 
 def compare_ways(session: Session) -> tuple[dict[str, Any], StageResults]:
-    """Two stages against one on a session's recordings, with 95 % intervals; and the stages' results."""
+    """Compare two stages with one on a session's recordings, with 95 % intervals; return the stages' results."""
     results = StageResults()
     for stage in ("check", "cylinder_stage", "rigid_body_stage", "residual"):
         results = results.having(STEPS[stage](session, results, quiet))
@@ -117,7 +117,7 @@ def compare_ways(session: Session) -> tuple[dict[str, Any], StageResults]:
 
 
 def parameter_errors(errors: Mapping[tuple[str, str, str], list[float]]) -> dict[tuple[str, str], float]:
-    """Per way and kind: median over parameters of root mean square error over the joint refit's."""
+    """Compute per way and kind the median over parameters of RMS error over the joint refit's."""
     ratios: dict[tuple[str, str], list[float]] = defaultdict(list)
     for (way, arm, name), own in errors.items():
         reference = np.sqrt(np.mean(np.square(errors["joint refit", arm, name])))

@@ -22,7 +22,7 @@ def silent(line: str) -> None:
 
 
 def clopper_pearson(count: int, of: int) -> tuple[float, float]:
-    """Exact confidence interval of a proportion (Clopper and Pearson, Biometrika 26, 1934)."""
+    """Compute a proportion's exact confidence interval (Clopper and Pearson, Biometrika 26, 1934)."""
     from scipy.stats import beta
 
     tail = 0.5 - LEVEL / 2.0
@@ -58,7 +58,7 @@ class Check:
         return self.measured >= self.target if self.bound == "at least" else self.measured <= self.target
 
     def as_json(self) -> dict[str, Any]:
-        """For ``--json``."""
+        """Return it for ``--json``."""
         return {
             "name": self.name,
             "measured": self.measured,
@@ -78,7 +78,7 @@ def figure(
     least: float | None = None,
     shown: str | None = None,
 ) -> Check:
-    """A number that is to be at most or at least a target; ``form`` has its unit, ``shown`` more than the number."""
+    """Check a number to be at most or at least a target; ``form`` has its unit, ``shown`` more than the number."""
     unit, target = form.partition("}")[2], most if least is None else least
     shown = shown or form.format(value)
     if target is None:
@@ -87,7 +87,7 @@ def figure(
 
 
 def rate(name: str, count: int, of: int, bound: Bound | None = None, target: float | None = None) -> Check:
-    """A proportion with its counts and 95 % interval."""
+    """Check a proportion with its counts and 95 % interval."""
     if of == 0:
         return Check(name, None, "no cases", bound, target, "" if target is None else f"{100 * target:g} %")
     low, high = clopper_pearson(count, of)
@@ -96,7 +96,7 @@ def rate(name: str, count: int, of: int, bound: Bound | None = None, target: flo
 
 
 def lines_of(checks: Sequence[Check]) -> list[str]:
-    """One line each: met or missed, name, number, target."""
+    """Write one line each: met or missed, name, number, target."""
     width = max((len(check.name) for check in checks), default=0)
     marks = {True: "ok    ", False: "MISSED", None: "      "}
     lines = []
@@ -108,7 +108,7 @@ def lines_of(checks: Sequence[Check]) -> list[str]:
 
 
 def missed(checks: Sequence[Check]) -> int:
-    """How many targets are missed."""
+    """Count the targets that are missed."""
     return sum(check.met is False for check in checks)
 
 
@@ -129,5 +129,5 @@ class Outcome:
 
 
 def fact(name: str, holds: bool, shown: str) -> Check:
-    """Something that has to be so."""
+    """Check something that has to be so."""
     return Check(name, float(holds), shown, "at least", 1.0, _HOLDS)

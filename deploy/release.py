@@ -39,7 +39,7 @@ class ReleaseError(Exception):
 
 
 def run(*command: str | Path, env: Mapping[str, str] | None = None) -> str:
-    """Standard output of a program; ReleaseError with its last line if it fails."""
+    """Run a program; return its standard output; ReleaseError with its last line if it fails."""
     try:
         done = subprocess.run(list(map(str, command)), cwd=ROOT, env=env, capture_output=True, text=True)
     except FileNotFoundError:
@@ -51,7 +51,7 @@ def run(*command: str | Path, env: Mapping[str, str] | None = None) -> str:
 
 
 def check_key(key: str | None) -> Path:
-    """The file of the releaser's key; ReleaseError if there is none."""
+    """Return the file of the releaser's key; ReleaseError if there is none."""
     if not key:
         raise ReleaseError(
             "no key: say who releases, as in make release KEY=~/.ssh/hilfit_release; a new one is made by "
@@ -64,7 +64,7 @@ def check_key(key: str | None) -> Path:
 
 
 def build(dist: Path) -> tuple[Path, Path]:
-    """Source archive and wheel of the commit; ReleaseError if there is anything that no commit has."""
+    """Build source archive and wheel of the commit; ReleaseError if anything is in no commit."""
     changed = run("git", "status", "--porcelain", "--untracked-files=normal").splitlines()
     if changed:
         raise ReleaseError(f"{changed[0][3:]} is in no commit; commit it, or put it away (git stash)")
@@ -82,7 +82,7 @@ def build(dist: Path) -> tuple[Path, Path]:
 
 
 def install(wheel: Path, place: Path) -> Path:
-    """The interpreter of a new environment with the wheel and the locked versions."""
+    """Install the wheel and the locked versions in a new environment; return its interpreter."""
     run(sys.executable, "-m", "venv", "--without-pip", place)
     python = place / "bin" / "python"
     run(*PIP, "--python", python, "install", "--no-compile", "--require-hashes", "-r", "locks/image.txt")
@@ -91,7 +91,7 @@ def install(wheel: Path, place: Path) -> Path:
 
 
 def bill_of_materials(python: Path) -> dict[str, Any]:
-    """What an environment holds, and the libraries that are built into the page (CycloneDX)."""
+    """List an environment's contents, and the libraries built into the page (CycloneDX)."""
     program = Path(sys.executable).parent / "cyclonedx-py"
     options = "--pyproject", "pyproject.toml", "--output-reproducible", "--of", "JSON"
     found: dict[str, Any] = json.loads(run(program, "environment", python, *options))
@@ -109,7 +109,7 @@ def bill_of_materials(python: Path) -> dict[str, Any]:
 
 
 def page_components() -> list[dict[str, Any]]:
-    """The libraries that are in the page's files, of which a wheel has no metadata."""
+    """List the libraries in the page's files, of which a wheel has no metadata."""
     lock = json.loads((ROOT / "server" / "web" / "package-lock.json").read_text())
     found = []
     for place, entry in lock["packages"].items():

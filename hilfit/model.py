@@ -28,7 +28,7 @@ Asked = ParamSpec("Asked")
 
 
 def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Function]:
-    """A decorator that takes the sections of a docstring (parameters, errors) over from the function behind."""
+    """Copy the sections of a docstring (parameters, errors) from the function behind."""
 
     def add(function: Function) -> Function:
         text = inspect.getdoc(described) or ""
@@ -41,7 +41,7 @@ def _with_sections_of(described: Callable[..., Any]) -> Callable[[Function], Fun
 
 
 def _of_content(function: Callable[Concatenate[ArmModel, Asked], Given]) -> Callable[Concatenate[Model, Asked], Given]:
-    """A function of what a model holds, as one of the model: what it takes, gives and says stays as it is."""
+    """Make a function of a model's content a method of the model: same arguments, result and text."""
 
     @wraps(function)
     def asked(model: Model, /, *arguments: Asked.args, **named: Asked.kwargs) -> Given:
@@ -143,7 +143,7 @@ class Model:
         external: npt.ArrayLike | None = None,
         return_std: bool = False,
     ) -> FloatArray | tuple[FloatArray, FloatArray]:
-        """Joint efforts (N, n) that a motion takes.
+        """Compute joint efforts (N, n) that a motion takes.
 
         With ``return_std`` the standard deviation of a measured effort as well: what parameters and what the fit left
         of its recordings make together.
@@ -163,7 +163,7 @@ class Model:
         temperature: npt.ArrayLike | None = None,
         external: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Head and rod pressures (N, n) that a motion takes, Pa; NaN of a joint without a cylinder.
+        """Compute head and rod pressures (N, n) of a motion, Pa; NaN of a joint without a cylinder.
 
         ``rod`` is the rod pressure that the machine keeps, (N, n), (n,) or one, Pa; the one that the recordings show at
         such a motion and force if None (NaN where it was not measured).
@@ -177,7 +177,7 @@ class Model:
     forward = _of_content(motion.forward)
 
     def predict(self, recording: Recording | str | Path) -> Predicted:
-        """Efforts in a recording beside the measured ones, with their 95 % band."""
+        """Predict efforts in a recording beside the measured ones, with their 95 % band."""
         if isinstance(recording, Recording):
             own = recording.of(self.content.machine)
         else:

@@ -58,7 +58,7 @@ class Recording:
     def from_arrays(
         cls, time: npt.ArrayLike, values: Mapping[str, npt.ArrayLike], *, units: Mapping[str, str] | None = None
     ) -> Recording:
-        """A recording of arrays.
+        """Make a recording of arrays.
 
         Parameters
         ----------
@@ -83,7 +83,7 @@ class Recording:
 
     @classmethod
     def from_pandas(cls, frame: Any, *, units: Mapping[str, str] | None = None) -> Recording:
-        """A recording of a table of pandas: one column per channel, ``time`` in a column of that name or in the index.
+        """Make a recording of a pandas table: one column per channel, ``time`` in a column of that name or the index.
 
         Times are seconds, or moments (made relative to the first). ``units`` and errors as :meth:`from_arrays`.
         """
@@ -94,14 +94,14 @@ class Recording:
         return cls.from_arrays(moments.to_numpy(), columns, units=units)
 
     def of(self, machine: MachineFile, role: str = "operation") -> RecordingFile:
-        """What it holds, checked against a machine (errors as :meth:`load`)."""
+        """Read what it holds, checked against a machine (errors as :meth:`load`)."""
         if self.content is not None:
             return self.content
         with TemporaryDirectory(prefix="hilfit-") as folder:
             return read_recording(self.file(machine, Path(folder) / "arrays.parquet"), machine, role)
 
     def file(self, machine: MachineFile, place: Path) -> Path:
-        """Its file; of arrays one that is written to ``place``."""
+        """Return its file; of arrays one that is written to ``place``."""
         if self.path is not None:
             return self.path
         columns: dict[str, npt.NDArray[np.generic]] = {"time": self.time}

@@ -35,7 +35,7 @@ class Result:
     model: Model
 
     def plot(self, joints: Sequence[str] | None = None) -> Figure:
-        """Measured and predicted efforts over the motion that was not fitted, and their difference; all joints if None.
+        """Plot measured and predicted efforts over the held-out motion, and their difference; all joints if None.
 
         Returns the figure of matplotlib; nothing is shown or saved.
         """
@@ -92,5 +92,5 @@ def identify(
 
 
 def _path(file: str | Path | Recording, machine: Machine, place: Path) -> Path:
-    """The file of a recording; of arrays one that is written to ``place``."""
+    """Return the file of a recording; of arrays one that is written to ``place``."""
     return file.file(machine.content, place) if isinstance(file, Recording) else Path(file)

@@ -18,7 +18,7 @@ _WIDTH, _HEIGHT = 8.0, 1.9
 
 
 def result_line(report: Mapping[str, Any]) -> str:
-    """``effect_added: friction that depends on the piston position at joint2; error -65 %``."""
+    """Return ``effect_added: friction that depends on the piston position at joint2; error -65 %``."""
     loop, change = report["loop"], report["overall"].get("change_percent")
     found = [f"{one.get('title') or one['id']} at {one.get('joint') or 'the whole machine'}" for one in loop["effects"]]
     error = [] if change is None else [f"error {percent(change)}"]
@@ -26,7 +26,7 @@ def result_line(report: Mapping[str, Any]) -> str:
 
 
 def result_html(report: Mapping[str, Any]) -> str:
-    """The verdict in a sentence, and the errors on the motion that was not fitted."""
+    """Write the verdict in a sentence, and the errors on the held-out motion."""
     rows = []
     for joint, own in report["errors"].items():
         before, after = (own[which].get("validate", own[which].get("train")) for which in ("before", "after"))
@@ -36,13 +36,13 @@ def result_html(report: Mapping[str, Any]) -> str:
 
 
 def parameters_html(parameters: Mapping[str, tuple[float, float, str]]) -> str:
-    """Every parameter with its standard deviation."""
+    """Write every parameter with its standard deviation."""
     rows = [(name, with_std(value, std), unit(own)) for name, (value, std, own) in parameters.items()]
     return _table(("parameter", "value", "unit"), rows)
 
 
 def plot_result(report: Mapping[str, Any], joints: Sequence[str] | None = None) -> Figure:
-    """Measured and predicted effort of each joint over the motion that was not fitted, and their difference."""
+    """Plot each joint's measured and predicted effort over the held-out motion, and their difference."""
     from matplotlib import pyplot as plt
 
     own = [one for one in report["figures"]["diagnostics"] if joints is None or one["joint"] in joints]
@@ -67,7 +67,7 @@ def plot_result(report: Mapping[str, Any], joints: Sequence[str] | None = None) 
 
 
 def plot_valves(report: Mapping[str, Any], joints: Sequence[str] | None = None) -> Figure:
-    """Of each axis the curve of speed over command at the reference drops, and the speed that was measured."""
+    """Plot each axis' curve of speed over command at the reference drops, and the measured speed."""
     from matplotlib import pyplot as plt
 
     own = {name: axis for name, axis in report["axes"].items() if joints is None or name in joints}

@@ -35,7 +35,7 @@ class ValveResult:
     models: Mapping[str, ValveModel]
 
     def plot(self, joints: Sequence[str] | None = None) -> Figure:
-        """Speed over command, and measured beside predicted speed on the motion that was judged on; all axes if None.
+        """Plot speed over command, and measured beside predicted speed on the judged motion; all axes if None.
 
         Returns the figure of matplotlib; nothing is shown or saved.
         """

@@ -21,7 +21,7 @@ PACKET = 1 << 16
 
 
 def pair() -> tuple[socket.socket, socket.socket]:
-    """Two ends of a packet connection; both survive into child processes."""
+    """Make two ends of a packet connection; both survive into child processes."""
     ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     for end in ends:
         end.set_inheritable(True)
@@ -29,16 +29,16 @@ def pair() -> tuple[socket.socket, socket.socket]:
 
 
 def adopt(descriptor: int) -> socket.socket:
-    """The inherited end."""
+    """Adopt the inherited end."""
     return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET, fileno=descriptor)
 
 
 def pack_state(cycle: int, values: bytes) -> bytes:
-    """A state packet's payload."""
+    """Pack the payload of a state packet."""
     return CYCLE.pack(cycle) + values
 
 
 def unpack_state(payload: bytes) -> tuple[int, tuple[float, ...]]:
-    """Cycle and values of a state packet's payload."""
+    """Unpack cycle and values of a state packet's payload."""
     count = (len(payload) - CYCLE.size) // 8
     return CYCLE.unpack_from(payload)[0], struct.unpack_from(f"<{count}d", payload, CYCLE.size)

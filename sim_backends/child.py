@@ -25,7 +25,7 @@ class Orders:
         self.closed = False
 
     def fileno(self) -> int:
-        """Descriptor of stdin."""
+        """Return the descriptor of stdin."""
         return 0
 
     def configuration(self) -> dict[str, Any]:
@@ -57,6 +57,6 @@ class Orders:
 
 
 def report(content: Mapping[str, Any]) -> None:
-    """One line to the parent."""
+    """Report one line to the parent."""
     sys.stdout.write(json.dumps(content) + "\n")
     sys.stdout.flush()

@@ -28,7 +28,7 @@ def register(app: typer.Typer) -> None:
 
 
 def checked_faults(path: Path, machine: Machine) -> FaultScript:
-    """A fault file for this machine; every mistake in it is a line on standard error.
+    """Check a fault file for this machine; write every mistake in it as a line on standard error.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def simulate(
 
 
 def _hidden(true: Any, undeclared: Sequence[str], motions: Sequence[Path], machine: Machine) -> list[Any]:
-    """Effects of the command line, as the kind of plant has them; motion files are read once, to refuse them here."""
+    """Parse effects of the command line for the kind of plant; read motion files once, to refuse them here."""
     from sim_backends.plant.motion import read_motion
     from sim_backends.undeclared import parse_spec
     from sim_backends.valve.effects import parse_valve_spec
@@ -117,7 +117,7 @@ def _hidden(true: Any, undeclared: Sequence[str], motions: Sequence[Path], machi
 
 
 def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
-    """A guess of the plant's parameters as a file, never over one that is there."""
+    """Write a guess of the plant's parameters to a file, never over one that is there."""
     from sim_backends.plant.guessed_truth import guessed_truth_yaml
 
     text = guessed_truth_yaml(machine, seed)
@@ -135,7 +135,7 @@ def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
 
 
 def _say_where(simulated: SimulatedMachine, json: bool) -> None:
-    """Where the files are that others meet the simulated machine by."""
+    """Print where the files are by which others meet the simulated machine."""
     if json:
         places = {"machine": simulated.machine_path, "inbox": simulated.inbox, "controller": simulated.status_path}
         print_json({name: str(path) for name, path in places.items()})

@@ -64,7 +64,7 @@ class SimulationError(HilfitError):
 
 
 def waited_s(pids: Iterable[int]) -> float:
-    """Seconds for which these processes were ready to run and had no processor; 0 where the system does not tell.
+    """Sum seconds for which these processes were ready but had no processor; 0 where the system has no count.
 
     Source: ``/proc/PID/schedstat``, time spent waiting on a run queue (Documentation/scheduler/sched-stats.rst).
     """
@@ -115,7 +115,7 @@ class _Process:
             raise SimulationError(self.ended()) from None
 
     def answer(self, patience: float) -> dict[str, Any]:
-        """The next line that it reports, within ``patience`` s that it was able to run in."""
+        """Return its next line, within ``patience`` s that it was able to run in."""
         assert self.popen.stdout is not None
         descriptor = self.popen.stdout.fileno()
         deadline, waited = time.monotonic() + patience, self._waited()
@@ -138,7 +138,7 @@ class _Process:
         return content
 
     def order(self, content: Mapping[str, Any]) -> Any:
-        """Give an order and wait for its result."""
+        """Order it and wait for its result."""
         self._tell(content)
         answer = self.answer(ORDER_PATIENCE)
         if "error" in answer:
@@ -146,7 +146,7 @@ class _Process:
         return answer["result"]
 
     def gone(self, patience: float = 0.0) -> bool:
-        """Whether it has ended, or does so within that many seconds."""
+        """Test whether it has ended, or does so within that many seconds."""
         try:
             self.popen.wait(timeout=patience)
         except subprocess.TimeoutExpired:
@@ -154,7 +154,7 @@ class _Process:
         return True
 
     def ended(self) -> str:
-        """One line about a process that is gone."""
+        """Return one line about a process that is gone."""
         try:
             code: Any = self.popen.wait(timeout=1.0)
         except subprocess.TimeoutExpired:
@@ -240,7 +240,7 @@ class SimulatedMachine:
             self._faults = FaultRunner(self, machine, faults.faults, log, said)
 
     def _checked(self, undeclared: Sequence[EffectSpec | ValveEffectSpec]) -> list[list[Any]]:
-        """Effects as the plant's process gets them (InputError if it cannot have them)."""
+        """Check effects as the plant's process gets them (InputError if it cannot have them)."""
         for spec in undeclared:
             if isinstance(self._truth, ValvePlantTruth) != isinstance(spec, ValveEffectSpec):
                 raise InputError(f"undeclared {spec.id}: is an effect of another kind of simulated machine")
@@ -317,7 +317,7 @@ class SimulatedMachine:
         write_whole(self.machine_path, machine_to_yaml(self._addressed()).encode())
 
     def _ready(self) -> dict[str, Any]:
-        """What each process says once it is ready, in the order in which they say it."""
+        """Read what each process reports once it is ready, in the order of their reports."""
         deadline = time.monotonic() + START_PATIENCE
         ready: dict[str, Any] = {}
         with selectors.DefaultSelector() as selector:
@@ -339,7 +339,7 @@ class SimulatedMachine:
         return ready
 
     def _addressed(self) -> Machine:
-        """The machine file as it holds for this run."""
+        """Return the machine file as it holds for this run."""
         buses: list[Any] = []
         for bus in self._machine.buses:
             if isinstance(bus, CanopenBus):
@@ -355,7 +355,7 @@ class SimulatedMachine:
         return self._machine.model_copy(update={"buses": tuple(buses), "simulation": simulation})
 
     def stop(self) -> None:
-        """Switch off: all processes end; what they wrote stays."""
+        """Switch off: all processes end; what they wrote remains."""
         if self._faults is not None:
             self._faults.stop()
         for name in ("hub", "plant", "nodes", "modbus"):  # without the hub the others end by themselves
@@ -366,7 +366,7 @@ class SimulatedMachine:
     def check(self) -> None:
         """Raise :class:`SimulationError` if a process has died; it names the one that failed first.
 
-        Without the hub all others end, and without the plant the hub does. Those that follow the hub say 0, so an
+        Without the hub all others end, and without the plant the hub does. Those that follow the hub exit with 0, so an
         exit code of 0 means that the hub is the one to look at, although it may take longer to end than they do.
         """
         ended = [self._processes[name] for name in _BLAMED if name in self._processes and self._processes[name].gone()]
@@ -387,12 +387,12 @@ class SimulatedMachine:
         return {name: process.popen.pid for name, process in self._processes.items()}
 
     def order(self, process: str, order: str, **details: Any) -> Any:
-        """Give an order to one of the processes and wait for its answer (:mod:`sim_backends.faults.fault_runner`)."""
+        """Order something of one process and wait for its answer (:mod:`sim_backends.faults.fault_runner`)."""
         with self._ordering:
             return self._processes[process].order({"order": order, **details})
 
     def controller_status(self) -> dict[str, Any]:
-        """What the arm's controller does (see :mod:`sim_backends.plant.plant_process`)."""
+        """Return the state of the arm's controller (see :mod:`sim_backends.plant.plant_process`)."""
         self.check()
         content: dict[str, Any] = json.loads(self.status_path.read_text(encoding="utf-8"))
         return content
@@ -433,7 +433,7 @@ class SimulatedMachine:
 
 
 def truth_of(machine: Machine, path: Path | None = None) -> Truth | ValvePlantTruth:
-    """The plant's own parameters: of a YAML file (with ``valves`` of a plant with valves), or of a known machine.
+    """Load the plant's own parameters: of a YAML file (with ``valves`` for valves), or of a known machine.
 
     Raises
     ------

@@ -19,12 +19,12 @@ ROWS: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (AT_ONC
 
 
 def names() -> tuple[str, ...]:
-    """Of all rows."""
+    """Return the names of all rows."""
     return tuple(name for _, rows in ROWS for name in rows)
 
 
 def run_rows(times: int, seed: int, only: str | None, say: Show) -> Outcome:
-    """Every row so many times at random moments."""
+    """Run every row so many times at random moments."""
     notes = [f"{'row':48s} ours  wrong  marked (excused)  heard, worst  recovery, worst    took"]
     seen: list[Seen] = []
     seeds = dict(zip(names(), np.random.SeedSequence(seed).spawn(len(names())), strict=True))

@@ -41,13 +41,13 @@ class _Bus:
         self._out.append(f"< frame {cob_id:03X} 0.000000 {data.hex().upper()} >".encode())
 
     def beat(self, now: float) -> None:
-        """Heartbeats that are due."""
+        """Send the heartbeats that are due."""
         for node in self._nodes.values():
             node.on_time(now)
         self.flush()
 
     def flush(self) -> None:
-        """Send what the nodes have said."""
+        """Send what the nodes have queued."""
         if self._out and self.client is not None and self.raw:
             self.client.sendall(b"".join(self._out))
         self._out.clear()

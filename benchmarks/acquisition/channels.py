@@ -46,7 +46,7 @@ channels:
 
 
 def machine_of(name: str, port: int, nodes: int) -> Machine:
-    """A machine of pressure transducers with two channels each."""
+    """Make a machine of pressure transducers with two channels each."""
     lines = [_HEAD.format(name=name, rate=RATE_HZ, port=port)]
     quantities = ["head_pressure", "rod_pressure", "joint_position", *["oil_temperature"] * (2 * nodes)]
     units = {"joint_position": "rad", "oil_temperature": "degC"}
@@ -72,7 +72,7 @@ class Devices:
         self.pid = self._process.pid
 
     def kill(self) -> None:
-        """As if they lost their power."""
+        """Kill the devices as if they lost their power."""
         self._process.kill()
         self._process.wait()
 
@@ -91,7 +91,7 @@ class Devices:
 
 
 def busy_s(pid: int) -> float:
-    """Processor time of all threads of a process in s, exactly (``/proc/PID/task/*/schedstat``)."""
+    """Read the processor time of all threads of a process in s, exactly (``/proc/PID/task/*/schedstat``)."""
     tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
 
@@ -161,7 +161,7 @@ def _acquire(number: int, seconds: float) -> dict[str, Any]:
 
 
 def _commissioning(dead: int) -> float:
-    """Seconds from the start of the acquisition process until every living node has sent a fresh value."""
+    """Time the start of the acquisition process until every living node has sent a fresh value, s."""
     with Devices(1, NODES, dead) as devices:
         process = AcquisitionProcess(machine_of("m", devices.ports[0], NODES), strict=dead == 0)
         began = time.monotonic()

@@ -60,7 +60,7 @@ STOPS_ALL = ("bus_off", "half_open")
 
 
 def machine_of_three_buses() -> tuple[Machine, Any]:
-    """The folding arm with two of its Modbus units on a serial line, and its truth."""
+    """Make the folding arm with two of its Modbus units on a serial line, and its truth."""
     machine, truth = default_machine()
     channels = []
     for channel in machine.channels:
@@ -73,7 +73,7 @@ def machine_of_three_buses() -> tuple[Machine, Any]:
 
 
 def scripts() -> tuple[tuple[str, dict[str, Any]], ...]:
-    """Name and content of every fault, on every bus that can have it."""
+    """List name and content of every fault, on every bus that can have it."""
     found: list[tuple[str, dict[str, Any]]] = []
     devices: tuple[tuple[str, dict[str, Any], str], ...] = (
         ("CANopen", {"bus": "can", "node": 31}, "joint1.head_pressure"),
@@ -163,7 +163,7 @@ class Bench:
         self.rows: list[npt.NDArray[np.void]] = []
 
     def read(self, seconds: float) -> npt.NDArray[np.void]:
-        """Let so much time pass; the frames that came."""
+        """Let so much time pass; return the frames that came."""
         time.sleep(seconds)
         self.acquisition.check()
         found = self._reader.read()
@@ -173,7 +173,7 @@ class Bench:
         return found.rows
 
     def recovered(self, since_ns: int) -> int | None:
-        """When the first of :data:`SETTLED` rows in a row was fresh on all channels; None: not in time."""
+        """Find when the first of :data:`SETTLED` rows in a row was fresh on all channels; None: not in time."""
         run, first = 0, 0
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
@@ -191,7 +191,7 @@ class Bench:
 
 
 def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> Outcome:
-    """Every fault so many times; what it cost.
+    """Cause every fault so many times and measure what it cost.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> 
 
 
 def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
-    """Name and fault of every script, checked against the machine."""
+    """List name and fault of every script, checked against the machine."""
     content = scripts()
     listed = [{"at": 0.0, "for": 1.0, **fault} for _, fault in content]
     script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": listed}), machine)
@@ -276,13 +276,13 @@ def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> N
 
 
 def _machine_seconds(at: npt.NDArray[np.int64], since: int, until: int) -> float:
-    """Seconds between two moments without those in which the machine stood still."""
+    """Compute the seconds between two moments without those in which the machine was halted."""
     moments = np.concatenate([[since], at[(at > since) & (at <= until)]])
     return float(np.minimum(np.diff(moments) / NS, STANDS_STILL_S).sum())
 
 
 def _lost_places(lost: BoolArray, rows: npt.NDArray[np.void]) -> list[str]:
-    """Where values are lost, and how long the cycle took: all of them, after the patience, is a computer too busy."""
+    """List where values are lost, and how long the cycle took: all, after the patience, is a computer too busy."""
     took = np.diff(rows["monotonic_ns"], append=rows["monotonic_ns"][-1]) / NS
     cycles = np.flatnonzero(lost.any(axis=1))[:PLACES]
     return [f"others: cycle {rows['cycle'][k]}, {lost[k].sum()} values, it took {took[k]:.3f} s" for k in cycles]
@@ -291,7 +291,7 @@ def _lost_places(lost: BoolArray, rows: npt.NDArray[np.void]) -> list[str]:
 def _wrong_places(
     wrong: BoolArray, apart: npt.NDArray[np.int64], rows: npt.NDArray[np.void], names: Sequence[str], began: int
 ) -> list[str]:
-    """Where values are wrong: cycle, channel, time since the fault began, and which SYNC's they really are."""
+    """List wrong values: cycle, channel, time since the fault began, and which SYNC's they really are."""
     found = []
     for row, channel in np.argwhere(wrong)[:PLACES]:
         lag = int(apart[row, channel])
@@ -302,7 +302,7 @@ def _wrong_places(
 
 
 def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
-    """(at least ``periods``, n) what the idle plant measures from power-on, in the blocks that its process computes.
+    """Compute what the idle plant measures from power-on, (at least ``periods``, n), in its process' blocks.
 
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
     """
@@ -312,10 +312,10 @@ def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
 
 
 def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tuple[BoolArray, npt.NDArray[np.int64]]:
-    """(N, n) values called fresh that are not what the plant measured at the SYNC of their row.
+    """Mark (N, n) values called fresh that are not what the plant measured at the SYNC of their row.
 
-    Which SYNC that is, is what most values of the row say: a cycle sends one, but none while the bus is down. The
-    second array says, where a value is wrong, how many SYNCs before (negative) or after it is one (:data:`NO_SYNC`:
+    Which SYNC that is, most values of the row show: a cycle sends one, but none while the bus is down. The
+    second array has, where a value is wrong, how many SYNCs before (negative) or after it is one (:data:`NO_SYNC`:
     none near).
     """
     states = measured(machine, truth, int(rows["cycle"][-1]) + 200)

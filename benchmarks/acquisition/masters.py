@@ -68,12 +68,12 @@ class World(threading.Thread):
             node.power_on(time.monotonic())
 
     def say(self, identifier: int, data: bytes) -> None:
-        """A frame of a node, or of the other controller; its stamp is the gateway's clock."""
+        """Send a frame of a node, or of the other controller; its stamp is the gateway's clock."""
         stamp = time.time() + self.jump_s + self.rate * time.monotonic()
         self.bus.send(can.Message(timestamp=stamp, arbitration_id=identifier, data=data, is_extended_id=False))
 
     def values(self, sync: int) -> tuple[float, ...]:
-        """What is measured at a SYNC, SI: within each channel's range."""
+        """Measure at a SYNC, SI: within each channel's range."""
         part = 0.1 + 0.8 * (sync % COUNTED) / COUNTED
         return tuple(low + part * (high - low) for low, high in self._limits)
 
@@ -83,7 +83,7 @@ class World(threading.Thread):
             node.latch(self.values(self.syncs))
 
     def sync(self, at_ns: int) -> None:
-        """SYNC, whosever it is."""
+        """Answer a SYNC, whosever it is."""
         self.moments.append(at_ns)
         self.syncs += 1
         for node in self.nodes.values():
@@ -91,7 +91,7 @@ class World(threading.Thread):
         self.answered.append(time.monotonic_ns())
 
     def sampled(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
-        """(n,) by which SYNC each of (n,) values was sampled, of those near; 0 for what is of none."""
+        """Find by which SYNC each of (n,) values was sampled, of those near; 0 for what is of none."""
         low, high = np.array(self._limits).T
         step = ((values - low) / (high - low) - 0.1) / 0.8 * COUNTED
         near = np.round(np.nan_to_num(step, nan=-1.0)).astype(np.int64)
@@ -101,7 +101,7 @@ class World(threading.Thread):
         return np.where(good, found, 0)
 
     def master(self, identifier: int, data: bytes) -> None:
-        """A frame of the other controller, heard by the nodes as well."""
+        """Send a frame of the other controller, which the nodes receive as well."""
         with self._lock:
             now = time.monotonic_ns()
             self.say(identifier, data)
@@ -116,7 +116,7 @@ class World(threading.Thread):
                 node.on_frame(identifier, data, time.monotonic())
 
     def run(self) -> None:
-        """Until it is ended."""
+        """Run until it is ended."""
         due = time.monotonic()
         while not self.ended.is_set():
             message = self.bus.recv(0.002)
@@ -232,7 +232,7 @@ class Run:
             self.clock.start()
 
     def write_frame(self, frame: Frame) -> None:
-        """In the ring's place: what came is looked at."""
+        """Write in the ring's place: inspect what came."""
         world, tick_ns, late_ns = self.world, self.clock._last, 0.1e9 / self.machine.rate_hz
         fresh = frame.quality == Quality.FRESH
         sampled = world.sampled(frame.values)
@@ -257,12 +257,12 @@ class Run:
         self.ledger.add(frame.quality[None, :], stored, np.array([FRAME], dtype=np.uint8))
 
     def once(self, count: int = 1) -> None:
-        """Cycles."""
+        """Run the cycles."""
         for _ in range(count):
             self.cycles.once(self)  # type: ignore[arg-type]
 
     def until_fresh(self) -> float:
-        """Seconds until the first of five cycles that were fresh on all channels, none between but by lateness."""
+        """Time until the first of five cycles that were fresh on all channels, none between but by lateness, s."""
         began, first, good = time.monotonic(), 0.0, 0
         while good < 5 and time.monotonic() - began < PATIENCE_S:
             self.once()
@@ -274,7 +274,7 @@ class Run:
         return (first if good == 5 else time.monotonic()) - began
 
     def ended(self, seen: Seen) -> Seen:
-        """What was seen, with what every run is looked at for; everything ends."""
+        """Collect what was seen, with what every run is inspected for; end everything."""
         self.driver.stop()
         seen.wrong = self.wrong
         if self.frames:
@@ -316,7 +316,7 @@ def _rebuilt(run: Run) -> None:
 
 
 def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
-    """Another master does something while we lead; whether values come on by its SYNC."""
+    """Lead while another master acts; see whether values come on by its SYNC."""
 
     def once(random: np.random.Generator) -> Seen:
         run, seen = Run(), Seen()
@@ -339,7 +339,7 @@ def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
 
 
 def _there_before(act: Callable[[World], None]) -> Row:
-    """Another master is there when we start."""
+    """Start where another master is already."""
 
     def once(random: np.random.Generator) -> Seen:
         run, seen = Run(act), Seen(failed="it was started all the same")
@@ -358,14 +358,14 @@ def _sends_sync(world: World) -> None:
 
 
 def _sends_events(world: World) -> None:
-    """Nodes are operational and send heartbeats, and nobody sends SYNC."""
+    """Keep nodes operational with heartbeats, and nobody sends SYNC."""
     for node in world.nodes.values():
         node.set_data(0x1017, 0, b"\x64\0")
         node.on_nmt(0x01, time.monotonic())
 
 
 def _clock(change: Callable[[World], None], before: bool = False) -> Row:
-    """The gateway's clock is set, or runs otherwise from the start."""
+    """Set the gateway's clock, or let it run otherwise from the start."""
 
     def once(random: np.random.Generator) -> Seen:
         run, seen = Run(change if before else lambda world: None), Seen()
@@ -399,7 +399,7 @@ def _runs(rate: float, before: bool) -> Row:
 
 
 def _late_sync(random: np.random.Generator) -> Seen:
-    """We are kept from running between the tick and our SYNC."""
+    """Keep us from running between the tick and our SYNC."""
     run, seen = Run(), Seen()
     run.start()
     run.until_fresh()
@@ -412,7 +412,7 @@ def _late_sync(random: np.random.Generator) -> Seen:
 
 
 def _node(change: Callable[[SimulatedNode], None]) -> Row:
-    """One node is not as others are; it has to be commissioned, and to bring values, all the same."""
+    """Make one node unlike the others; it has to be commissioned, and to bring values, all the same."""
 
     def once(random: np.random.Generator) -> Seen:
         run, seen = Run(lambda world: change(world.nodes[int(random.choice(list(world.nodes)))])), Seen()

@@ -31,13 +31,13 @@ IDLE = 0.02  # of a core that all threads but the cycle's may take meanwhile
 
 
 def _beside_the_cycle_s(pid: int) -> float:
-    """Processor time of all threads of a process but its first, s."""
+    """Read the processor time of all threads of a process but its first, s."""
     tasks = [task for task in Path(f"/proc/{pid}/task").iterdir() if task.name != str(pid)]
     return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
 
 
 def _until_fresh(ring: RingReader) -> tuple[float, int]:
-    """Seconds until the first of five rows that are all fresh, and fresh values that are not what was sent.
+    """Time until the first of five rows that are all fresh, s; count fresh values that are not what was sent.
 
     None may be between them but ones with values that only came late: that is the computer, not what was restarted.
     """
@@ -60,7 +60,7 @@ VALUES = np.array([42e5, 42e5, 42.0, 42.0 + 273.15])
 
 
 def _led(random: np.random.Generator) -> Seen:
-    """The gateway and the nodes behind it lose their power."""
+    """Cut the power of the gateway and of the nodes behind it."""
     seen = Seen()
     with Devices(1, NODES) as first:
         machine = machine_of(f"led{first.pid}", first.ports[0], NODES)
@@ -85,7 +85,7 @@ class _Gateway(threading.Thread):
         self.start()
 
     def run(self) -> None:
-        """Until it is ended."""
+        """Run until it is ended."""
         self._server.settimeout(0.05)
         while not self._ended.is_set():
             with contextlib.suppress(OSError):
@@ -108,7 +108,7 @@ class _Gateway(threading.Thread):
 
 
 def _listened(random: np.random.Generator) -> Seen:
-    """A gateway that is only listened to restarts; meanwhile the process is as good as idle."""
+    """Restart a gateway that is only listened to; meanwhile the process is as good as idle."""
     seen, gateway = Seen(), _Gateway()
     try:
         machine = listening(machine_of(f"listened{gateway.port}", gateway.port, NODES))
@@ -129,7 +129,7 @@ def _listened(random: np.random.Generator) -> Seen:
 
 
 def _killed(random: np.random.Generator) -> Seen:
-    """Acquisition's own process is killed while a recorder follows it; what came is sealed, and balanced."""
+    """Kill acquisition's own process while a recorder follows it; what came is sealed, and balanced."""
     seen = Seen(failed="the recorder did not notice")
     with Devices(1, NODES) as devices, tempfile.TemporaryDirectory(prefix="hilfit-bench-") as folder:
         machine = machine_of(f"killed{devices.pid}", devices.ports[0], NODES)

@@ -22,7 +22,7 @@ _MB = 2.0**20
 
 
 def resident(pid: int) -> float:
-    """Resident memory of a process in bytes, without what it shares (proc(5): statm).
+    """Read the resident memory of a process in bytes, without what it shares (proc(5): statm).
 
     The ring is shared: it is resident as far as it was ever written to, which takes its ten minutes of machine time.
     """
@@ -31,7 +31,7 @@ def resident(pid: int) -> float:
 
 
 def run(minutes: float, seed: int, say: Show) -> Outcome:
-    """Faults at random for so long.
+    """Cause faults at random for so long.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ Entry = tuple[float, int, bytes]  # s from the beginning, identifier, data
 
 
 def listening(machine: Machine, sync: str = "own") -> Machine:
-    """The same machine on a bus that another master leads; its nodes' values stand in one PDO each."""
+    """Put the machine on a bus that another master leads; its nodes' values are in one PDO each."""
     (bus,) = machine.buses
     led = bus.model_copy(update={"listen_only": True, "sync": sync})
     channels = []
@@ -42,14 +42,14 @@ def listening(machine: Machine, sync: str = "own") -> Machine:
 
 
 def pdos(moments: NDArray[np.float64]) -> Iterator[Entry]:
-    """The PDOs of each node, whose values are the number of the moment, and a half."""
+    """Yield the PDOs of each node, whose values are the number of the moment, and a half."""
     for node in range(1, NODES + 1):
         for k, at in enumerate(moments.tolist()):
             yield at, 0x180 + node, struct.pack("<ff", k, k + 0.5)
 
 
 def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
-    """What comes of a trace."""
+    """Return what comes of a trace."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as folder:
         path = Path(folder, "trace.log")
         writer = can.CanutilsLogWriter(path)
@@ -61,13 +61,13 @@ def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
 
 
 def numbers(machine: Machine, frame: Frame) -> NDArray[np.int64]:
-    """(n,) which moment each value is of; -1 for what is no value of ours."""
+    """Find which moment each value is of, (n,); -1 for what is no value of ours."""
     values = [machine.conversion(c).from_si(v) for c, v in zip(machine.channels, frame.values, strict=True)]
     return np.floor(np.nan_to_num(np.array(values), nan=-1.0)).astype(np.int64)
 
 
 def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) -> int:
-    """Values called fresh that are not of a moment in ``sampled`` (s), or whose age is wrong."""
+    """Count values called fresh that are not of a moment in ``sampled`` (s), or whose age is wrong."""
     wrong = 0
     for frame in frames:
         number = numbers(machine, frame)
@@ -79,7 +79,7 @@ def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) ->
 
 
 def not_fresh(frames: list[Frame]) -> list[Frame]:
-    """Those of which a value is not, but for the first second."""
+    """List those of which a value is not, but for the first second."""
     return [f for f in frames if f.monotonic_ns / 1e9 - BEGIN_S > 1.0 and np.any(f.quality != Quality.FRESH)]
 
 
@@ -88,7 +88,7 @@ def _grid(random: np.random.Generator) -> NDArray[np.float64]:
 
 
 def _jittered(random: np.random.Generator) -> Seen:
-    """Another master's SYNC with jitter of up to 20 % leads the cycle."""
+    """Lead the cycle by another master's SYNC with jitter of up to 20 %."""
     machine = listening(machine_of("jitter", 1, NODES), "external")
     syncs = _grid(random) + random.uniform(-0.2, 0.2, round(SECONDS / PERIOD_S)) * PERIOD_S / 2
     entries = [(at, 0x080, b"") for at in syncs.tolist()] + list(pdos(syncs + BEHIND_S))
@@ -102,7 +102,7 @@ def _jittered(random: np.random.Generator) -> Seen:
 
 
 def _edges(random: np.random.Generator) -> Seen:
-    """PDOs at any phase of the replay's grid, that tremble."""
+    """Send PDOs at any phase of the replay's grid, with jitter."""
     machine = listening(machine_of("edges", 1, NODES))
     moments = _grid(random) + random.uniform(-0.001, 0.001, round(SECONDS / PERIOD_S))
     frames = replayed(machine, list(pdos(moments)))
@@ -110,7 +110,7 @@ def _edges(random: np.random.Generator) -> Seen:
 
 
 def _two_senders(random: np.random.Generator) -> Seen:
-    """A second device begins to send the PDO of node 1."""
+    """Let a second device begin to send the PDO of node 1."""
     machine = listening(machine_of("two", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 8.0)
     phase = random.uniform(0.2, 0.8) * PERIOD_S  # where it is not the first one's own moment
@@ -121,7 +121,7 @@ def _two_senders(random: np.random.Generator) -> Seen:
 
 
 def _other_length(random: np.random.Generator) -> Seen:
-    """The PDO of node 1 is mapped anew: 4 bytes."""
+    """Map the PDO of node 1 anew: 4 bytes."""
     machine = listening(machine_of("length", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 8.0)
     entries = [(at, i, data[:4] if at > since and i == 0x181 else data) for at, i, data in pdos(moments)]
@@ -130,7 +130,7 @@ def _other_length(random: np.random.Generator) -> Seen:
 
 
 def _refused(frames: list[Frame], since: float) -> str:
-    """Whether nothing of node 1 was taken for fresh from half a second after ``since``, and node 2 went on."""
+    """Test that nothing of node 1 was called fresh from half a second after ``since``, and node 2 went on."""
     later = [f.quality for f in frames[:-2] if f.monotonic_ns / 1e9 - BEGIN_S > since + 0.5]
     taken = sum(bool(np.any(quality[:2] == Quality.FRESH)) for quality in later)
     other = sum(bool(np.any(quality[2:] != Quality.FRESH)) for quality in later)
@@ -138,7 +138,7 @@ def _refused(frames: list[Frame], since: float) -> str:
 
 
 def _emergency(random: np.random.Generator) -> Seen:
-    """Node 1 reports an error and boots; its values are an emergency's between."""
+    """Let node 1 report an error and boot; its values are an emergency's between."""
     machine = listening(machine_of("emergency", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 5.0)
     boots = since + random.uniform(0.5, 3.0)

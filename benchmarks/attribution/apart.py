@@ -64,7 +64,7 @@ class Apart:
 
 
 def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
-    """How far the true effect is from nothing, and from other names.
+    """Compute how far the true effect is from nothing, and from other names.
 
     None for cases with no effect, with two, and for those that only bend an encoder.
     """
@@ -98,7 +98,7 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
 
 
 def _in_true_noise(session: Session, case: BenchCase) -> Model:
-    """The base model, fitted with the noise that is left at the true parameters."""
+    """Fit the base model with the noise that is left at the true parameters."""
     prepared = session.plain
     design, truth = prepared.design, true_values(case.machine, case.truth)
     base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
@@ -113,7 +113,7 @@ def _in_true_noise(session: Session, case: BenchCase) -> Model:
 
 
 def _waveform(model: Model, stems: list[str], there: Tables, bare: Tables) -> tuple[FloatArray, ...]:
-    """The true effect in the rows of the fit, whitened, with the base projected out."""
+    """Compute the true effect in the rows of the fit, whitened, with the base projected out."""
     design, fit = model.design, model.fit
     parts = []
     for number, joint in enumerate(design.machine.joints):

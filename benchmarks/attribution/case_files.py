@@ -20,7 +20,7 @@ from sim_backends.plant.truth import SensorQuality, load_truth, truth_to_yaml
 
 
 def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:
-    """The case from ``folder``, made and kept there if it is not there yet."""
+    """Read the case from ``folder``, or make and keep it there."""
     place = _place(folder, key, selection)
     description = place / "case.json"
     if description.is_file():
@@ -34,7 +34,7 @@ def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) 
 
 
 def stored_apart(folder: Path | None, case: BenchCase, selection: Selection | None = None) -> Apart | None:
-    """What can be told of a case; kept beside a cached case until it is deleted there."""
+    """Read or compute a case's separability; kept beside a cached case until it is deleted there."""
     file = None if folder is None else _place(folder, case.key, selection) / "apart.json"
     if file is not None and file.is_file():
         content = json.loads(file.read_text(encoding="utf-8"))

@@ -30,7 +30,7 @@ class Interval:
 
 
 def true_values(machine: Machine, truth: Truth) -> dict[str, float]:
-    """The plant's parameters by the names that an identification gives them."""
+    """Return the plant's parameters by the names that an identification gives them."""
     values = {
         f"{name}.{symbol}": float(getattr(law, symbol)) for name, law in truth.cylinders.items() for symbol in DRIVE
     }
@@ -42,12 +42,12 @@ def true_values(machine: Machine, truth: Truth) -> dict[str, float]:
 
 
 def intervals(values: Mapping[str, tuple[float, float]], truth: Mapping[str, float]) -> list[Interval]:
-    """Estimates of all parameters whose truth is known."""
+    """Collect estimates of all parameters whose truth is known."""
     return [Interval(name, value, std, truth[name]) for name, (value, std) in values.items() if name in truth]
 
 
 def kind_of(name: str) -> str:
-    """``joint1.f_c`` is an ``f_c``; ``ZZ2`` an ``inertia``, ``MX3`` a ``first moment``, ``m4`` a ``mass``."""
+    """Name kinds: ``joint1.f_c`` an ``f_c``; ``ZZ2`` an ``inertia``, ``MX3`` a ``first moment``, ``m4`` a ``mass``."""
     if "." in name:
         return name.rpartition(".")[2]
     symbol = name.rstrip("0123456789")

@@ -56,7 +56,7 @@ class Said:
 
 
 def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]]) -> list[Recording]:
-    """Recordings from tables in SI by file stem; the role is what stands before the hyphen."""
+    """Make recordings of tables in SI by file stem; the role precedes the hyphen."""
     result = []
     for stem, table in tables.items():
         values = {name: np.asarray(column) for name, column in table.items() if name != "time"}
@@ -83,7 +83,7 @@ def judge(
 
 
 def _depends(examined: Examined) -> bool:
-    """Whether the report says that its verdict depends on the bandwidth (:func:`fitting.pipeline.verdict.label`)."""
+    """Test whether the report makes its verdict depend on the bandwidth (:func:`fitting.pipeline.verdict.label`)."""
     found, moved = examined.attribution, examined.kinematics
     if any(abs(value) < NAMED_FROM * std for item in found.accepted for _, value, std in item.cutoffs[1:]):
         return True
@@ -93,7 +93,7 @@ def _depends(examined: Examined) -> bool:
 
 
 def said_of(examined: Examined) -> Said:
-    """What the loop found, in plain names."""
+    """Return what the loop found, in plain names."""
     findings, found = examined.kinematics.findings, examined.attribution
     names = tuple(joint.name for joint in examined.session.machine.joints)
 
@@ -139,7 +139,7 @@ def said_of(examined: Examined) -> Said:
 def _stated(
     found: Attribution, findings: Sequence[KinematicFinding], names: Sequence[str]
 ) -> tuple[tuple[Stated, ...], ...]:
-    """What is said of kinematics and efforts, with probabilities; spectral lines have none."""
+    """Collect findings of kinematics and efforts, with probabilities; spectral lines have none."""
 
     def shown(term: Term, probability: float) -> Stated:
         content, joint = term.content, None if term.joint is None else names[term.joint]
@@ -164,7 +164,7 @@ def _stated(
 
 
 def _beyond(found: Attribution, names: Sequence[str]) -> tuple[dict[str, float], float | None]:
-    """Per joint the probability of an effect of no catalogue; and of nothing, where nothing was found."""
+    """Return per joint the probability of an effect of no catalogue; and of nothing, without findings."""
     unknown: dict[str, float] = {}
     total = sum(h.probability for h in found.hypotheses)
     for hypothesis in found.hypotheses:

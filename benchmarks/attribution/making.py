@@ -83,12 +83,12 @@ class BenchCase:
 
 
 def undisturbed(quality: SensorQuality) -> SensorQuality:
-    """The same measurement chain on a machine that nothing shakes."""
+    """Return the same measurement chain on a machine that nothing shakes."""
     return replace(quality, disturbance=0.0, knock_rate=0.0)
 
 
 def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, CasePlan, SensorQuality]:
-    """The machine, its motions and its measurement chain, and the generator that draws the rest of the case."""
+    """Draw machine, motions and measurement chain; return the generator that draws the rest too."""
     rng = generator(key)
     arms = RECIPES[selection.recipe].arms
     arm = arms[int(rng.choice(len(arms)))]
@@ -183,9 +183,9 @@ class _Workbench:
     def scaled(
         self, before: Sequence[EffectSpec], unit: EffectSpec, target: float
     ) -> tuple[EffectSpec, float, Tables] | str:
-        """The effect at the size that stands out by ``target``, how far it does, and the measured tables; or why not.
+        """Scale the effect to be visible by ``target``; return it, how visible it is, measured tables; or why not.
 
-        ``before`` are effects of size 0 that stand before it, so that its hidden shape is that of the whole case.
+        ``before`` are effects of size 0 that precede it, so that its hidden shape is that of the whole case.
         """
         most = largest(unit.id, self.plan, unit.joint)
         quality, bare = self._undisturbed if unit.id in OF_THE_SIGNAL else (self.quality, None)

@@ -84,7 +84,7 @@ class GapCase:
 
 @lru_cache(maxsize=3)
 def motion_blocks(arm: ArmKind, seed: int, fault: str | None) -> tuple[CasePlan, Plant, dict[str, Block]]:
-    """An arm's motions and forces at the rate of its recordings; ``fault`` is one of the effort on the second joint."""
+    """Compute an arm's motions and forces at its recordings' rate; ``fault``: of the effort on the second joint."""
     plan = plan_case(arm, seed)
     quality = draw_quality(np.random.default_rng([seed, 20]), FULL_SCALE[arm])
     specs = []
@@ -102,7 +102,7 @@ def motion_blocks(arm: ArmKind, seed: int, fault: str | None) -> tuple[CasePlan,
 
 
 def _recorded(plant: Plant, plan: CasePlan, stem: str) -> Block:
-    """One motion as a block with a row for every row of its recording."""
+    """Record one motion as a block with a row for every row of its recording."""
     motion, steps = plan.motions[stem], plant.steps.per_period
     settling = round(SETTLE_TIME * plan.machine.rate_hz)
     plant.controller.place(motion)
@@ -123,7 +123,7 @@ def _recorded(plant: Plant, plan: CasePlan, stem: str) -> Block:
 
 
 def make_case(kind: str, number: int, seed: int, arms: Sequence[ArmKind] = tuple(ARMS), per_arm: int = 6) -> GapCase:
-    """A case of a class; ``per_arm`` of them in a row share the motions of one arm."""
+    """Make a case of a class; ``per_arm`` of them in a row share the motions of one arm."""
     rng = np.random.default_rng([78, seed, CLASSES.index(kind), number])
     group = number // per_arm
     arm, arm_seed = arms[group % len(arms)], 100_000 * (seed % 10_000) + 97 * group + CLASSES.index(kind)
@@ -159,7 +159,7 @@ def make_case(kind: str, number: int, seed: int, arms: Sequence[ArmKind] = tuple
 def _specs(
     kind: str, rng: np.random.Generator, plan: CasePlan, blocks: Mapping[str, Block], quality: SensorQuality
 ) -> list[tuple[EffectSpec, float]]:
-    """What is put between the sensors, and by how many noise widths of one sample it moves them."""
+    """Draw what is put between the sensors, and by how many noise widths of a sample it moves them."""
     if kind == "sound":
         return []
     for _ in range(_DRAWS):
@@ -191,7 +191,7 @@ def _specs(
 def _scaled(
     plan: CasePlan, blocks: Mapping[str, Block], quality: SensorQuality, unit: EffectSpec, target: float
 ) -> EffectSpec | None:
-    """The effect at the size that moves the sensors by ``target`` noise widths; None where that is no such defect."""
+    """Scale the effect to move the sensors by ``target`` noise widths; None where that is no such defect."""
     joint = [j.name for j in plan.machine.joints].index(str(unit.joint))
     lever = np.concatenate([blocks[stem].lever[:, joint] for stem in ("train-1", "train-2")])
     angle = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * float(np.mean(lever**2))
@@ -225,14 +225,14 @@ def _scaled(
 
 
 def _crossed(moved: FloatArray, lever: FloatArray, effect: str) -> float:
-    """Share of the rows (n,) in which a play has been crossed to the side on which it is less often."""
+    """Compute the share of the rows (n,) in which a play is crossed to its rarer side."""
     side = moved / lever if effect == "joint_play" else moved
     ends = np.array([np.mean(side >= 0.99 * np.max(np.abs(side))), np.mean(side <= -0.99 * np.max(np.abs(side)))])
     return float(ends.min())
 
 
 def _moved(plan: CasePlan, block: Block, spec: EffectSpec, joint: int, shapes: Sequence[int]) -> FloatArray:
-    """What one defect changes the gap by (n,), m, in the first shape that a generator draws."""
+    """Compute the gap's change (n,), m, by one defect, in the first shape that a generator draws."""
     readings = _readings(plan, block, [spec], list(shapes) or [plan.seed, 14])
     linkage = plan.machine.joints[joint].cylinder
     assert linkage is not None
@@ -255,7 +255,7 @@ def _effects(plan: CasePlan, specs: Sequence[EffectSpec], shapes: Sequence[int])
 
 
 def _readings(plan: CasePlan, block: Block, specs: Sequence[EffectSpec], shapes: Sequence[int]) -> Readings:
-    """Ideal readings with the defects of some sensors."""
+    """Apply the defects of some sensors to ideal readings."""
     effects = _effects(plan, specs, shapes)
     design = ArmDesign(plan.machine, plan.truth)
     piston = block.x.copy()
@@ -318,7 +318,7 @@ def _late(time: FloatArray, column: FloatArray, late: FloatArray) -> FloatArray:
 
 
 def _half_parked(machine: Machine, tables: Tables, rng: np.random.Generator, quality: SensorQuality) -> Tables:
-    """The machine stands where it stopped, for as long as it moved."""
+    """Hold the machine where it stopped, for as long as it moved."""
     result = {}
     for stem, table in tables.items():
         n = len(table["time"])
@@ -342,7 +342,7 @@ def _true(plan: CasePlan, spec: EffectSpec, seen: float, shapes: Sequence[int], 
 
 
 def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
-    """What the fit says of every joint's gap, and the processor time that it took after the base model's fit, s."""
+    """Check every joint's gap by the fit; measure its processor time after the base model's fit, s."""
     session = Session(case.machine, recordings_of(case.machine, case.tables), Options(bootstrap=0))
     assert session.base_model  # fitted before the time runs
     started = time.process_time()
@@ -351,7 +351,7 @@ def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
 
 
 def said_of(found: Mapping[str, GapPosterior]) -> Said:
-    """What is said, in plain names."""
+    """Return the findings in plain names."""
     sets, laws, stated = [], [], []
     joints = list(found)
     for joint, posterior in found.items():
@@ -375,7 +375,7 @@ def _variable(name: str, joints: Sequence[str]) -> str:
 
 
 def run(counts: Mapping[str, int], seed: int, per_arm: int = 6) -> Iterator[dict[str, Any]]:
-    """Cases one after another, as lines of results; classes take turns, an arm's worth of each."""
+    """Run cases one after another, as lines of results; classes take turns, an arm's worth of each."""
     for group in range(max(-(-count // per_arm) for count in counts.values())):
         for kind, count in counts.items():
             for number in range(group * per_arm, min((group + 1) * per_arm, count)):
@@ -383,7 +383,7 @@ def run(counts: Mapping[str, int], seed: int, per_arm: int = 6) -> Iterator[dict
 
 
 def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
-    """One case: made, checked, compared."""
+    """Run one case: made, checked, compared."""
     started = time.process_time()
     case = make_case(kind, number, seed)
     made = time.process_time()
@@ -409,7 +409,7 @@ def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
 
 
 def case_text(line: Mapping[str, Any]) -> str:
-    """A case in a line: what is there, what is said, and how that came out."""
+    """Describe a case in a line: what is there, what is found, and how that came out."""
     there = ", ".join(f"{name}@{joint} ({seen:.0f} widths)" for name, joint, _, seen, _ in line["effects"])
     said = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
     surplus = f" +{line['surplus']}" if line["surplus"] else ""
@@ -419,7 +419,7 @@ def case_text(line: Mapping[str, Any]) -> str:
 
 
 def checks(lines: Sequence[Mapping[str, Any]]) -> list[Check]:
-    """Every rate beside its target."""
+    """Compare every rate with its target."""
 
     def of(*kinds: str) -> list[Mapping[str, Any]]:
         return [line for line in lines if line["kind"] in kinds]

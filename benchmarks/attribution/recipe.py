@@ -104,12 +104,12 @@ class Selection:
         return "".join(f"-{part}" for part in parts if part)
 
     def as_json(self) -> dict[str, Any]:
-        """As it is read back from a line of results."""
+        """Return it as it is read back from a line of results."""
         return asdict(self) | {"arms": list(self.arms)}
 
 
 def generator(key: CaseKey) -> np.random.Generator:
-    """The random numbers of a case."""
+    """Return the random generator of a case."""
     return np.random.default_rng([77, key.seed, KINDS.index(key.kind), key.number])
 
 
@@ -118,12 +118,12 @@ FULL_SCALE: dict[ArmKind, float] = {"folding": 25.0e6, "slewing": 25.0e6, "excav
 
 
 def between(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number, log-uniform."""
+    """Draw a number, log-uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def draw_transducers(rng: np.random.Generator, full_scale: float) -> SensorQuality:
-    """A measurement chain, each property log-uniform over what machines have.
+    """Draw a measurement chain, each property log-uniform over what machines have.
 
     Pressures have 14 to 16 bits of ``full_scale`` Pa and noise of 20 to 200 millionths of it, joint encoders 17 to 20
     bits, piston encoders steps of 1 to 10 micrometres.
@@ -139,7 +139,7 @@ def draw_transducers(rng: np.random.Generator, full_scale: float) -> SensorQuali
 
 
 def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> SensorQuality:
-    """A measurement chain (:func:`draw_transducers`), and a restlessness.
+    """Draw a measurement chain (:func:`draw_transducers`), and a restlessness.
 
     The disturbance is 3 to 30 % of Coulomb friction with 0.05 to 0.6 s of memory; a knock comes every 50 to 2000 s.
     """
@@ -154,7 +154,7 @@ def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> Sensor
 
 
 def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
-    """The largest size that is still this defect and not a broken machine, in the effect's unit.
+    """Return the largest size that is still this defect and not a broken machine, in the effect's unit.
 
     Engineering estimates: forces relative to the cylinder's Coulomb friction (0.2 bar over its head area) or to its
     load, inertias and masses relative to the arm's.
@@ -190,7 +190,7 @@ def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
 
 
 def _size(plan: CasePlan) -> float:
-    """How many times longer the arm's longest link is than those that the estimates were made for (up to 1.3 m)."""
+    """Compute how many times longer the longest link is than those that the estimates are for (up to 1.3 m)."""
     return max(1.0, max(abs(joint.dh.a) for joint in plan.machine.joints) / 1.3)
 
 

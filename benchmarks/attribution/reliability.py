@@ -41,7 +41,7 @@ class Bin:
 
 
 def statements(lines: Iterable[Line]) -> list[Statement]:
-    """Every statement of a run: its probability, and whether it is right."""
+    """List every statement of a run: its probability, and whether it is right."""
     found: list[Statement] = []
     for line in lines:
         said = line.get("said")
@@ -56,7 +56,7 @@ def statements(lines: Iterable[Line]) -> list[Statement]:
 
 
 def alternatives(said: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
-    """What is said per finding, with probabilities; where there are none, what stands first, for certain."""
+    """List alternatives per finding, with probabilities; where there are none, the first, for certain."""
     stated = said.get("stated") or []
     if stated and isinstance(stated[0][0], list):
         return [[(str(name), joint, float(p)) for name, joint, p in own] for own in stated]
@@ -64,7 +64,7 @@ def alternatives(said: dict[str, Any]) -> list[list[tuple[str, str | None, float
 
 
 def _right(line: Line, name: str, joint: str | None) -> bool:
-    """Whether an effect, or a law of a signal of it on its joint, is there; a law of a catalogued effect is not right.
+    """Test whether an effect, or a law of its signal on its joint, is there; a law of a catalogued effect is wrong.
 
     A law is right of an effect outside the catalogue only.
     """
@@ -78,7 +78,7 @@ def _right(line: Line, name: str, joint: str | None) -> bool:
 
 
 def diagram(said: Sequence[Statement]) -> list[Bin]:
-    """Statements by their probability, with the share that is right and its 90 % interval (Jeffreys)."""
+    """Bin statements by probability, with the share that is right and its 90 % interval (Jeffreys)."""
     found = []
     for low, high in pairwise(EDGES):
         own = [(p, right) for p, right in said if low <= p < high or (high == 1.0 and p == 1.0)]
@@ -91,17 +91,17 @@ def diagram(said: Sequence[Statement]) -> list[Bin]:
 
 
 def calibration_error(said: Sequence[Statement]) -> float:
-    """Expected calibration error: mean distance of stated probability and share, weighted by the bins' statements."""
+    """Compute the expected calibration error: distance of probability and share, weighted by statements."""
     return float(sum(b.count * abs(b.stated - b.right) for b in diagram(said)) / max(len(said), 1))
 
 
 def brier(said: Sequence[Statement]) -> float:
-    """Mean squared distance of the probabilities from what is true (0 or 1)."""
+    """Compute the mean squared distance of the probabilities from what is true (0 or 1)."""
     return float(np.mean([(p - right) ** 2 for p, right in said])) if said else float("nan")
 
 
 def text(lines: Sequence[Line]) -> list[str]:
-    """The diagram as a table."""
+    """Write the diagram as a table."""
     rows = [f"{'stated':>8s} {'right':>8s} {'90 % interval':>16s} {'statements':>11s}"]
     for b in diagram(statements(lines)):
         interval = f"{100 * b.low:.0f} to {100 * b.high:.0f} %"
@@ -131,7 +131,7 @@ def draw(lines: Sequence[Line], target: Path) -> None:
 
 
 def checks(lines: Sequence[Line]) -> list[Check]:
-    """Expected calibration error against its target, and the Brier score."""
+    """Check the expected calibration error against its target, and the Brier score."""
     said = statements(lines)
     if not said:
         return []

@@ -54,7 +54,7 @@ class PlantRecorder:
     selection: Selection
 
     def __call__(self, asked: Asked, number: int) -> Recording:
-        """The recording of a motion, as measured."""
+        """Record a motion, as measured."""
         case = self.case
         _, plan, quality = opened(case.key, self.selection)
         names = tuple(asked.motion.columns)
@@ -71,7 +71,7 @@ class PlantRecorder:
 
 
 def keys(seed: int) -> Iterator[tuple[CaseKey, str]]:
-    """Cases without end, each with its effect: effects and classes in turn, numbers rising."""
+    """Yield cases without end, each with its effect: effects and classes in turn, numbers rising."""
     for number in count():
         for kind in CLASSES:
             for effect in ALIKE:
@@ -79,13 +79,13 @@ def keys(seed: int) -> Iterator[tuple[CaseKey, str]]:
 
 
 def ambiguous(seed: int, seconds: float, bootstrap: int, most: int) -> Iterator[Line | None]:
-    """At most so many cases in turn: the result of each, or None where nothing was ambiguous."""
+    """Run at most so many cases in turn: the result of each, or None where nothing was ambiguous."""
     for key, effect in islice(keys(seed), most):
         yield resolved(key, Selection(only=effect, seconds=seconds), bootstrap)
 
 
 def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
-    """One case; None if nothing in it is ambiguous (or nothing was found)."""
+    """Run one case; None if nothing in it is ambiguous (or nothing was found)."""
     line: Line = {"case": key.text, "seed": key.seed, "effect": selection.only}
     try:
         case = make_case(key, selection)
@@ -116,7 +116,7 @@ def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
 
 
 def _closed_anyway(first: Examined, recorder: PlantRecorder, case: BenchCase) -> bool | None:
-    """Whether the best motion closes a set that no motion was said to; None where nothing was designed."""
+    """Test whether the best motion closes a set against all prediction; None where nothing was designed."""
     designed = next_experiment(first.session, first.attribution)
     best = None if designed is None else designed.options[0].motion
     if best is None:
@@ -138,7 +138,7 @@ def _stated(found: Examined) -> list[Line]:
 
 
 def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
-    """How the ambiguous ones ended."""
+    """Check how the ambiguous ones ended."""
     right = [line for line in lines if line["result"] == "right" and not line["surplus"]]
     there = [line for line in lines if line["true_in_set"]]
     closable = [line for line in lines if line["motions"]]
@@ -174,7 +174,7 @@ def append(file: Path, line: Line) -> None:
 
 
 def text(line: Line) -> str:
-    """A case in one line: what is true, what was said, what was recorded, what is said then."""
+    """Describe a case in a line: what is true, what was found, what was recorded, what is found then."""
     truth = " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line["truth"])
     motions = "; ".join(motion["text"] for motion in line["motions"]) or "no motion helps"
     result = line["result"] + (" with surplus" if line["surplus"] else "")

@@ -39,7 +39,7 @@ class Order:
 
 
 def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
-    """The cases of a run, classes interleaved so that an interrupted run has some of each."""
+    """List the cases of a run, classes interleaved so that an interrupted run has some of each."""
     keys = [
         (number / max(count, 1), KINDS.index(kind), CaseKey(kind, number, seed))
         for kind, count in counts.items()
@@ -49,7 +49,7 @@ def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
 
 
 def read_lines(path: Path) -> list[Line]:
-    """Results of a file; a last line that an interruption cut off is dropped.
+    """Read results of a file; drop a last line that an interruption cut off.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def read_lines(path: Path) -> list[Line]:
 
 
 def key_of(line: Line) -> CaseKey:
-    """Which case a line is about."""
+    """Return which case a line is about."""
     return CaseKey(str(line["kind"]), int(line["number"]), int(line["seed"]))
 
 
@@ -134,7 +134,7 @@ def run_case(order: Order) -> Line:
 
 
 def run_cases(orders: Sequence[Order], workers: int) -> Iterator[Line]:
-    """Results as they come. Each worker is a process with one BLAS thread."""
+    """Yield results as they come. Each worker is a process with one BLAS thread."""
     one_blas_thread()
     if workers <= 1 or len(orders) <= 1:
         yield from map(run_case, orders)
@@ -163,7 +163,7 @@ def run_cases(orders: Sequence[Order], workers: int) -> Iterator[Line]:
 def run(
     orders: Iterable[Order], workers: int, output: Path | None, show: Callable[[Line], None] = lambda line: None
 ) -> list[Line]:
-    """Do what is not in ``output`` yet, append it there, and return the results of all orders in their order."""
+    """Run what is not in ``output`` yet, append it there, and return all orders' results in their order."""
     orders = list(orders)
     known = {}
     if output is not None and output.exists():

@@ -44,11 +44,11 @@ _REST = 1e-9
 def delayed(
     machine: Machine, tables: Mapping[str, Table], joint: str, seconds: float
 ) -> dict[str, dict[str, FloatArray]]:
-    """Tables whose pressures of one joint come late, ``p - tau dp/dt``, as far as samples tell.
+    """Delay a joint's pressures in the tables, ``p - tau dp/dt``, as far as samples resolve.
 
     Friction turns round within a millisecond. A delay moves the share ``tau rate`` of all turns beyond a sample
     (0.7 ms at 50 Hz: one in thirty), which then is off by all of it, and leaves the others as they were. That has
-    ``1 / (tau rate)`` times the energy of what is told here, and only for who knows each turn to the millisecond.
+    ``1 / (tau rate)`` times the energy that counts here, and only for who knows each turn to the millisecond.
     """
     found: dict[str, dict[str, FloatArray]] = {}
     for stem, table in tables.items():
@@ -59,12 +59,12 @@ def delayed(
 
 
 def zeros_of(lever: FloatArray) -> FloatArray:
-    """What a zero that is off does to the gap at these levers (n,): the piston's, and the joint's, (n, 2)."""
+    """Compute what a zero error does to the gap at these levers (n,): the piston's, the joint's, (n, 2)."""
     return np.column_stack([np.ones(len(lever)), lever])
 
 
 def beyond(columns: FloatArray, values: FloatArray) -> FloatArray:
-    """What columns (n, k) do not explain of values (n,)."""
+    """Compute what columns (n, k) do not explain of values (n,)."""
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
@@ -112,8 +112,8 @@ class Sight:
         self._position_std = [self._gap_noise(quality, joint) for joint in range(len(machine.joints))]
 
     def force(self, tables: Mapping[str, Table], bare: Mapping[str, Table] | None = None) -> float:
-        """Lambda of what differs in the efforts between these ideal tables and those without the effect (``bare``;
-        if absent, the ones that this sight was made from)."""
+        """Compute lambda of what differs in the efforts between these ideal tables and those without the effect
+        (``bare``; if absent, the ones that this sight was made from)."""
         projected, total = np.zeros(self._basis[0].shape[1]), 0.0
         for joint in range(len(self._machine.joints)):
             white = np.concatenate(
@@ -124,7 +124,7 @@ class Sight:
         return float(np.sqrt(max(total - float(projected @ projected), 0.0)))
 
     def broadband(self, tables: Mapping[str, Table]) -> float:
-        """The same without filter and without projection, for spectral lines: they may lie above the filter's band."""
+        """Compute the same without filter and projection, for spectral lines: they may lie above the filter's band."""
         total = 0.0
         for joint, covariance in enumerate(self._covariances):
             for stem in FITTED:
@@ -138,8 +138,8 @@ class Sight:
         return float(np.sqrt(total))
 
     def mismatch(self, tables: Mapping[str, Table], *, zeros: int = 0) -> float:
-        """Largest root mean square over the joints of what the gap between both position sensors changed by, in
-        noise widths of one sample of that gap; beyond what ``zeros`` sensors' zeros explain: the piston's, the joint's.
+        """Compute the largest RMS over the joints of the change of the gap between both position sensors, in noise
+        widths of one sample of that gap; beyond what ``zeros`` sensors' zeros explain: the piston's, the joint's.
         """
         worst = 0.0
         for number in range(len(self._machine.joints)):
@@ -194,7 +194,7 @@ class Sight:
         return np.asarray(linalg.solve_triangular(factor, reduced, lower=True))
 
     def _whitener(self, covariance: FloatArray) -> _Cholesky:
-        """Cholesky factor of the reduced noise's covariance, from the full-rate autocovariance."""
+        """Factor the reduced noise's covariance (Cholesky), from the full-rate autocovariance."""
         kernel = np.correlate(self._filter, self._filter, mode="full")  # lags -(L-1) .. L-1
         symmetric = np.concatenate([covariance[:0:-1], covariance])
         reduced = signal.fftconvolve(symmetric, kernel, mode="same")[len(covariance) - 1 :: self._step]
@@ -206,7 +206,7 @@ class Sight:
         return _Cholesky(reduced)
 
     def _base_columns(self, bare: Mapping[str, Table]) -> list[FloatArray]:
-        """Per joint an orthonormal basis of the whitened base columns over all fitted recordings."""
+        """Compute per joint an orthonormal basis of the whitened base columns over all fitted recordings."""
         machine = self._machine
         base = reduce_parameters(machine)
         count = len(machine.joints)
@@ -255,7 +255,7 @@ class _Cholesky:
 
 
 def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joint: int, lags: int) -> FloatArray:
-    """Autocovariance (lags,) in N^2 of the noise in ``p1 A1 - p2 A2``, one lag per recorded sample.
+    """Compute the autocovariance (lags,) in N^2 of the noise in ``p1 A1 - p2 A2``, per recorded sample.
 
     ``(d f_c)^2 exp(-t / tau)`` of the disturbance; ``rate size^2 / 3 int s(u) s(u + t) du`` of the knocks; at lag 0
     also ``(A1^2 + A2^2)(std^2 + step^2 / 12)`` of the transducers.
@@ -277,7 +277,7 @@ def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joi
 
 
 def inertias(machine: Machine, truth: Truth, q: FloatArray) -> FloatArray:
-    """Of each joint's effort, by the joint that moves, (N per rad/s^2)^2, (n, n): mean over poses (N, n)."""
+    """Compute mean squares of inertia, effort by moving joint, (N per rad/s^2)^2, (n, n), over poses (N, n)."""
     poses = q[:: max(1, len(q) // 50)]
     pi = np.concatenate([[link.mass, *link.moment, *link.inertia] for link in truth.links])
     still = np.zeros_like(poses)
@@ -296,7 +296,7 @@ def inertias(machine: Machine, truth: Truth, q: FloatArray) -> FloatArray:
 
 
 def restlessness(machine: Machine, quality: SensorQuality, loaded: bool, lags: int) -> FloatArray:
-    """Autocovariance (n, lags) of what accelerations have that positions do not tell, of joints or of free pistons.
+    """Estimate the autocovariance (n, lags) of accelerations beyond positions, of joints or of free pistons.
 
     Noise of the encoders, twice differentiated; and what lies above half the rate and is folded below it: the error of
     the controller's loop (:mod:`sim_backends.plant.controller`: ``w``, first-order noise with ``T``) has a density of
@@ -318,7 +318,7 @@ def restlessness(machine: Machine, quality: SensorQuality, loaded: bool, lags: i
 
 
 def _density(covariance: FloatArray, frequency: FloatArray) -> FloatArray:
-    """Two-sided spectral density per sample at frequencies in cycles per sample, from the autocovariance."""
+    """Compute the two-sided spectral density per sample at frequencies in 1/sample, from the autocovariance."""
     lags = np.arange(1, len(covariance))
     near = np.unique(np.concatenate([frequency[:: max(1, len(frequency) // 400)], frequency[-1:]]))
     values = covariance[0] + 2.0 * np.cos(2 * np.pi * near[:, None] * lags[None, :]) @ covariance[1:]
@@ -335,14 +335,14 @@ def _effort(machine: Machine, table: Table, joint: int) -> FloatArray:
 
 
 def _encoder(machine: Machine, joint: str) -> str:
-    """Name of the channel with the joint's position."""
+    """Return the name of the channel with the joint's position."""
     channel = machine.channel("joint_position", joint)
     assert channel is not None
     return channel.name
 
 
 def _derivatives(values: FloatArray, rate: float) -> Sequence[FloatArray]:
-    """Values and both derivatives of noise-free columns sampled at ``rate``, by a quintic spline."""
+    """Compute values and both derivatives of noise-free columns at ``rate``, by a quintic spline."""
     time = np.arange(len(values)) / rate
     spline = make_interp_spline(time, values, k=5)
     return [np.asarray(spline(time)), np.asarray(spline.derivative(1)(time)), np.asarray(spline.derivative(2)(time))]

@@ -31,7 +31,7 @@ _QUIET = ("unexplained", "silent")
 
 
 def seen_by_theory(size: float) -> float:
-    """Chance that a test which knows the waveform sees an effect of lambda ``size``.
+    """Compute the chance that a test which knows the waveform detects an effect of lambda ``size``.
 
     One degree of freedom, noncentral chi-square with noncentrality lambda squared, at one per cent of false alarms
     over :data:`LOOKS` looks (Bonferroni): chi-square above 19.
@@ -40,12 +40,12 @@ def seen_by_theory(size: float) -> float:
 
 
 def threshold() -> float:
-    """Chi-square of one degree of freedom at the level of :func:`seen_by_theory`."""
+    """Compute the chi-square of one degree of freedom at the level of :func:`seen_by_theory`."""
     return float(chi2.isf(FALSE_ALARMS / LOOKS, 1))
 
 
 def checks(lines: Sequence[Line]) -> list[Check]:
-    """Every rate of the benchmark beside its target."""
+    """Compare every rate of the benchmark with its target."""
     done = [line for line in lines if line["result"] not in ("made", "not made")]
 
     def of(*kinds: str) -> list[Line]:
@@ -88,7 +88,7 @@ def checks(lines: Sequence[Line]) -> list[Check]:
 
 
 def _bands(lines: Sequence[Line]) -> list[Check]:
-    """Of cases that were judged at several bands: whether the verdict is one, or is said to depend on them."""
+    """Check cases judged at several bands: whether the verdict is one, or is reported to depend on them."""
     known = [list(line["bands"].values()) for line in lines if "bands" in line]
     same = [len({verdict for verdict, *_ in own}) == 1 for own in known]
     names = [len({json.dumps(said[1:3]) for said in own}) == 1 for own in known]
@@ -102,7 +102,7 @@ def _bands(lines: Sequence[Line]) -> list[Check]:
 
 
 def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
-    """Processor time of cases that were run with a bootstrap, or without one: that is what the target is for."""
+    """Check processor time of cases with a bootstrap, or without one: that is what the target is for."""
     seconds = [line["seconds"] for line in lines if "seconds" in line and bool(line.get("bootstrap", 1)) == bootstrap]
     if not seconds:
         return []
@@ -120,15 +120,15 @@ def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
 
 
 def _visible(kind: str, lines: Sequence[Line]) -> list[Check]:
-    """Of one class, those that are as large in the noise that a fit is left with."""
+    """Check, of one class, those that are as large in the noise that a fit is left with."""
     visible = [line for line in lines if line.get("apart") and line["apart"]["seen"] >= TARGETS[kind][0]]
     named = sum(line["result"] in _NAMED for line in visible)
     return [rate(f"{kind} in the noise of positions, too: right or in the set", named, len(visible))]
 
 
 def _outside(lines: Sequence[Line]) -> list[Check]:
-    """Effects in no catalogue. Where it is known how near a name comes, the targets are for those that none explains:
-    what a catalogue effect with its parameters reproduces within the noise is not outside the catalogue."""
+    """Check effects of no catalogue. Where it is known how near a name comes, the targets are for those that none
+    explains: what a catalogue effect with its parameters reproduces within the noise is not outside the catalogue."""
     found = []
     beyond = [line for line in lines if not untellable(line)]
     for words, own, target in (("outside", beyond, True), ("outside, those within noise of a name", None, False)):
@@ -150,20 +150,20 @@ def _outside(lines: Sequence[Line]) -> list[Check]:
 
 
 def _is_series_of_its_variable(line: Line) -> bool:
-    """Whether all that was named is a short series, which stands for any smooth law, of a variable of the effect."""
+    """Test whether all that was named is a short series, for any smooth law, of a variable of the effect."""
     true = {(e["joint"], v.rpartition(".")[2]) for e in line["effects"] for v in e["variables"]}
     named = {(name, joint) for members in line["said"]["sets"] for name, joint in members}
     return all(effect(name).series and (joint, _variable(name)) in true for name, joint in named)
 
 
 def _variable(name: str) -> str:
-    """The signal of an effect as laws name it: its own position is that of its piston."""
+    """Return the signal of an effect as laws name it: its own position is that of its piston."""
     variable = effect(name).variable
     return "piston_position" if variable == "joint_position" else variable.rpartition(".")[2]
 
 
 def _named_for_sure(line: Line) -> bool:
-    """Whether a name was given half the probability or more; one without a probability was."""
+    """Test whether a name was given half the probability or more; one without a probability was."""
     names = {(name, joint) for members in line["said"]["sets"] for name, joint in members}
     stated = reliability.alternatives(line["said"])
     known = [p for own in stated for name, joint, p in own if (name, joint) in names]
@@ -171,7 +171,7 @@ def _named_for_sure(line: Line) -> bool:
 
 
 def untellable(line: Line) -> list[dict[str, Any]]:
-    """Catalogue effects, other than the true one, that a case's data cannot tell from it."""
+    """List catalogue effects, other than the true one, that a case's data cannot separate from it."""
     true = {(e["id"], e["reported"]) for e in line["effects"]}
     known = line.get("apart") or {}
     near = [r for r in known.get("rivals", ()) if r["beyond"] < TELLABLE]
@@ -179,7 +179,7 @@ def untellable(line: Line) -> list[dict[str, Any]]:
 
 
 def inseparable(lines: Sequence[Line]) -> list[str]:
-    """Pairs that the data cannot tell apart: how many cases, how far apart, and how they were said."""
+    """List pairs that the data cannot separate: number of cases, distance, and their report."""
     table: dict[tuple[str, str], list[tuple[Line, dict[str, Any]]]] = {}
     for line in lines:
         if line["kind"] not in ("large", "medium", "small") or "said" not in line:
@@ -208,7 +208,7 @@ def _number(name: str, value: float, bound: Any, target: float) -> Check:
 
 
 def coverage(lines: Sequence[Line]) -> list[Check]:
-    """Share of 95 % intervals that hold the truth, per kind of parameter; all together against the target.
+    """Compute the share of 95 % intervals that hold the truth, per kind of parameter; all against the target.
 
     Parameters of one case share its noise, so the printed interval of the share is a little too narrow.
     """
@@ -228,7 +228,7 @@ def coverage(lines: Sequence[Line]) -> list[Check]:
 
 
 def confusion(lines: Sequence[Line]) -> list[str]:
-    """Counts of results by class."""
+    """Count results by class."""
     kinds = [kind for kind in KINDS if any(line["kind"] == kind for line in lines)]
     results = [r for r in (*RESULTS, "made", "not made") if any(line["result"] == r for line in lines)]
     rows = [f"{'':11s}" + "".join(f"{r:>13s}" for r in results) + f"{'surplus':>13s}{'all':>7s}"]
@@ -242,7 +242,7 @@ def confusion(lines: Sequence[Line]) -> list[str]:
 
 
 def by_effect(lines: Sequence[Line]) -> list[str]:
-    """Counts of results by true effect (single effects only)."""
+    """Count results by true effect (single effects only)."""
     table: dict[str, Counter[str]] = {}
     for line in lines:
         if len(line.get("effects", ())) == 1:
@@ -254,8 +254,8 @@ def by_effect(lines: Sequence[Line]) -> list[str]:
 
 
 def found_against_size(lines: Sequence[Line], measured: bool = False) -> list[dict[str, float]]:
-    """Per bin of lambda: how many effects of the catalogue were named (alone or in a set), how many were at least
-    located (a set or a law at the right joint), and what theory says of the same sizes.
+    """Count per bin of lambda the effects of the catalogue that were named (alone or in a set), those at least located
+    (a set or a law at the right joint), and compute what theory gives for the same sizes.
 
     ``measured``: lambda in the noise that a fit is left with, for the cases where it is known.
     """
@@ -286,20 +286,20 @@ def found_against_size(lines: Sequence[Line], measured: bool = False) -> list[di
 
 
 def redrawn(lines: Sequence[Line]) -> list[str]:
-    """Draws that were given up, by effect."""
+    """Count draws that were given up, by effect."""
     counts: Counter[str] = Counter(r["id"] for line in lines for r in line.get("redrawn", ()))
     return [f"{effect} {n}" for effect, n in counts.most_common()]
 
 
 def truth_text(line: Line) -> str:
-    """The true effects of a case in a few words."""
+    """Describe the true effects of a case in a few words."""
     return (
         " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())) or "-"
     )
 
 
 def said_text(line: Line) -> str:
-    """What was said, in a few words."""
+    """Describe what was found, in a few words."""
     said = line.get("said")
     if said is None:
         return str(line.get("error", "-"))
@@ -309,7 +309,7 @@ def said_text(line: Line) -> str:
 
 
 def case_text(line: Line) -> str:
-    """A case in one line."""
+    """Describe a case in one line."""
     surplus = "+surplus" if line.get("surplus") else ""
     seconds = line.get("seconds", line.get("make_seconds", 0.0))
     head = f"{line['kind']}:{line['number']:<4d} {line.get('arm', ''):12s} {line['result'] + surplus:16s}"
@@ -317,7 +317,7 @@ def case_text(line: Line) -> str:
 
 
 def text(lines: Sequence[Line]) -> list[str]:
-    """Everything but the single cases, for people."""
+    """Write everything but the single cases, for people."""
     rows = ["", *confusion(lines)]
     wrong = [line for line in lines if line.get("wrong_alone") or line["result"] in ("accused", "wrong set", "error")]
     if wrong:
@@ -351,7 +351,7 @@ def text(lines: Sequence[Line]) -> list[str]:
 
 
 def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
-    """Cases of both runs that came out differently."""
+    """List cases of both runs that came out differently."""
 
     def outcome(line: Line) -> tuple[Any, ...]:
         return line["result"], line.get("surplus", 0), said_text(line)

@@ -34,11 +34,11 @@ class Verdict:
 def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     """Compare one case.
 
-    ``right``: named, alone, at its joint (of pairs: both). ``in set``: it stands in a set with others, which may be
-    an effect of no catalogue (a law said with the names that it may be). ``unexplained``: a law, no such name.
+    ``right``: named, alone, at its joint (of pairs: both). ``in set``: it is in a set with others, which may be
+    an effect of no catalogue (a law with the names that it may be). ``unexplained``: a law, no such name.
     ``silent``: nothing. ``wrong``: a name alone that is not there; ``wrong set``: a set without it. Of pairs,
-    ``partly`` is one of two. Nothing missing: ``right`` if nothing was said, else ``accused``. Outside the
-    catalogue: ``right`` if only laws were said, all at the right joint and one of them in a variable that shows the
+    ``partly`` is one of two. Nothing missing: ``right`` if nothing was found, else ``accused``. Outside the
+    catalogue: ``right`` if only laws were found, all at the right joint and one of them in a variable that shows the
     effect, or an effect of no catalogue is at least as probable there as not; ``elsewhere`` if joint or variable
     differ; any name is ``wrong``.
     """
@@ -80,6 +80,6 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
 
 
 def _beside_laws(said: Said) -> list[set[Place]]:
-    """Names that are said beside each law: what it may be, if it is no unknown effect."""
+    """Return the names found beside each law: what it may be, if it is no unknown effect."""
     laws = set(said.laws)
     return [{(name, joint) for name, joint, _ in own[1:]} for own in said.stated if own and own[0][:2] in laws]

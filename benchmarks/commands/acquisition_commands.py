@@ -20,7 +20,7 @@ def faults(
         bool, typer.Option("--real-time", help="At the wall's clock instead of in lockstep, on a quiet computer.")
     ] = False,
 ) -> Outcome:
-    """Every fault at random moments: what is lost, what is wrong, how soon it is over."""
+    """Cause every fault at random moments: what is lost, what is wrong, how soon it is over."""
     from benchmarks.acquisition.bus_rows import names, run_rows
     from benchmarks.acquisition.faults import run, scripts
 
@@ -41,7 +41,7 @@ def channels(
     machines: Annotated[str, typer.Option(help="Numbers of machines at once, rising, with commas.")] = "1,4,8,12",
     seconds: Annotated[float, typer.Option(help="Length of each run.", min=2)] = 20.0,
 ) -> Outcome:
-    """How many machines of 40 channels at 50 Hz one computer carries, and what each costs."""
+    """Count the machines of 40 channels at 50 Hz that one computer carries, and what each costs."""
     from benchmarks.acquisition.channels import run
 
     return run([int(number) for number in rising("--machines", machines, "1,4,8")], seconds, show)
@@ -53,7 +53,7 @@ def soak(
     minutes: Annotated[float, typer.Option(help="How long.", min=0.5)] = 60.0,
     seed: Annotated[int, typer.Option(help="Of which fault comes when.")] = 0,
 ) -> Outcome:
-    """Hours of faults one after another: nothing lost, memory flat."""
+    """Cause hours of faults one after another: nothing lost, memory flat."""
     from benchmarks.acquisition.soak import run
 
     return run(minutes, seed, show)

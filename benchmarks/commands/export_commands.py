@@ -17,7 +17,7 @@ def regressor(
     samples: Annotated[int, typer.Option(help="States at which the regressor is computed.", min=1)] = 10_000,
     repeats: Annotated[int, typer.Option(help="Times that each is timed; the shortest counts.", min=1)] = 15,
 ) -> Outcome:
-    """Time of the regressor beside a Pinocchio loop."""
+    """Time the regressor beside a Pinocchio loop."""
     from benchmarks.exports.regressor import regressor as run
     from daq.machine.machine_file import load_machine
 
@@ -30,7 +30,7 @@ def model(
     samples: Annotated[Path | None, typer.Option(help="Directory of the sample cases.")] = None,
     data: Annotated[Path | None, typer.Option(help="Directory of the measured data.")] = None,
 ) -> Outcome:
-    """Exports against the model, C beside Pinocchio, and what the 95 % band is worth."""
+    """Check exports against the model, C beside Pinocchio, and the coverage of the 95 % band."""
     from benchmarks.exports.model import run
     from benchmarks.measured import DATA
     from benchmarks.samples import SAMPLES
@@ -46,7 +46,7 @@ def uses(
         float, typer.Option(help="Hours of motion and rest in turn that false alarms are counted in.", min=0.02)
     ] = 24.0,
 ) -> Outcome:
-    """Feedforward, simulation, overload, payload and energy, with closed loops on the simulated machine."""
+    """Test feedforward, simulation, overload, payload and energy, closed loops on the simulated machine."""
     from benchmarks.exports.uses import run
 
     return run(seed, hours, show)

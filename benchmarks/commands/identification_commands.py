@@ -27,7 +27,7 @@ def samples(
     ] = None,
     only: Annotated[str | None, typer.Option(help="Only this case.")] = None,
 ) -> Outcome:
-    """What the identification says of the sample recordings of an independent plant."""
+    """Identify the sample recordings of an independent plant."""
     from benchmarks.samples import CASES, SAMPLES
     from benchmarks.samples import samples as run
 
@@ -40,7 +40,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Of the plant's noise and of the motions.")] = 1,
     seconds: Annotated[float, typer.Option(help="Length of each recording in machine time.", min=20.0)] = 40.0,
 ) -> Outcome:
-    """The demonstration: cycles, rate, effect found, error before and after."""
+    """Check the demonstration: cycles, rate, effect found, error before and after."""
     from benchmarks.demonstration import demonstration
 
     return demonstration(seed, seconds)
@@ -56,7 +56,7 @@ def stages(
         float | None, typer.Option(help="Noise of both position sensors in rad and m instead of good ones'.", min=0.0)
     ] = None,
 ) -> Outcome:
-    """Two stages against one, and what the intervals of parameters are worth, on simulated arms."""
+    """Compare two stages with one, and intervals of parameters with the truth, on simulated arms."""
     from benchmarks.stages import stages as run
 
     return run(count, seed, _arms(arm), encoder_std, show)
@@ -71,7 +71,7 @@ def speed(
     no_loop: Annotated[bool, typer.Option("--no-loop", help="Leave the run with the loop out.")] = False,
     valves: Annotated[bool, typer.Option("--valves", help="Time that of a crane's valves, and nothing else.")] = False,
 ) -> Outcome:
-    """Time and memory of an identification, and how they grow with the recording."""
+    """Measure time and memory of an identification, and how they grow with the recording."""
     if valves:
         one_blas_thread()
         from benchmarks.valve.timing import timed
@@ -98,7 +98,7 @@ def long(
     ] = 120.0,
     seed: Annotated[int, typer.Option(help="Of arm, motions and noise.")] = 3,
 ) -> Outcome:
-    """Hours of recordings with the loop: time, memory, and what it names."""
+    """Identify hours of recordings with the loop: time, memory, and what it names."""
     from benchmarks.long import long as run
 
     return run(rising("--minutes", minutes, "10,30,60"), effect_minutes, seed=seed, show=show)
@@ -111,7 +111,7 @@ def excitation(
     seed: Annotated[int, typer.Option(help="Of the arm and of the search.")] = 0,
     long_runs: Annotated[int, typer.Option(help="Long searches that make the yardstick.", min=1)] = 20,
 ) -> Outcome:
-    """Time of a motion design with every limit, and its condition number beside long searches."""
+    """Time a motion design with every limit; compare its condition number with long searches."""
     from benchmarks.excitation import run
 
     return run(_arms(arm), seed, long_runs, show)
@@ -124,7 +124,7 @@ def measured(
     page: Annotated[Path | None, typer.Option(help="Write the page with before and after here (Markdown).")] = None,
     only: Annotated[str | None, typer.Option(help="Only this machine.")] = None,
 ) -> Outcome:
-    """Identification and loop on measured machines, beside published numbers."""
+    """Run identification and loop on measured machines, beside published numbers."""
     from benchmarks.measured import DATA, MACHINES, run
 
     chosen("--only", only, MACHINES, "is no measured machine; one of")
@@ -139,7 +139,7 @@ def mistakes(
     seed: Annotated[int, typer.Option(help="Of the machines, motions and mistakes.")] = 0,
     only: Annotated[str | None, typer.Option(help="Part of a mistake's name.")] = None,
 ) -> Outcome:
-    """People's mistakes on random machines: what the checks call them, and whom they accuse."""
+    """Make people's mistakes on random machines: what the checks call them, and whom they accuse."""
     from benchmarks.measured import DATA
     from benchmarks.mistakes import MISTAKES
     from benchmarks.mistakes.running import run
@@ -156,7 +156,7 @@ def paper(
     data: Data = None,
     page: Annotated[Path | None, typer.Option(help="Write the page here (Markdown), figures beside it.")] = None,
 ) -> Outcome:
-    """The claims that hilfit began with, made again in kind: 78 to 18, cylinders, errors, two stages or one."""
+    """Make the claims that hilfit began with again in kind: 78 to 18, cylinders, errors, two stages or one."""
     from benchmarks.measured import DATA
     from benchmarks.paper import run
 

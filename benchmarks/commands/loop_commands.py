@@ -89,7 +89,7 @@ def attribution(
         Path | None, typer.Option(help="Draw stated probabilities against what is right, as PNG.")
     ] = None,
 ) -> Outcome:
-    """How often the loop is right on random arms, effects, joints and sizes."""
+    """Count how often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
     from benchmarks.attribution import reliability, summary
     from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
@@ -136,7 +136,7 @@ def mismatch(
     seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Results, a line each.")] = None,
 ) -> Outcome:
-    """How often what bends one of two position sensors is named right: many cases, without the efforts' search."""
+    """Count right names of what bends one of two position sensors: many cases, without the efforts' search."""
     one_blas_thread()
     from benchmarks.attribution.mismatch import CLASSES, case_text, checks, run
 
@@ -153,7 +153,7 @@ def mismatch(
 
 
 def _key(case: str, seed: int) -> CaseKey:
-    """``CLASS:NUMBER`` as a case of a seed."""
+    """Parse ``CLASS:NUMBER`` as a case of a seed."""
     from benchmarks.attribution.recipe import KINDS, CaseKey
 
     kind, _, number = case.partition(":")
@@ -174,7 +174,7 @@ def resolve(
     seconds: Length = 60.0,
     bootstrap: Replicas = None,
 ) -> Outcome:
-    """Ambiguous cases: how many end in the single right name after designed motions."""
+    """Resolve ambiguous cases: how many end in the single right name after designed motions."""
     one_blas_thread()
     from benchmarks.attribution import resolving
     from fitting.loop.session import Options

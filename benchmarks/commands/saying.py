@@ -19,7 +19,7 @@ BENCHMARKS: dict[str, Callable[..., None]] = {}
 
 
 def benchmark(run: Callable[..., Outcome]) -> Callable[..., Outcome]:
-    """Make ``hilfit bench NAME`` of a function of that name; its docstring says what it shows.
+    """Make ``hilfit bench NAME`` of a function of that name; its docstring is its help.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def chosen(option: str, value: str | None, names: Sequence[str], what: str) -> N
 
 
 def directory(path: Path | None, usual: Path, what: str) -> Path:
-    """A directory that was given and is there, or the usual one."""
+    """Return a directory that was given and is there, or the usual one."""
     if path is not None and not path.is_dir():
         raise InputError(f"{path}: no such directory; give {what}")
     return path or usual
 
 
 def rising(option: str, text: str, example: str) -> list[float]:
-    """Rising numbers of at least 1 from a text with commas."""
+    """Parse rising numbers of at least 1 from a text with commas."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

@@ -25,7 +25,7 @@ def service(
         int, typer.Option(help="Busy processes of ordinary priority beside all of it.", min=0, max=32)
     ] = 0,
 ) -> Outcome:
-    """Tablets, readers and uploads at the service while numerical work runs: latency, cycles lost."""
+    """Load the service with tablets, readers and uploads while numerical work runs: latency, cycles lost."""
     from benchmarks.service.service import run
 
     return run(tablets, rate, uploads, seconds, strangers, show)
@@ -44,7 +44,7 @@ def page(
     only: Annotated[str | None, typer.Option(help="With --pictures: only this view.")] = None,
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
 ) -> Outcome:
-    """The page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
+    """Load the page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
     from benchmarks.page import measuring
     from benchmarks.page.browser import Tablet
     from benchmarks.page.pictures import PRESSED, VIEWS
@@ -66,7 +66,7 @@ def storm(
     kills_only: Annotated[bool, typer.Option(help="No full disk, no read-only store, no jumps of the clock.")] = False,
     apart: Annotated[bool, typer.Option(help="Workers on hosts that share only PostgreSQL and S3 with it.")] = False,
 ) -> Outcome:
-    """kill -9 of servers, workers, stages and acquisitions: nothing lost, nothing twice."""
+    """Kill servers, workers, stages and acquisitions with -9: nothing lost, nothing twice."""
     from benchmarks.storm.run import run
 
     chosen("--database", database, DATABASES, "write one of")
@@ -85,7 +85,7 @@ def throughput(
     ] = "1,2,4",
     jobs: Annotated[int, typer.Option(help="Identifications per worker.", min=1, max=50)] = 4,
 ) -> Outcome:
-    """Identifications per hour with several workers on PostgreSQL, and how well they share the work."""
+    """Measure identifications per hour with several workers on PostgreSQL, and how they share the work."""
     from benchmarks.service.throughput import run
 
     counts = [int(part) for part in workers.split(",") if part.strip().isdigit()]
@@ -103,7 +103,7 @@ def fleet(
     machines: Annotated[int, typer.Option(help="Recalibrated in one night; 0: none.", min=0, max=1000)] = 1000,
     arms: Annotated[int, typer.Option(help="Different ones among them, all of which are fitted.", min=1)] = 30,
 ) -> Outcome:
-    """Workers on other hosts that share only database and storage: cut off, killed, and a night of recalibrations."""
+    """Test workers on other hosts with shared database and storage: cut off, killed, a night of recalibrations."""
     from benchmarks.fleet import night, run
 
     parts = [run.run(jobs, cut, every, show)] if jobs else []

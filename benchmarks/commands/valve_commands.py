@@ -30,7 +30,7 @@ def valve(
         bool, typer.Option("--watch", help="Instead: the monitor on healthy machines, and after changes.")
     ] = False,
 ) -> Outcome:
-    """Edges, delay, effects and inverse of valves on a bench, a crane and an excavator, drawn at random."""
+    """Identify edges, delay, effects and inverse of valves on a bench, a crane and an excavator, at random."""
     one_blas_thread()
     if watch:
         return _watched(cases, seed, output, show)

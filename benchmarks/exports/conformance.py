@@ -51,7 +51,7 @@ _FORWARD_S = 0.2
 
 
 def octave() -> str | None:
-    """GNU Octave, None where it is not installed."""
+    """Find GNU Octave, None where it is not installed."""
     return shutil.which("octave-cli") or shutil.which("octave")
 
 
@@ -93,7 +93,7 @@ class Conformance:
         self.name, self.joints = identifier(model.machine.name), q.shape[1]
 
     def differences(self, to: str) -> dict[str, float]:
-        """Of each answer in a format the largest difference, as a share of the model's largest."""
+        """Compute for each answer in a format the largest difference, as a share of the model's largest."""
         answers: Mapping[str, Answers] = {to: getattr(self, to)()} if to != "fmu" else self.fmu()
         return {
             f"{kind} {what}": float(np.max(np.abs(found - right)) / max(np.max(np.abs(right)), 1e-300))
@@ -102,7 +102,7 @@ class Conformance:
         }
 
     def given(self, function: str, moved: Sequence[Any] | None = None, memory: Any = None) -> list[Any]:
-        """Arguments of a function in their order: rows, or one row; those of the moments if None."""
+        """Return arguments of a function in order: rows, or one row; those of the moments if None."""
         q, qd, qdd, t = self.moments if moved is None else moved
         known = {"q": q, "qd": qd, "qdd": qdd, "t": 0.0 * t if function == "friction" else t, "memory": memory}
         known |= {"dt": 1.0 / self.model.machine.rate_hz, "temperature": self.oil + 0.0 * t}
@@ -118,7 +118,7 @@ class Conformance:
         }
 
     def _paired(self, answers: Answers) -> dict[str, tuple[FloatArray, FloatArray]]:
-        """Answers beside what is right; an answer to inputs of its own brings that along."""
+        """Pair answers with what is right; an answer to inputs of its own brings that along."""
         pairs = {what: (own, answers.get(f"right.{what}", self.right.get(what))) for what, own in answers.items()}
         found = {what: (own, right) for what, (own, right) in pairs.items() if right is not None}
         missing = [
@@ -129,7 +129,7 @@ class Conformance:
         return found
 
     def python(self) -> Answers:
-        """The module, on all rows at once."""
+        """Call the module, on all rows at once."""
         export_model(self.model, "python", self.folder / "arm.py")
         own: dict[str, Any] = {}
         exec((self.folder / "arm.py").read_text(encoding="utf-8"), own)
@@ -146,7 +146,7 @@ class Conformance:
         return found | self._walked(rows)
 
     def c(self) -> Answers:
-        """The compiled source, after its own self-test."""
+        """Run the compiled source, after its own self-test."""
         folder, name, n = self.folder / "c", self.name, self.joints
         export_model(self.model, "c", folder)
         _run(["cc", *STRICT, "-o", "selftest", f"{name}.c", f"{name}_selftest.c", "-lm"], folder)
@@ -177,12 +177,12 @@ class Conformance:
         return found | self._walked(walked)
 
     def _walked(self, rows: list[Any]) -> Answers:
-        """Answers of a motion, moment by moment: efforts of joints and drives, pressures."""
+        """Compute answers of a motion, moment by moment: efforts of joints and drives, pressures."""
         names = [what for what in self.right if what.startswith("walk.")]
         return dict(zip(names, np.array(rows).transpose(1, 0, 2), strict=True))
 
     def st(self) -> Answers:
-        """The text, moment by moment, by an interpreter of the language's grammar."""
+        """Run the text, moment by moment, by an interpreter of the language's grammar."""
         export_model(self.model, "st", self.folder / "arm.st")
         library = Library((self.folder / "arm.st").read_text(encoding="utf-8"))
         words, memory = {"t": "t_s", "dt": "dt_s"}, [0.0] * self.memory
@@ -210,7 +210,7 @@ class Conformance:
         return found | self._walked(said)
 
     def matlab(self) -> Answers:
-        """The function file under GNU Octave."""
+        """Run the function file under GNU Octave."""
         judge, n = octave(), self.joints
         assert judge is not None
         export_model(self.model, "matlab", self.folder / f"{self.name}.m")
@@ -242,7 +242,7 @@ class Conformance:
         return {what: np.loadtxt(self.folder / f"{what}.out", delimiter=",", ndmin=2) for what in self.right}
 
     def fmu(self) -> dict[str, Answers]:
-        """Both units in both ways, on the motion; each is right about the inputs that fmpy says it gave."""
+        """Run both units in both ways on the motion; each is right about the inputs that fmpy reports."""
         done = export_model(self.model, "fmu", self.folder / "fmu")
         return {
             f"FMI {version} {kind}": self._unit(path, kind)
@@ -251,7 +251,7 @@ class Conformance:
         }
 
     def forward(self) -> dict[str, float]:
-        """Motions under held efforts, in C and as units: largest difference from the simulation's positions and speeds.
+        """Compare motions under held efforts, in C and as units: largest difference from the simulation's q and qd.
 
         As a share of what each goes through; of a model that can move.
         """
@@ -335,7 +335,7 @@ class Conformance:
         return answers | {f"right.{word}": right[word] for word in outputs}
 
     def _of(self, model: ArmModel, moved: Moved, names: Mapping[str, str] | None = None) -> Answers:
-        """Efforts and pressures of a motion by the model, under the names of the functions or of the outputs."""
+        """Compute efforts and pressures of a motion by the model, named as functions or outputs."""
         found = motion.on_motion(model, *moved, temperature=self.oil)
         head, rod = motion.pressures_of(found)
         says = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}

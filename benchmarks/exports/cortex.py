@@ -40,7 +40,7 @@ class _Ran:
 
 
 def cortex(name: str, model: ArmModel) -> list[Check]:
-    """Checks of one model; one that says why not where the tools are absent."""
+    """Check one model; return a check with the reason where the tools are absent."""
     if shutil.which(COMPILER) is None or shutil.which(MACHINE) is None:
         how = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         return [Check(f"{name}: Cortex-M4F", None, f"{COMPILER} or {MACHINE} is missing ({how})")]

@@ -104,12 +104,12 @@ double many(const double *rows, int count, int times)
 
 
 def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outcome:
-    """All checks.
+    """Run all checks.
 
     Parameters
     ----------
     samples, data : folders with the sample cases and the measured data; what is not there is noted and skipped
-    show : told what is being worked on
+    show : called with what is being worked on
     """
     checks: list[Check] = []
     notes: list[str] = []
@@ -127,7 +127,7 @@ def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outc
 
 
 def conforms(name: str, model: ArmModel) -> list[Check]:
-    """Every format that can be run against the model: the largest difference of all answers."""
+    """Check every format that can be run against the model: the largest difference of all answers."""
     checks = []
     for to, (possible, why) in NEEDS.items():
         if not possible():
@@ -142,7 +142,7 @@ def conforms(name: str, model: ArmModel) -> list[Check]:
 
 
 def _forward(name: str, model: ArmModel) -> Check:
-    """Motion from efforts, in C and as units, beside the simulation."""
+    """Compare motion from efforts, in C and as units, with the simulation."""
     possible, why = NEEDS["c"]
     what = f"{name}: motion in C and as units against simulate"
     if not possible():
@@ -156,7 +156,7 @@ def _forward(name: str, model: ArmModel) -> Check:
 def made_up(
     twists: Sequence[float] | None, effects: Sequence[tuple[str, int | None, dict[str, float], float]]
 ) -> ArmModel:
-    """The demonstration's arm, with twist angles in rad if given, and numbers of its size; effects in it."""
+    """Make the demonstration's arm, with twist angles in rad if given, numbers of its size and effects."""
     machine = load_machine(Path(sim_backends.__file__).parent / "machines" / "folding_arm.yaml")
     if twists is not None:
         joints = [
@@ -199,7 +199,7 @@ def made_up(
 
 
 def _exports(name: str, model: ArmModel) -> list[Check]:
-    """Tables, engines and times on states that no file holds."""
+    """Check tables, engines and times on states that no file holds."""
     q, qd, qdd, _ = states(model, 400)
     links = np.asarray(base_regressor(model.arm, model.base, q, qd, qdd) @ model.theta[model.parameters.base_slice])
     checks = []
@@ -215,7 +215,7 @@ def _exports(name: str, model: ArmModel) -> list[Check]:
 
 
 def _compiled(model: ArmModel, folder: Path) -> tuple[ctypes.CDLL, int] | None:
-    """The C as a library, with a loop around it, and the size of its object file; None without a compiler."""
+    """Compile the C as a library, with a loop around it; return its object size too; None without a compiler."""
     compiler, name, n = shutil.which("cc"), identifier(model.machine.name), len(model.joints)
     if compiler is None:
         return None
@@ -236,7 +236,7 @@ def _engines(
     links: FloatArray,
     library: ctypes.CDLL | None,
 ) -> list[Check]:
-    """URDF in Pinocchio and MJCF in MuJoCo against the links, and Pinocchio's time beside C's."""
+    """Check URDF in Pinocchio and MJCF in MuJoCo against the links, and Pinocchio's time beside C's."""
     checks = []
 
     def differs(what: str, found: FloatArray) -> None:
@@ -268,7 +268,7 @@ def _engines(
 def _time(
     name: str, library: ctypes.CDLL, pinocchio: ModuleType, arm: Any, state: tuple[FloatArray, FloatArray, FloatArray]
 ) -> Check:
-    """Time of a call of the C, in a loop of C, beside that of Pinocchio's, less what a call from Python costs."""
+    """Time a call of the C, in a loop of C, beside Pinocchio's, less what a call from Python costs."""
     rows = np.ascontiguousarray(np.hstack(state))
     pointer, count = rows.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), len(rows)
     scratch, (q, qd, qdd) = arm.createData(), (values[0].copy() for values in state)
@@ -299,7 +299,7 @@ def _module(name: str) -> ModuleType | None:
 
 
 def _trials(samples: Path, data: Path) -> tuple[dict[str, Trial], list[tuple[str, Path]]]:
-    """Machine and recordings by name, and what was looked for in vain."""
+    """Collect machine and recordings by name, and what was not found."""
     found: dict[str, Trial] = {}
     missing = []
     for case in (*CASES, *LAWS):
@@ -324,7 +324,7 @@ def _trials(samples: Path, data: Path) -> tuple[dict[str, Trial], list[tuple[str
 
 
 def handed_over(name: str, trial: Trial) -> ArmModel:
-    """The model of a trial, with the effects that are there or the law that stands for them."""
+    """Return the model of a trial, with the effects that are there or the law in their place."""
     session = Session(*trial, Options(loop=False))
     terms = [Term(effect(own), joint, shape) for own, joint, shape in CASES.get(name, ())]
     if name in LAWS:
@@ -343,7 +343,7 @@ def handed_over(name: str, trial: Trial) -> ArmModel:
 
 
 def _band(name: str, trial: Trial, model: ArmModel) -> list[Check]:
-    """Share of the held-out samples that lie in the 95 % band, and its width over what the errors are."""
+    """Check the share of held-out samples in the 95 % band, and its width over what the errors are."""
     found = [predict(model, own) for own in trial[1] if own.role == "validate"]
     inside = np.sum([own.coverage * own.moving.sum(axis=0) for own in found], axis=0)
     shares = inside / np.sum([own.moving.sum(axis=0) for own in found], axis=0)
@@ -371,7 +371,7 @@ def _band(name: str, trial: Trial, model: ArmModel) -> list[Check]:
 
 
 def _moves(name: str, model: ArmModel) -> list[Check]:
-    """Motions and links of a model, or a refusal in one line; and of the nearest that can move in any case."""
+    """Check motions and links of a model, or one line of refusal; and of the nearest movable one."""
     middle = np.array([np.mean(joint.limits.position) for joint in model.machine.joints])
     held = motion.gravity(model, middle)[0]
 

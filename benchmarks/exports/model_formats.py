@@ -17,7 +17,7 @@ _TABLE_POINTS = 4000
 
 
 def tables(name: str, model: ArmModel, folder: Path) -> list[Check]:
-    """Friction of every drive by its table between the rows: share of the largest value, and of the stated error."""
+    """Check drives' friction by table between rows: share of the largest value, and of the stated error."""
     done = export_model(model, "csv", folder)
     with (folder / "tables.csv").open(encoding="utf-8") as file:
         index = {row["value"]: row for row in csv.DictReader(file)}

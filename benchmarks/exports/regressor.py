@@ -56,7 +56,7 @@ def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None 
 
 
 def articulated_arm(twists: tuple[float, ...]) -> Geometry:
-    """An arm of revolute joints with the given twist angles (rad) and unequal link lengths."""
+    """Make an arm of revolute joints with the given twist angles (rad) and unequal link lengths."""
     n, flat = len(twists), not np.any(twists)
     lengths = np.linspace(0.9, 0.3, n)
     offsets = np.zeros(n) if flat else np.linspace(0.1, 0.4, n)
@@ -89,7 +89,7 @@ def articulated_arm(twists: tuple[float, ...]) -> Geometry:
 
 
 def best_time(run: Callable[[], object], repeats: int) -> float:
-    """Shortest of ``repeats`` times in seconds: what the work takes, without what else the computer did."""
+    """Time ``repeats`` runs, shortest in s: the work itself, without what else the computer did."""
     times = []
     for _ in range(repeats):
         start = time.perf_counter()
@@ -106,7 +106,7 @@ def _pinocchio() -> ModuleType | None:
 
 
 def pinocchio_loop(pinocchio: Any, geometry: Geometry, motion: FloatArray) -> Callable[[], FloatArray]:
-    """The usual loop, filling an array of shape (N, n, 10 n)."""
+    """Build the usual loop, filling an array of shape (N, n, 10 n)."""
     model = pinocchio.Model()
     parent = 0
     placement = pinocchio.SE3.Identity()

@@ -114,12 +114,12 @@ class Library:
             self._unit()
 
     def block(self, name: str) -> Block:
-        """A new instance of a function block."""
+        """Make a new instance of a function block."""
         run, kinds, start = self._blocks[name.lower()]
         return Block(run, kinds, {own: _copy(value) for own, value in start.items()})
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function, of its inputs in their order."""
+        """Return a function, of its inputs in their order."""
         own: Callable[..., Any] = self._space[f"f_{name.lower()}"]
         return own
 

@@ -77,11 +77,11 @@ class _Bench:
     def recording(
         self, number: int, seconds: float, role: str, undeclared: tuple[tuple[str, str | None, float], ...] = ()
     ) -> Recording:
-        """An ordinary recording; every number another motion."""
+        """Make an ordinary recording; every number another motion."""
         return _recorded(self.machine, self.truth, (self.seed, number), seconds, role, undeclared)
 
     def resting(self, number: int, seconds: float) -> Recording:
-        """The arm held in a pose; every number another one."""
+        """Hold the arm in a pose; every number another one."""
         rng = np.random.default_rng((self.seed, number))
         low, high = np.array([joint.limits.position for joint in self.machine.joints]).T
         pose = 0.5 * (low + high) + 0.4 * (high - low) * rng.uniform(-1.0, 1.0, len(low))
@@ -110,13 +110,13 @@ def _recorded(
 
 
 def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
-    """All checks.
+    """Run all checks.
 
     Parameters
     ----------
     seed : of everything random
     hours : of motion and rest in turn that false alarms are counted in
-    show : told what is being worked on
+    show : called with what is being worked on
     """
     show("identification")
     bench = _identified(seed)
@@ -160,12 +160,12 @@ def _motion(bench: _Bench, number: int, seconds: float) -> Motion:
 
 
 def _error(run: Run) -> FloatArray:
-    """Root mean square tracking error per joint, rad."""
+    """Compute the RMS tracking error per joint, rad."""
     return np.asarray(np.sqrt(np.mean((run.q - run.wanted) ** 2, axis=0)))
 
 
 def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], FloatArray]:
-    """Forces of the chambers by the file that ``hilfit feedforward`` writes of a motion file."""
+    """Return the chambers' forces by the file that ``hilfit feedforward`` writes of a motion file."""
     write_motion(folder / "motion.csv", program)
     found = feedforward(bench.model, read_path(bench.model, folder / "motion.csv"))
     write_feedforward(folder / "feedforward.csv", found)
@@ -192,7 +192,7 @@ def _feedforward(bench: _Bench) -> list[Check]:
 
 
 def _memory(bench: _Bench) -> list[Check]:
-    """An arm whose friction builds up over a distance after reversals, with the exported C beside its controller.
+    """Check an arm whose friction builds up over distance after reversals, exported C beside its controller.
 
     The plant's hysteresis is a force from outside, calculated from its positions. Tracking errors with the feedforward
     of the C, step by step, of the model itself, and of the model without what it remembers.
@@ -267,7 +267,7 @@ def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
 
 
 def _simulation(bench: _Bench) -> list[Check]:
-    """The controller without integrator, which has no state of its own, on the plant and on the model."""
+    """Run the controller without integrator, which has no state of its own, on plant and model."""
     program, loop = _motion(bench, 102, 6.0), _loop(bench, None, 103)
     gains = loop.gains(integral=False)
     plant = loop.follow(program, gains)
@@ -296,7 +296,7 @@ def _simulation(bench: _Bench) -> list[Check]:
 
 
 def _hits(bench: _Bench) -> list[Check]:
-    """Forces on the tip, one after the other in the closed loop with feedforward; directions at random."""
+    """Apply forces on the tip, one after the other, in the closed loop with feedforward; random directions."""
     assert bench.model.tails is not None
     limits, quality = thresholds(bench.model.tails, STATED[0]), SensorQuality()
     checks = []
@@ -339,12 +339,12 @@ def _delay(size: float, delays: FloatArray) -> Check:
 
 
 def _plane(machine: Machine) -> tuple[FloatArray, FloatArray]:
-    """Two directions across the first axis, where a force on the tip turns the arm."""
+    """Find two directions across the first axis, where a force on the tip turns the arm."""
     return np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 def _false_alarms(bench: _Bench, hours: float) -> list[Check]:
-    """Alarms in hours of motion and rest in turn, a minute each with a motion, a pose and noise of its own.
+    """Count alarms in hours of motion and rest in turn, a minute each of its own motion, pose and noise.
 
     A minute is one block for the plant (all physics steps in arrays) and one for the model; every stated rate is judged
     by the same scores. 24 h take eleven minutes of processor time.

@@ -27,12 +27,12 @@ class Host:
         self._wire, self._hidden = f"hf{_NUMBER}-{number}", hidden
 
     def command(self, words: Sequence[str]) -> list[str]:
-        """A command line as it is run there."""
+        """Return a command line as it is run there."""
         inner = 'mount -t tmpfs none "$0" && exec "$@"'
         return self.seeing_all(["unshare", "--mount", "sh", "-c", inner, str(self._hidden), *words])
 
     def seeing_all(self, words: Sequence[str]) -> list[str]:
-        """The same, but nothing is hidden."""
+        """Return the same, but nothing is hidden."""
         return ["ip", "netns", "exec", self.name, *words]
 
     def connect(self, up: bool) -> None:
@@ -54,7 +54,7 @@ class Host:
 
 @contextmanager
 def hosts(count: int, hidden: Path) -> Iterator[tuple[Host, ...]]:
-    """So many hosts; ``hidden`` is a directory of this computer that they do not see.
+    """Start so many hosts; ``hidden`` is a directory of this computer that they do not see.
 
     Raises
     ------

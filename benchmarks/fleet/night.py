@@ -131,7 +131,7 @@ def run(machines: int, arms: int, every: float, say: Show) -> Outcome:
 
 
 def _arm(number: int, made: Path) -> Machine:
-    """One arm, with the buses of the demonstration's, and its recordings of both lengths."""
+    """Make one arm, with the buses of the demonstration's, and its recordings of both lengths."""
     kind, (wired, _) = tuple(ARMS)[number % len(ARMS)], default_machine()
     drawn, _ = ARMS[kind](number)
     both = zip(drawn.channels, wired.channels, strict=False)  # nothing is read there
@@ -198,7 +198,7 @@ def _night(site: Site, order: Path, arms: list[Machine], machines: int, every: f
 
 
 def _scheduled(client: httpx2.Client, database: Database, files: DataDirectory, arm: Machine, number: int) -> None:
-    """One more machine of some arm, acquired, with a schedule that is due once a day; its file is not looked at."""
+    """Add a machine of some arm, acquired, with a schedule that is due once a day; its file is not read."""
     name = f"site-{number:04d}-{arm.name}"
     content = machine_to_yaml(arm.model_copy(update={"name": name})).encode()
     file = files.machine_file(name, 1)
@@ -216,7 +216,7 @@ def _ask(database: Database, query: str) -> list[Any]:
 
 
 def _fits(arms: list[Machine], made: Path, outputs: Path) -> float:
-    """Processor s of a fit with the loop, of whole recordings, in the process that a worker starts for all of them."""
+    """Time a fit with the loop, of whole recordings, in a worker's process for all of them, processor s."""
     orders = []
     for number, arm in enumerate(arms):
         output = outputs / str(number)
@@ -236,7 +236,7 @@ def _fits(arms: list[Machine], made: Path, outputs: Path) -> float:
 
 
 def _comparison(arms: list[Machine], made: Path, outputs: Path) -> float:
-    """Processor s of a comparison with the calibration before, which has a process of its own."""
+    """Time a comparison with the calibration before, which has a process of its own, processor s."""
     recordings = [str(made_file(made, arms[0].name, "validate", SITE_S * SHARES["validate"]))]
     of = {"model": str(outputs / "0" / MODEL_FILE), "recordings": recordings}
     request = outputs / "comparison.json"
@@ -245,7 +245,7 @@ def _comparison(arms: list[Machine], made: Path, outputs: Path) -> float:
 
 
 def _processor(command: list[str], lines: str) -> tuple[float, str]:
-    """Processor s of a process with one thread, and what it said."""
+    """Time a process with one thread, processor s; return its output too."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     done = subprocess.run(command, input=lines, capture_output=True, text=True, env=os.environ | ONE_CORE)
     if done.returncode != 0:
@@ -255,7 +255,7 @@ def _processor(command: list[str], lines: str) -> tuple[float, str]:
 
 
 def _checks(ran: Night, machines: int, fit: float, compared: float) -> Iterator[Check]:
-    """What was counted, and the sum of the module."""
+    """Check what was counted, and the sum of the module."""
     wanted = {"identification done": machines, "recalibration done": machines}
     each = (machines, machines)
     yield fact(
@@ -277,7 +277,7 @@ def _checks(ran: Night, machines: int, fit: float, compared: float) -> Iterator[
 
 
 def night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float:
-    """Hours of a night; see the module.
+    """Compute the hours of a night; see the module.
 
     Parameters
     ----------

@@ -59,10 +59,10 @@ class StillFeed:
         self.ring_name = ring_name
 
     def check(self) -> None:
-        """It never fails."""
+        """Pass; it never fails."""
 
     def statistics(self) -> AcquisitionStatistics:
-        """What it counted."""
+        """Return what it counted."""
         return AcquisitionStatistics(state="running", cycles=1)
 
 
@@ -89,17 +89,17 @@ class QuickRecorder:
         return statistics
 
     def recover(self, directory: Path) -> Mapping[Path, int]:
-        """Nothing is ever left behind: the server is not killed."""
+        """Recover nothing: nothing is ever left behind, the server is not killed."""
         return {}
 
 
 def made_file(directory: Path, machine: str, role: str, seconds: float) -> Path:
-    """Where the simulated recording of a machine is; its name ends with the number of its arm."""
+    """Locate the simulated recording of a machine; its name ends with the number of its arm."""
     return directory / f"{machine.rpartition('-')[2]}-{role}-{seconds:.0f}.parquet"
 
 
 def main(order_file: Path, worker: str | None) -> None:
-    """Run until told to stop."""
+    """Run until ordered to stop."""
     order = NightOrder(**json.loads(order_file.read_text(encoding="utf-8")))
     tomorrow = order_file.with_name("tomorrow")
     data_dir = order.data_dir if worker is None else order_file.parent / worker

@@ -130,7 +130,7 @@ def _done(client: httpx2.Client, asked: list[dict[str, str]]) -> list[dict[str, 
 
 
 def _timed(client: httpx2.Client, order: Any) -> float:
-    """Seconds of one identification, ordered when the one before is over: the median."""
+    """Time one identification, ordered when the one before is over: the median, s."""
     took = []
     for _ in range(TIMED):
         began = time.monotonic()
@@ -140,7 +140,7 @@ def _timed(client: httpx2.Client, order: Any) -> float:
 
 
 def _rate(client: httpx2.Client, order: Any) -> float:
-    """Identifications a second while there are enough of them."""
+    """Count identifications a second while there are enough of them."""
     began = time.monotonic()
     _done(client, [ordered(client, order) for _ in range(MANY)])
     return MANY / (time.monotonic() - began)
@@ -151,6 +151,6 @@ def _report(client: httpx2.Client, made: dict[str, str]) -> Any:
 
 
 def _comparable(report: Any) -> Any:
-    """A report without when it was made, and with files by their names: where they lie differs from host to host."""
+    """Strip a report of its time, and files of their folders: where they lie differs from host to host."""
     data = [part | {"file": Path(part["file"]).name} for part in report["data"]]
     return report | {"created": None, "data": data}

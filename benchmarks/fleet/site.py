@@ -87,7 +87,7 @@ class Site:
     def started(
         self, command: Sequence[str], more: Mapping[str, str] | None = None
     ) -> tuple[subprocess.Popen[str], str]:
-        """A process of the site once it is up, and what it says then."""
+        """Start a process of the site, once it is up, with its first line."""
         process = subprocess.Popen(
             command,
             stdout=subprocess.PIPE,
@@ -106,7 +106,7 @@ class Site:
         return process, line
 
     def processor(self) -> tuple[float, float]:
-        """Processor s of server and workers, those killed among them, and of their children, gone or there."""
+        """Sum processor s of server and workers, those killed among them, and of their children, gone or there."""
         hosts = [process.pid for process in (self.server, *self.workers.values()) if process is not None]
         found = [cpu_with_children_s(pid) for pid in hosts]
         living = sum(sum(cpu_with_children_s(child)) for pid in hosts for child in descendants(pid))
@@ -115,7 +115,7 @@ class Site:
 
 @contextmanager
 def new_site(count: int, say: Show) -> Iterator[Site]:
-    """A site with so many hosts for workers, of which nothing runs yet.
+    """Make a site with so many hosts for workers, of which nothing runs yet.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def end(process: subprocess.Popen[Any]) -> None:
 def kill_now_and_then(
     site: Site, places: Sequence[Host], every: float, again: Callable[[Host], None]
 ) -> Callable[[], int]:
-    """A function to be called often: every so many s it kills the next worker, which ``again`` starts; kills so far."""
+    """Return a function to call often: every so many s it kills the next worker, ``again`` starts it; count so far."""
     state = {"last": time.monotonic(), "count": 0.0}
 
     def look() -> int:
@@ -167,7 +167,7 @@ def kill_now_and_then(
 
 @contextmanager
 def s3_server(directory: Path) -> Iterator[tuple[dict[str, str], str]]:
-    """moto's S3 server with an empty bucket: the environment of whoever uses it, and a URL for storage."""
+    """Start moto's S3 server with an empty bucket: environment of its users, and a URL for storage."""
     program = shutil.which("moto_server") or os.environ.get("MOTO_SERVER")
     if program is None:
         raise AbsentError("moto_server is not installed, which stands for S3: pip install 'moto[server,s3]'")

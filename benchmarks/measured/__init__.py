@@ -156,7 +156,7 @@ def _kuka_checks(result: Ways) -> tuple[Check, ...]:
 
 
 def _beside(result: Ways) -> Check:
-    """The base that is handed out against plain least squares on a motion that neither has seen."""
+    """Compare the resulting base with plain least squares on a motion that neither has seen."""
     shown = (
         f"{result.base:.2f} % ({result.chosen}) beside {result.held_out['one_shot']:.2f} %, {100 * result.worse:+.1f} %"
     )

@@ -51,7 +51,7 @@ class Response:
     offset: float
 
     def simulated(self, u: FloatArray, start: FloatArray) -> FloatArray:
-        """The answer (N,) to a command (N,), from its first values (n,) on and nothing but commands."""
+        """Simulate the answer (N,) to a command (N,), from its first values (n,) and nothing else measured."""
         driven = recursive(self.zeros, [1.0, *np.zeros(len(self.zeros) - 1)], _pieces(self.knots, u) @ self.slopes)
         a, order = np.append(1.0, -self.poles), len(self.poles)
         state = signal.lfiltic([1.0], a, start[::-1])
@@ -61,7 +61,7 @@ class Response:
 
 
 def fitted_response(u: FloatArray, y: FloatArray, order: int = 3) -> Response:
-    """The answer ``y`` (N,) to a command (N,), of an order, by its free simulation."""
+    """Fit the answer ``y`` (N,) to a command (N,), of an order, by its free simulation."""
     knots = np.linspace(float(u.min()), float(u.max()), _PIECES + 1)
     block = np.column_stack([lagged(u, y, order, order), np.ones(len(y) - order)])
     begun = np.linalg.lstsq(block, y[order:], rcond=None)[0]
@@ -83,7 +83,7 @@ def fitted_response(u: FloatArray, y: FloatArray, order: int = 3) -> Response:
 
 
 def _pieces(knots: FloatArray, u: FloatArray) -> FloatArray:
-    """How much of a command (N,) is in each piece, counted from a command of zero, (N, pieces)."""
+    """Split a command (N,) into pieces, counted from a command of zero, (N, pieces)."""
     ends = knots.copy()
     ends[0], ends[-1] = -np.inf, np.inf
     columns = [np.clip(u, low, high) - np.clip(0.0, low, high) for low, high in pairwise(ends.tolist())]
@@ -91,7 +91,7 @@ def _pieces(knots: FloatArray, u: FloatArray) -> FloatArray:
 
 
 def evaluate(data: Path) -> float:
-    """RMS of what the fit to the first half leaves of the second, simulated from nothing but its opening."""
+    """Compute the RMS of the second half under a fit to the first, simulated from its opening alone."""
     content = io.loadmat(data / "actuator.mat")
     u, p = (np.asarray(content[name], dtype=float).ravel() for name in ("u", "p"))
     half = len(u) // 2

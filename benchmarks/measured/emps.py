@@ -66,7 +66,7 @@ class Emps:
 
 
 def files(data: Path, directory: Path) -> dict[str, Path]:
-    """Recordings as the product reads them: ``whole``, ``train``, ``repeat``, ``validate``."""
+    """List recordings as the product reads them: ``whole``, ``train``, ``repeat``, ``validate``."""
     machine = load_machine(MACHINE)
     result = {}
     for name, source, rows in (
@@ -87,7 +87,7 @@ def files(data: Path, directory: Path) -> dict[str, Path]:
 
 
 def base_model(data: Path, directory: Path) -> tuple[dict[str, float], tuple[float, float], tuple[float, float]]:
-    """Base parameters, relative errors decimated by ten, and on every sample (own motion, pulses)."""
+    """Fit base parameters; return errors decimated by ten, and on every sample (own motion, pulses)."""
     session = _whole(files(data, directory))
     stacks = _stacks(session, ())
     theta = stacks[0].fit()
@@ -95,7 +95,7 @@ def base_model(data: Path, directory: Path) -> tuple[dict[str, float], tuple[flo
 
 
 def evaluate(data: Path, directory: Path) -> Emps:
-    """The base model, the loop, and errors before and after."""
+    """Evaluate the base model, the loop, and errors before and after."""
     paths = files(data, directory)
     found = loop(MACHINE, [(role, paths[role]) for role in ROLES], directory / "emps")
     session = _whole(paths)

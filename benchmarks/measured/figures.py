@@ -34,7 +34,7 @@ _BINS = 30
 
 
 def residuals(x: FloatArray, before: FloatArray, after: FloatArray, label: str, unit: str) -> str:
-    """Residual against ``x`` before and after, side by side on one scale, with the means of equal bins."""
+    """Plot the residual against ``x`` before and after, side by side on one scale, with means of bins."""
 
     def draw(figure: Any) -> None:
         axes = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -57,7 +57,7 @@ def residuals(x: FloatArray, before: FloatArray, after: FloatArray, label: str, 
 
 
 def friction(seals: Sequence[Seal]) -> str:
-    """Friction against pressure for every seal, with standard errors and the weighted line."""
+    """Plot friction against pressure of every seal, with standard errors and the weighted line."""
 
     def draw(figure: Any) -> None:
         ax = figure.subplots()
@@ -79,7 +79,7 @@ def friction(seals: Sequence[Seal]) -> str:
 
 
 def svg(draw: Callable[[Any], None], width: float, height: float) -> str:
-    """What ``draw`` puts on a figure of so many inches, as SVG that is the same for the same numbers."""
+    """Render what ``draw`` puts on a figure of so many inches as SVG, the same for the same numbers."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure

@@ -41,7 +41,7 @@ def page(
     splits: str,
     checks: Sequence[Check],
 ) -> str:
-    """The whole page; machines that were not run are left out, ``splits`` is the table of all splits."""
+    """Write the whole page; leave out machines that were not run; ``splits``: the table of all splits."""
     parts = [_HEAD]
     if checks:
         parts.append(_checks(checks))
@@ -74,7 +74,7 @@ def _checks(checks: Sequence[Check]) -> str:
 
 
 def _code(name: str) -> str:
-    """An effect's id as code; a law in words."""
+    """Format an effect's id as code; a law in words."""
     return name if " " in name else f"`{name}`"
 
 
@@ -110,7 +110,7 @@ def _found(found: Found) -> str:
 
 
 def _left(found: Found) -> str:
-    """The strongest candidates that were not taken, with the reason."""
+    """List the strongest candidates that were not taken, with the reason."""
     taken = {(item["term"]["effect"], item["term"]["joint"]) for _, _, item, _ in found.lines}
     others = [c for c in found.candidates if (c["id"], c["joint"]) not in taken]
     strongest = sorted(others, key=lambda c: -float(c["score"]))[:3]

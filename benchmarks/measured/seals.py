@@ -139,7 +139,7 @@ def read_run(path: Path) -> _Run:
 
 
 def half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
-    """Mean force, pressure and speed of every pass through mid-stroke, (K, 3) retracting and (K, 3) extending.
+    """Average force, pressure and speed of each pass through mid-stroke, (K, 3) retracting, (K, 3) extending.
 
     The first of either is left out: the seal settles.
     """
@@ -156,7 +156,7 @@ def half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
 
 
 def readings(runs: Sequence[_Run]) -> tuple[float, tuple[Pressure, ...]]:
-    """Area in m^2 that carries the mean force, and the friction at every pressure.
+    """Find the area in m^2 that carries the mean force, and the friction at every pressure.
 
     Retracting, the tester pushes ``p A + friction``; extending, it holds ``p A - friction``.
     """
@@ -185,7 +185,7 @@ def readings(runs: Sequence[_Run]) -> tuple[float, tuple[Pressure, ...]]:
 
 
 def line(read: Sequence[Pressure]) -> tuple[float, float, float]:
-    """Weighted straight line: friction at 0 bar (N), slope (N/bar) and its standard deviation.
+    """Fit a weighted straight line: friction at 0 bar (N), slope (N/bar) and its deviation.
 
     Weights are the cycles' spread. Where the pressures scatter about the line by more than that, which is what a law
     that is not quite straight does, the standard deviation is enlarged accordingly.
@@ -202,7 +202,7 @@ def line(read: Sequence[Pressure]) -> tuple[float, float, float]:
 
 
 def machine_of(seal: str, area: float) -> Machine:
-    """The machine file with a seal's name and bore."""
+    """Make the machine file with a seal's name and bore."""
     machine = load_machine(MACHINE)
     joint = machine.joints[0]
     assert joint.cylinder is not None
@@ -259,7 +259,7 @@ def _trial(file: Path, paths: Mapping[int, Path], kept: int | None, output: Path
 
 
 def _same(term: Term) -> bool:
-    """Whether a term is the effect itself here, under another name or as a law of the same signal."""
+    """Test whether a term is the effect itself, by another name or as a law of the same signal."""
     if isinstance(term.content, Law):
         return term.content.signal in ("cylinder_force", "head_pressure")
     return term.id in ("load_dependent_friction", EFFECT)
@@ -284,7 +284,7 @@ def _written(directory: Path, machine: Machine, seal: str, bar: int, run: _Run) 
 
 
 def _errors(session: Session, terms: Sequence[Term], found: Found | None = None) -> tuple[float, float | None]:
-    """Standard deviation of the moving rows' error on the fitted recordings, and on `validate`."""
+    """Compute the deviation of the moving rows' error on the fitted recordings, and on `validate`."""
     model = refitted(session, terms, found)
     errors: dict[bool, list[FloatArray]] = {False: [], True: []}
     for index, segment in enumerate(model.design.segments):

@@ -17,7 +17,7 @@ FITTED = 0.7
 
 
 def files(name: str, data: Path, folder: Path) -> tuple[Path, list[tuple[str, Path]]] | None:
-    """Machine file and recordings by role of a set; None where its data is not there. Files are made in ``folder``."""
+    """Locate a set's machine file and recordings by role; None if its data is absent. Files are made in ``folder``."""
     place = data / FOLDERS[name]
     if not place.is_dir():
         return None
@@ -31,7 +31,7 @@ def files(name: str, data: Path, folder: Path) -> tuple[Path, list[tuple[str, Pa
 
 
 def read(name: str, data: Path, folder: Path) -> tuple[Machine, list[Recording]] | None:
-    """The same, read."""
+    """Read the same."""
     found = files(name, data, folder)
     if found is None:
         return None
@@ -40,7 +40,7 @@ def read(name: str, data: Path, folder: Path) -> tuple[Machine, list[Recording]]
 
 
 def session(name: str, data: Path, folder: Path, *, loop: bool = False) -> Session | None:
-    """A session with something to predict, with default options but for the loop; None where there is no data."""
+    """Make a session with something to predict, with default options but for the loop; None without data."""
     found = read(name, data, folder)
     if found is None:
         return None
@@ -50,12 +50,12 @@ def session(name: str, data: Path, folder: Path, *, loop: bool = False) -> Sessi
 
 
 def swapped(train: Recording, validate: Recording) -> list[Recording]:
-    """Two motions with their roles exchanged."""
+    """Exchange the roles of two motions."""
     return [replace(validate, role="train"), replace(train, role="validate")]
 
 
 def cut(recording: Recording, share: float) -> tuple[Recording, Recording]:
-    """A single recording as a training part, up to a share of its length, and a part to be predicted."""
+    """Cut a recording into a training part, up to a share of its length, and one to predict."""
     row = round(share * len(recording))
 
     def part(role: str, rows: slice) -> Recording:

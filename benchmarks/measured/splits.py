@@ -60,7 +60,7 @@ class Split:
 
 
 def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[Recording]]]:
-    """Every split of the sets that are there, by name."""
+    """Yield every split of the sets that are there, by name."""
     for name, short in (("KUKA LWR", "KUKA"), ("EMPS", "EMPS")):
         if found := sets.read(name, data, scratch):
             yield short, *found
@@ -77,7 +77,7 @@ def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[R
 
 
 def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:
-    """All splits, and a line for each that cannot be: a filter longer than the motion."""
+    """Evaluate all splits, and a line for each impossible one: a filter longer than the motion."""
     splits, refused = [], []
     for name, machine, own in recordings(data, scratch):
         for band in BANDS:
@@ -95,7 +95,7 @@ def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:
 
 
 def checks(splits: list[Split]) -> tuple[Check, ...]:
-    """What the table is held to."""
+    """Check the table against its targets."""
     worst = max(splits, key=lambda split: split.over)
     better = max(splits, key=lambda split: split.over_better)
     share = float(np.mean([s.over_better <= MOST_OVER_BETTER for s in splits]))
@@ -127,7 +127,7 @@ def _at(split: Split, value: float) -> str:
 
 
 def table(splits: list[Split], refused: list[str]) -> str:
-    """The table of the page."""
+    """Write the table of the page."""
     lines = [
         "| split | Hz | weights | least squares | possible | handed out | over least squares | over the better |",
         "|---|---|---|---|---|---|---|---|",

@@ -51,7 +51,7 @@ class Found:
         return tuple(name for name, *_ in self.lines)
 
     def in_a_set(self, effect: str) -> bool:
-        """Whether an effect was added, or stands beside an added one as one that the data cannot tell from it."""
+        """Test whether an effect was added, or is in an added one's set, inseparable by the data."""
         return any(effect == name or effect in rivals for name, _, _, rivals in self.lines)
 
 
@@ -85,7 +85,7 @@ def _called(term: Mapping[str, Any]) -> str:
 
 
 def refitted(session: Session, terms: Sequence[Term], found: Found | None = None) -> Model:
-    """Base and terms refitted jointly on a session; kinematic corrections as the loop found them."""
+    """Refit base and terms jointly on a session; kinematic corrections as the loop found them."""
     steps = [] if found is None else [s for f in found.results["residual"]["kinematics"] for s in f["steps"]]
     return final_model(session, corrections_from_json(session, steps), terms)[1].model
 
@@ -108,7 +108,7 @@ class Stack:
     keep: tuple[BoolArray, ...]
 
     def fit(self, inside: BoolArray | None = None) -> FloatArray:
-        """Ordinary least squares over the moving rows (of those ``inside``, (M,)); what is not told is zero."""
+        """Solve least squares over the moving rows (of those ``inside``, (M,)); zero where undetermined."""
         chosen = [keep if inside is None else keep & inside for keep in self.keep]
         A = np.vstack([rows[own] for rows, own in zip(self.reduced, chosen, strict=True)])
         b = np.concatenate([rows[own] for rows, own in zip(self.reduced_target, chosen, strict=True)])
@@ -116,7 +116,7 @@ class Stack:
         return np.asarray(np.linalg.lstsq(A / scale, b, rcond=1e-9)[0] / scale)
 
     def moving_error(self, theta: FloatArray, inside: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Error and effort of the moving rows in the identification band, all joints."""
+        """Compute error and effort of the moving rows in the identification band, all joints."""
         chosen = [keep if inside is None else keep & inside for keep in self.keep]
         effort = [y[own] for y, own in zip(self.reduced_target, chosen, strict=True)]
         parts = zip(self.reduced_target, self.reduced, chosen, strict=True)
@@ -124,13 +124,13 @@ class Stack:
         return np.concatenate(error), np.concatenate(effort)
 
     def every_row(self, low: Low) -> tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]:
-        """Columns and targets of all rows, standstill included, through a low-pass ``low`` that also decimates."""
+        """Stack columns and targets of all rows, standstill included, through a low-pass ``low`` that decimates."""
         columns = tuple(np.column_stack([low(column) for column in rows.T]) for rows in self.columns)
         return columns, tuple(low(y) for y in self.target)
 
 
 def stack_of(model: Model, index: int) -> Stack:
-    """The stack of one segment of a model's design, drive and base columns first, then those of its terms."""
+    """Stack one segment of a model's design, drive and base columns first, then those of its terms."""
     design = model.design
     segment = design.segments[index]
     columns, target, keep = [], [], []
@@ -152,5 +152,5 @@ def stack_of(model: Model, index: int) -> Stack:
 
 
 def relative(error: npt.ArrayLike, effort: npt.ArrayLike) -> float:
-    """``100 |error| / |effort|``, in percent: the relative error of the identification literature."""
+    """Compute ``100 |error| / |effort|``, in percent: the literature's relative error."""
     return 100.0 * float(np.linalg.norm(np.asarray(error)) / np.linalg.norm(np.asarray(effort)))

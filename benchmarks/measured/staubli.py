@@ -74,7 +74,7 @@ class Staubli:
 
 
 def recording(data: Path, directory: Path) -> Path:
-    """The recording at the rate of the machine file: low-passed without delay and decimated from 5 kHz."""
+    """Resample the recording to the machine file's rate: low-passed without delay, from 5 kHz."""
     machine = load_machine(MACHINE)
     step = round(_RECORDED_HZ / machine.rate_hz)
     kernel = signal.firwin(20 * step + 1, 0.4 * machine.rate_hz, fs=_RECORDED_HZ, window=("kaiser", 8.0))
@@ -94,19 +94,19 @@ def recording(data: Path, directory: Path) -> Path:
 
 
 def session_of(path: Path) -> Session:
-    """A session on the recording, with default options."""
+    """Make a session on the recording, with default options."""
     machine = load_machine(MACHINE)
     return Session(machine, [read_recording(path, machine, "train")])
 
 
 def base_errors(session: Session) -> tuple[int, Errors]:
-    """Number of parameters that the recording tells, and the base model's errors."""
+    """Count the parameters that the recording determines; return the base model's errors."""
     model = refitted(session, ())
     return int(np.count_nonzero(model.fit.told)), _errors(model)
 
 
 def evaluate(data: Path, directory: Path) -> Staubli:
-    """The base model, the loop, and errors before and after."""
+    """Evaluate the base model, the loop, and errors before and after."""
     path = recording(data, directory)
     found = loop(MACHINE, [("train", path)], directory / "tx40")
     session = session_of(path)
@@ -173,7 +173,7 @@ def _by_joint(model: Model, stack: Stack, theta: FloatArray) -> list[float]:
 def _friction(
     data: Path, names: Sequence[str], base_names: Sequence[str], theta: FloatArray
 ) -> tuple[tuple[str, float, float], ...]:
-    """Published drive parameters beside those found, in the published meaning.
+    """Compare published drive parameters with those found, in the published meaning.
 
     The publication gives motor 6 on joint 5 the speed of joint 6 alone and the reverse, instead of the motor's own
     speed on both; its ``fv5``, ``fv6`` and ``Ia5`` are therefore ours plus those of the motor.

@@ -79,6 +79,6 @@ def ways(name: str, session: Session) -> Ways:
 
 
 def named(violation: Mapping[str, Any]) -> str:
-    """An impossible parameter with its value."""
+    """Name an impossible parameter with its value."""
     place = f"{violation['joint']}." if violation["joint"] else ""
     return f"`{place}{violation['parameter']}` = {violation['value']:.3g} {violation['unit']}"

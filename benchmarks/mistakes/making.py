@@ -76,7 +76,7 @@ def _joint(rig: Rig, rng: Rng) -> str:
 
 
 def _heavy_joint(rig: Rig, rng: Rng, *, last: bool = True) -> str:
-    """A joint that carries enough for its sizes to be seen in the efforts: :data:`CARRIES` of the arm's largest."""
+    """Choose a joint that carries enough to show its sizes in the efforts: :data:`CARRIES` of the largest."""
     sizes = {}
     for joint in rig.machine.joints if last else rig.machine.joints[:-1]:
         assert joint.cylinder is not None
@@ -95,7 +95,7 @@ def _channel(rig: Rig, quantity: str, joint: str) -> str | None:
 
 
 def _chambers(rig: Rig, joint: str) -> tuple[str, str]:
-    """Channels of a joint's head and rod pressure."""
+    """Return the channels of a joint's head and rod pressure."""
     head, rod = (_channel(rig, quantity, joint) for quantity in PRESSURES)
     assert head is not None and rod is not None
     return head, rod
@@ -124,7 +124,7 @@ def _of(quantity: str) -> Pick:
 
 
 def changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()) -> Rig:
-    """One column changed in all (or some) recordings."""
+    """Change one column in all (or some) recordings."""
     for stem in stems or tuple(rig.tables):
         rig = rig.with_column(stem, channel, of(np.asarray(rig.tables[stem][channel])))
     return rig
@@ -138,7 +138,7 @@ def _all(rig: Rig, quantities: tuple[str, ...], of: Callable[[FloatArray], Float
 
 
 def edited(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machine | None:
-    """The machine file with an edit, if it can be read at all (else the reader names it, and that is another check)."""
+    """Edit the machine file, if it can be read at all (else the reader names it, and that is another check)."""
     import yaml
 
     content = yaml.safe_load(machine_to_yaml(machine))
@@ -152,7 +152,7 @@ def edited(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machin
 def _edited(
     rig: Rig, codes: str, *joints: str, change: Callable[[dict[str, Any]], None], words: tuple[str, ...] = ()
 ) -> Made | None:
-    """The rig with an edit of its machine file; None where that cannot be read."""
+    """Edit the rig's machine file; None where that cannot be read."""
     machine = edited(rig.machine, change)
     return None if machine is None else _made(rig, codes, *joints, machine=machine, words=words)
 
@@ -161,7 +161,7 @@ def _spoilt(
     name: str, pick: Pick, codes: str, of: Callable[[Rig, str, str, FloatArray, Rng], FloatArray],
     stems: tuple[str, ...] = (),
 ) -> None:  # fmt: skip
-    """One sensor of one joint that says ``of`` its values (rig, joint, channel, a copy of the values, chance)."""
+    """Spoil one sensor of one joint by ``of`` its values (rig, joint, channel, a copy of the values, chance)."""
 
     def make(rig: Rig, rng: Rng) -> Made | None:
         joint = _joint(rig, rng)
@@ -247,7 +247,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 
 def _swapped(rig: Rig, a: str, b: str, *stems: str) -> Rig:
-    """Two channels exchanged in some recordings, or in all."""
+    """Exchange two channels in some recordings, or in all."""
     for stem in stems or tuple(rig.tables):
         table = rig.tables[stem]
         rig = rig.with_column(stem, a, table[b]).with_column(stem, b, table[a])
@@ -341,7 +341,7 @@ _mistake("wrong pin distance")(_edit_joint("b", lambda v: 1.35 * v, "linkage eff
 
 
 def _edit_dh(key: str, of: Callable[[float], float], codes: str, leave: int = 2, named: bool = False) -> Make:
-    """A number of a link: not of the last ones, which carry too little to tell; ``named``: its joint has to be."""
+    """Edit a number of a link: not of the last ones, which carry too little; ``named``: its joint has to be."""
 
     def make(rig: Rig, rng: Rng) -> Made | None:
         inner = [k for k, joint in enumerate(rig.machine.joints[:-leave]) if abs(getattr(joint.dh, key)) > 0.3]
@@ -360,7 +360,7 @@ def _edit_dh(key: str, of: Callable[[float], float], codes: str, leave: int = 2,
 
 
 def _gravity(of: Callable[[Sequence[float]], list[float]], alone: bool = False) -> Make:
-    """Another gravity; one link that hangs is one that stands with its mass on the other side, so not ``alone``."""
+    """Change gravity; of one link only if ``alone``: hanging, it equals one with its mass opposite."""
 
     def make(rig: Rig, rng: Rng) -> Made | None:
         if rig.kind == "one" and not alone:
@@ -580,7 +580,7 @@ _mistake("link a tenth as long")(_edit_dh("a", lambda v: v / 10, "length", 3, Tr
 
 
 def _slow(rig: Rig, factor: float) -> Rig:
-    """Rows that are said to be ``factor`` times further apart than they are, in file and machine file."""
+    """Declare rows ``factor`` times further apart than they are, in file and machine file."""
     machine = rig.machine.model_copy(update={"rate_hz": rig.machine.rate_hz / factor})
     tables = {stem: {**table, "time": factor * np.asarray(table["time"])} for stem, table in rig.tables.items()}
     return replace(rig, machine=machine, tables=tables)

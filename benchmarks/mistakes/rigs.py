@@ -46,11 +46,11 @@ class Rig:
         return [joint.name for joint in self.machine.joints]
 
     def with_column(self, stem: str, channel: str, values: FloatArray) -> Rig:
-        """With one column of one recording in place of another."""
+        """Put one column of one recording in place of another."""
         return replace(self, tables={**self.tables, stem: {**self.tables[stem], channel: values}})
 
     def write(self, folder: Path, machine: Machine | None = None) -> tuple[Path, list[tuple[str, Path]]]:
-        """Machine file and recordings on disk, with their roles."""
+        """Write machine file and recordings to disk; return them with their roles."""
         assert set(next(iter(self.tables.values()))) == {"time", *(channel.name for channel in self.machine.channels)}
         files = write_tables(folder, self.machine, self.tables, ".csv")
         file = folder / "machine.yaml"
@@ -60,9 +60,9 @@ class Rig:
 
 
 def make_rig(kind: Kind, seed: int, *, effect: bool = False, parked: bool = False) -> Rig:
-    """A random machine and its recordings; with ``effect`` half of them have one of the catalogue.
+    """Make a random machine and its recordings; with ``effect`` half of them have one of the catalogue.
 
-    With ``parked`` some joints stand still in the second half of every loaded recording.
+    With ``parked`` some joints rest in the second half of every loaded recording.
 
     ``single`` has the joint's or the piston's sensor only, and no `unloaded` recording half of the time.
     """
@@ -92,7 +92,7 @@ def make_rig(kind: Kind, seed: int, *, effect: bool = False, parked: bool = Fals
 
 
 def _parked(plan: CasePlan, rng: np.random.Generator) -> CasePlan:
-    """The plan with the time of some joints (one at least) running out in the middle of each motion, smoothly."""
+    """Let the time of some joints (one at least) run out in the middle of each motion, smoothly."""
     joints = [joint.name for joint in plan.machine.joints]
     still = set(rng.choice(joints, int(rng.integers(1, len(joints) + 1)), replace=False))
     motions = {}
@@ -110,7 +110,7 @@ def _parked(plan: CasePlan, rng: np.random.Generator) -> CasePlan:
 
 
 def with_lost_rows(rig: Rig, rng: np.random.Generator) -> Rig:
-    """Single rows missing at random, from thirty to a fifth of each recording."""
+    """Drop single rows at random, from thirty to a fifth of each recording."""
     share = float(rng.choice([0.015, 0.05, 0.2]))
     tables = {}
     for stem, table in rig.tables.items():

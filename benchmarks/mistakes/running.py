@@ -52,9 +52,9 @@ class Line:
 
 
 def rightly(found: Sequence[Finding], made: Made) -> str:
-    """``right`` where the first mistake that is said is the one that was made, at its joint; else what it was.
+    """Return ``right`` where the first reported mistake is the one made, at its joint; else what it was.
 
-    ``note`` where nothing is accused, and a note says what was made: an effect of the catalogue explains as much.
+    ``note`` where nothing is accused, and a note names what was made: an effect of the catalogue explains as much.
     """
     mistakes = [own for own in found if own.severity == "mistake"]
     if not mistakes:
@@ -92,7 +92,7 @@ def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path, blem
 def _of_sound(
     machine: Machine, files: Sequence[tuple[str, Path]], found: Sequence[Finding], folder: Path, resample: bool = False
 ) -> tuple[str, str]:
-    """Whether files without a mistake were left alone, and what was said of them if not."""
+    """Test whether files without a mistake were left alone; return what was reported if not."""
     mistakes = [own for own in found if own.severity == "mistake"]
     try:
         for role, path in files:
@@ -103,7 +103,7 @@ def _of_sound(
 
 
 def measured(data: Path, folder: Path) -> Iterator[Line]:
-    """Checks on every measured machine that is there, at each rate: nothing is wrong with any."""
+    """Check every measured machine that is there, at each rate: nothing is wrong with any."""
     for name in sets.FOLDERS:
         found_files = sets.files(name, data, folder)
         if found_files is None:
@@ -168,7 +168,7 @@ def _show(line: Line, show: Show) -> None:
 
 
 def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:
-    """The numbers beside their targets."""
+    """Compare the numbers with their targets."""
     made = [line for line in lines if line.mistake is not None]
     sound = [line for line in lines if line.mistake is None]
 

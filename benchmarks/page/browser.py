@@ -33,7 +33,7 @@ class Tablet:
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """A browser.
+    """Start a browser.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def chromium() -> Iterator[Any]:
 
 @contextmanager
 def tab(browser: Any, tablet: Tablet) -> Iterator[Any]:
-    """A tab with an empty cache, as slow as ``tablet``."""
+    """Open a tab with an empty cache, as slow as ``tablet``."""
     context = browser.new_context(viewport={"width": tablet.width, "height": tablet.height})
     context.set_default_timeout(120_000)
     try:

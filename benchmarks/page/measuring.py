@@ -102,7 +102,7 @@ def run(tablet: Tablet, times: int, seconds: float, say: Show) -> Outcome:
 
 
 def _first_view(page: Any, site: Site) -> tuple[float, float]:
-    """Seconds until the page with its header is painted, and until plots and numbers are there, from the request on.
+    """Time until the page with its header is painted, and until plots and numbers are there, s from the request.
 
     It is asked over the devtools protocol: a locator of playwright puts a script of 330 kB into the page first, which
     took a tenth of a second of the slowed-down processor.
@@ -124,7 +124,7 @@ def _first_view(page: Any, site: Site) -> tuple[float, float]:
 
 
 def _floor(page: Any, drawn: bool) -> float:
-    """Share of the frames that a page without us drops: nothing that it could do better is in it."""
+    """Measure the share of frames that a page without us drops: nothing in it could be better."""
     page.goto("about:blank")
     page.evaluate(_EMPTY, drawn)
     time.sleep(_FLOOR_S)
@@ -135,7 +135,7 @@ def _floor(page: Any, drawn: bool) -> float:
 
 
 def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:
-    """What the page's own diagnostics say, the worst of the windows of ten seconds."""
+    """Read the page's own diagnostics, the worst of the windows of ten seconds."""
     page.goto(f"{site.url}/#/live")
     for part in _SHOWN:
         page.locator(part).first.wait_for()

@@ -44,7 +44,7 @@ _WIDER = "document.documentElement.scrollWidth - document.documentElement.client
 
 
 def run(target: Path, only: str | None, say: Show, language: str = "en") -> Outcome:
-    """Make them in a directory, in a language of the page; each check says that a view fits its screen."""
+    """Make them in a directory, in a language of the page; each check is that a view fits its screen."""
     pressed = PRESSED[language]
     suffix = "" if language == "en" else f"-{language}"
     target.mkdir(parents=True, exist_ok=True)

@@ -45,7 +45,7 @@ class Site:
     data_dir: Path
 
     def ask(self, method: str, path: str, content: Any = None) -> Any:
-        """One request; its JSON."""
+        """Send one request; return its JSON."""
         body = None if content is None else json.dumps(content).encode()
         headers = {} if body is None else {"Content-Type": "application/json"}
         request = urllib.request.Request(f"{self.url}{API}{path}", body, headers, method=method)
@@ -53,7 +53,7 @@ class Site:
             return json.loads(answer.read() or b"null")
 
     def wait(self, path: str, key: str, wanted: str) -> None:
-        """Until a resource says so."""
+        """Wait until a resource is ready."""
         until = time.monotonic() + START_S
         while self.ask("GET", path)[key] != wanted:
             if time.monotonic() > until:
@@ -63,7 +63,7 @@ class Site:
 
 @contextmanager
 def simulated() -> Iterator[Site]:
-    """``hilfit serve --simulate`` on a free port, once it measures."""
+    """Run ``hilfit serve --simulate`` on a free port, once it measures."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
         data = Path(directory) / "data"
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", str(data)]
@@ -79,7 +79,7 @@ def simulated() -> Iterator[Site]:
 
 
 def furnish(site: Site) -> dict[str, str]:
-    """Give a site recordings, results, calibrations, alarms and work under way; ids by what they are of.
+    """Furnish a site with recordings, results, calibrations, alarms and work; return ids by what they are of.
 
     Raises
     ------
@@ -112,7 +112,7 @@ class _Past:
 
 
 def _months(site: Site, machine: str) -> None:
-    """Five identifications over four months, of which three came into use, and what was wrong between them."""
+    """Store five identifications over four months, three of them used, and what was wrong between."""
     clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
     database = Database(site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=_quiet)
     try:
@@ -165,7 +165,7 @@ def _new(database: Database, machine: str, id: str, job: str, label: str) -> Ide
 
 
 def _under_way(database: Database, machine: str) -> None:
-    """A job that looks as one half-way does; nobody works on it, so that pictures take no processor time."""
+    """Store a job that looks half-way; nobody works on it, so that pictures take no processor time."""
     jobs = Jobs(database)
     new = _new(database, machine, "idn-under-way", UNDER_WAY, "After the seals")
     jobs.order(Identifications(database), new, "identification", STAGES)
@@ -182,11 +182,11 @@ _WRONG: tuple[tuple[float, float, str, str, Any], ...] = (
 
 
 def _quiet() -> None:
-    """Nobody waits in this process."""
+    """Return at once: nobody waits in this process."""
 
 
 def _identification(site: Site, database: Database, machine: str, id: str, report: dict[str, Any]) -> Identification:
-    """One that is done."""
+    """Make one that is done."""
     jobs = Jobs(database)
     new = _new(database, machine, id, f"job-{id}", f"Identification {id[-1]}")
     jobs.order(Identifications(database), new, "identification", STAGES)

@@ -20,12 +20,12 @@ _Z95 = 1.96
 
 
 def friction_columns(v: FloatArray) -> FloatArray:
-    """Columns (N, 3) of ``f_c``, ``f_v`` and ``f_s`` at piston speeds (N,), m/s."""
+    """Compute columns (N, 3) of ``f_c``, ``f_v`` and ``f_s`` at piston speeds (N,), m/s."""
     return np.column_stack([np.sign(v), v, np.cbrt(v)])
 
 
 def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Friction (N,) in N of stage 1 at piston speeds, its standard deviation, and the truth."""
+    """Compute stage 1's friction (N,) in N at piston speeds, its standard deviation, and the truth."""
     k = [own.names.index(name) for name in ("f_c", "f_v", "f_s")]
     B = friction_columns(v)
     std = np.sqrt(np.einsum("ni,ij,nj->n", B, own.covariance[np.ix_(k, k)], B))
@@ -33,7 +33,7 @@ def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, Floa
 
 
 def cylinders(own: ArmRun) -> str:
-    """Friction over piston speed of every cylinder: stage 1 with its 95 % band, and the truth."""
+    """Plot friction over piston speed of every cylinder: stage 1, its 95 % band, and the truth."""
 
     def draw(figure: Any) -> None:
         for ax, each in zip(figure.subplots(2, 3).flat, own.cylinders, strict=False):
@@ -54,7 +54,7 @@ def cylinders(own: ArmRun) -> str:
 
 
 def stribeck(own: StribeckRun) -> str:
-    """Friction over piston speed with a bump that the base model lacks, before and after the loop."""
+    """Plot friction with a bump that the base model lacks, before and after the loop."""
 
     def draw(figure: Any) -> None:
         ax = figure.subplots()

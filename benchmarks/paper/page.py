@@ -37,7 +37,7 @@ def write(page: Path, claims: Claims) -> None:
 
 
 def text(claims: Claims, folder: str) -> str:
-    """The page; ``folder`` has its figures."""
+    """Write the page; ``folder`` has its figures."""
     parts = [
         *_head(claims),
         *_counts(claims.shown),
@@ -117,7 +117,7 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
 
 
 def _curve_error(own: CylinderRun) -> float:
-    """Distance of a friction curve from the truth over the size of the truth, both root mean squares over the speeds."""
+    """Compute the RMS distance of a friction curve from the truth over the RMS of the truth, over the speeds."""
     v = np.linspace(-own.fastest, own.fastest, 201)
     found, _, truth = figures.curve(own, v)
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
@@ -208,7 +208,7 @@ def _change(found: Mapping[str, Any]) -> str:
 
 
 def _sides(compared: Sequence[Mapping[str, Any]], *, unloaded: bool = False) -> tuple[int, int, int]:
-    """How often the two stages are better, worse, and the same within the interval."""
+    """Count where the two stages are better, worse, and the same within the interval."""
     key = "one_shot_with_unloaded" if unloaded else "one_shot"
     intervals = [own["against"][key]["ci95_percent"] for own in compared if key in own["against"]]
     known = [interval for interval in intervals if interval is not None]

@@ -133,7 +133,7 @@ def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silen
 
 
 def arm_run(arm: Arm, seed: int) -> ArmRun:
-    """Both stages and the one-shot regression on a simulated arm without any undeclared effect."""
+    """Run both stages and the one-shot regression on a simulated arm without any undeclared effect."""
     case = simulate_case(arm, seed)
     session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
     compared, results = compare_ways(session)
@@ -161,7 +161,7 @@ def arm_run(arm: Arm, seed: int) -> ArmRun:
 
 
 def rank(machine: Machine, seed: int) -> int:
-    """Rank of the rigid-body regressor of all standard parameters, by its singular values at random states."""
+    """Compute the rank of the regressor of all standard parameters, by singular values at random states."""
     rng = np.random.default_rng([seed, 52])
     limits = np.array([joint.limits.position for joint in machine.joints])
     q = rng.uniform(limits[:, 0], limits[:, 1], (_STATES, len(limits)))
@@ -209,7 +209,7 @@ def _measured(data: Path, show: Show) -> tuple[dict[str, Mapping[str, Any]], tup
 
 
 def checks(claims: Claims) -> tuple[Check, ...]:
-    """What the page says, as numbers beside targets."""
+    """Check the page's claims, as numbers beside targets."""
     own = claims.shown
     folding = [each for each in claims.arms if each.arm == "folding"]
     counts = {each.counts for each in folding}
@@ -239,7 +239,7 @@ def checks(claims: Claims) -> tuple[Check, ...]:
 
 
 def over_floor(own: ArmRun) -> float:
-    """Root mean square over the joints of the error on ``validate`` in noise floors."""
+    """Compute the RMS over the joints of the error on ``validate`` in noise floors."""
     return float(np.sqrt(np.mean((own.unseen / own.floor) ** 2)))
 
 

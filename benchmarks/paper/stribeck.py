@@ -95,7 +95,7 @@ def _speeds(case: Case) -> FloatArray:
 
 
 def _truth(case: Case, seed: int, v: FloatArray) -> FloatArray:
-    """The plant's own friction: its cylinder's law and its own form of the bump, which is not the catalogue's.
+    """Compute the plant's own friction: its cylinder's law and its own bump, which is not the catalogue's.
 
     The declared damping is in it, as it is in what a model calls friction: whatever changes its sign with the speed.
     """
@@ -112,7 +112,7 @@ def _truth(case: Case, seed: int, v: FloatArray) -> FloatArray:
 
 
 def _friction(model: hilfit.Model, case: Case, v: FloatArray) -> FloatArray:
-    """Friction at the piston: the joint's, over its lever arm in the middle of its travel."""
+    """Convert friction to the piston: the joint's, over its lever arm in mid-travel."""
     joint = next(k for k, each in enumerate(case.machine.joints) if each.name == JOINT)
     own = case.machine.joints[joint]
     assert own.cylinder is not None

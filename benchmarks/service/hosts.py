@@ -27,7 +27,7 @@ STOP_S = 90.0
 def running(
     words: Sequence[str], log: IO[str] | int, environment: Mapping[str, str] | None = None, before: Sequence[str] = ()
 ) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """A command of hilfit, once it is up, and what its first line says; ended by SIGTERM.
+    """Run a command of hilfit, once it is up, with its first line; end it by SIGTERM.
 
     It has a session of its own, as a service has: kernels share the processor session by session (sched(7), autogroup).
 
@@ -71,13 +71,13 @@ def uploaded(client: httpx2.Client, machine: str, case: Path) -> list[dict[str, 
 
 
 def ordered(client: httpx2.Client, order: Mapping[str, Any], label: str = "") -> dict[str, str]:
-    """One more identification: its ``id`` and that of its ``job``."""
+    """Order one more identification; return its ``id`` and that of its ``job``."""
     made: dict[str, str] = client.post("/identifications", json={**order, "label": label}).raise_for_status().json()
     return made
 
 
 def wait_for_jobs(client: httpx2.Client, jobs: Sequence[str], seconds: float) -> None:
-    """Until all are done, each within so many seconds.
+    """Wait until all are done, each within so many seconds.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class PostgreSQL:
         self._count = 0
 
     def new_database(self) -> str:
-        """URL of an empty database."""
+        """Return the URL of an empty database."""
         import psycopg
 
         self._count += 1
@@ -83,7 +83,7 @@ def _free_port() -> int:
 
 
 def _let_in(data: Path, network: tuple[str, str] | None) -> str:
-    """Let a network in, where one is given; the address to listen on."""
+    """Let a network in, where one is given; return the address to listen on."""
     if network is None:
         return "127.0.0.1"
     with (data / "pg_hba.conf").open("a") as rules:

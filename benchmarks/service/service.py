@@ -56,7 +56,7 @@ class Seen:
 
 
 async def _read(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, request: bytes) -> tuple[int, bytes]:
-    """One request over a connection that stays open."""
+    """Send one request over a connection that is kept open."""
     writer.write(request)
     head = await reader.readuntil(b"\r\n\r\n")
     lines = head.decode("latin-1").split("\r\n")
@@ -71,7 +71,7 @@ def _request(method: str, path: str, content: bytes = b"") -> bytes:
 
 
 async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -> None:
-    """Requests on one connection at absolute times: one that is late does not make the next one later."""
+    """Send requests on one connection at absolute times: a late one does not delay the next."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     begin = time.monotonic() + first / rate / 10
     number = 0
@@ -88,7 +88,7 @@ async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -
 
 
 async def _uploads(port: int, place: str, content: bytes, until: float, seen: Seen) -> None:
-    """One recording after another; where the service is busy and says so, again when it says."""
+    """Upload one recording after another; where the service is busy, again at the time that it names."""
     number = 0
     while time.monotonic() < until:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -103,7 +103,7 @@ async def _uploads(port: int, place: str, content: bytes, until: float, seen: Se
 
 
 async def _own_delay(until: float, seen: Seen) -> None:
-    """How late the clients' own event loop is: it waits for nobody's answer."""
+    """Measure how late the clients' own event loop is: it waits for nobody's answer."""
     while (due := time.monotonic() + 0.02) < until:
         await asyncio.sleep(0.02)
         seen.late.append(time.monotonic() - due)
@@ -188,7 +188,7 @@ async def _run(
 
 
 def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Show) -> Outcome:
-    """Start a server, load it, and say what was seen.
+    """Start a server, load it, and report what was seen.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ MOST_CPU_S = 10.0
 
 
 def children(pid: int) -> list[int]:
-    """Processes that a process started (proc(5))."""
+    """List processes that a process started (proc(5))."""
     found = []
     for task in Path(f"/proc/{pid}/task").iterdir():
         found += [int(child) for child in (task / "children").read_text().split()]
@@ -24,19 +24,19 @@ def children(pid: int) -> list[int]:
 
 
 def cpu_s(pid: int) -> float:
-    """Processor time of a process itself in s."""
+    """Read the processor time of a process itself in s."""
     return cpu_with_children_s(pid)[0]
 
 
 def cpu_with_children_s(pid: int) -> tuple[float, float]:
-    """Processor time of a process itself, and of its children that ended, in s (proc(5): fields 14 to 17 of stat)."""
+    """Read processor time of a process, and of its ended children, in s (proc(5): fields 14 to 17 of stat)."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     user, system, of_children, in_children = (int(ticks) / os.sysconf("SC_CLK_TCK") for ticks in fields[11:15])
     return user + system, of_children + in_children
 
 
 def before_the_first_frame(service: int) -> Check:
-    """The check, to be called when the first frame was seen.
+    """Return the check, to be called when the first frame was seen.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ while time.monotonic() < end and os.getppid() in (parent, first):
 
 @contextmanager
 def strangers(number: int, longest_s: float) -> Iterator[None]:
-    """So many busy loops while the block runs, in a session of their own, as somebody else's shell has them.
+    """Run so many busy loops during the block, in a session of their own, as another user's shell has them.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ def _checks(rates: dict[int, float]) -> Iterator[Check]:
 
 
 def _ceiling(rates: dict[int, float]) -> Iterator[Check]:
-    """What the computer gives to identifications that share nothing."""
+    """Measure what the computer gives to identifications that share nothing."""
     first = min(rates, default=0)
     for count, rate in rates.items():
         if count > first:
@@ -98,7 +98,7 @@ def _beside(own: dict[int, float]) -> Iterator[Check]:
 
 
 def _plain(directory: Path, count: int, jobs: int) -> float:
-    """Identifications per hour of so many processes at a time, each one after another."""
+    """Count identifications per hour of so many processes at a time, each one after another."""
     case = directory / "case"
     command = [*COMMAND, "identify", str(case / "machine.yaml"), "--train", str(case / "train-1.parquet")]
     command += ["--validate", str(case / "validate.parquet"), "--output"]
@@ -120,7 +120,7 @@ def _environment(url: str | None) -> dict[str, str]:
 
 
 def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) -> tuple[float, float]:
-    """Seconds from the order of all jobs to the end of the last one, and s of processor time per job of all hosts.
+    """Time all jobs from the order to the end of the last, s; return processor s per job of all hosts too.
 
     One job before them has warmed everything up. The stages are processes of their own and not in the second number.
     """

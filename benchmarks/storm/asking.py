@@ -40,7 +40,7 @@ def real_order(client: Client, name: str, case: Path) -> dict[str, Any]:
 
 
 def undisturbed(client: Client, order: dict[str, Any]) -> str:
-    """Id of a real identification that is done."""
+    """Return the id of a real identification that is done."""
     made = _answer(lambda: _created(client, "/identifications", order | {"label": "undisturbed"}), READY_S)
     place = f"/jobs/{made['job']}"
     _answer(lambda: client.ask("GET", place)[1]["state"] == "done", 2 * READY_S)

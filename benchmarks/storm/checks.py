@@ -92,12 +92,12 @@ def _rows(database: Database, query: sa.Select[Any]) -> list[Any]:
 
 
 def _none(name: str, what: list[str], of: int) -> Check:
-    """None of so many may be wrong; the first that are, by name."""
+    """Check that none of so many is wrong; name the first that are."""
     return fact(name, not what, f"{of}" if not what else f"{len(what)} of {of} wrong: {'; '.join(what[:5])}")
 
 
 def all_checks(database: Database, files: DataDirectory, told: Told, workers: Sequence[Path] = ()) -> Iterator[Check]:
-    """Every check; ``workers``: data directories of those that have their own."""
+    """Run every check; ``workers``: data directories of those that have their own."""
     hosts = (files.root, *workers)
     yield from jobs(database, told)
     yield from cancels(database, hosts, told)
@@ -111,7 +111,7 @@ def all_checks(database: Database, files: DataDirectory, told: Told, workers: Se
 
 
 def jobs(database: Database, told: Told) -> Iterator[Check]:
-    """Every job ended, and once; its events are numbered without a hole."""
+    """Check that every job ended, and once; its events are numbered without a hole."""
     rows = _rows(database, sa.select(job_store.jobs))
     events = _rows(
         database, sa.select(job_store.job_events).order_by(job_store.job_events.c.job, job_store.job_events.c.number)
@@ -141,7 +141,7 @@ def jobs(database: Database, told: Told) -> Iterator[Check]:
 
 
 def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[Check]:
-    """What was cancelled ended so, unless it was just ending; no stage of it began afterwards."""
+    """Check that cancelled work ended so, unless just ending; no stage of it began afterwards."""
     states = {row.id: row.state for row in _rows(database, sa.select(job_store.jobs.c.id, job_store.jobs.c.state))}
     wrong, late = [], 0
     for job, cancel in told.cancels.items():
@@ -161,13 +161,13 @@ def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[C
 
 
 def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
-    """Stage, beginning (ms of UNIX time) and process of every stage that was begun on any host."""
+    """List stage, beginning (ms of UNIX time) and process of every stage begun on any host."""
     paths = (host / "identifications" / identification / "runs.txt" for host in hosts)
     return [line.split() for path in paths if path.is_file() for line in path.read_text().splitlines()]
 
 
 def results(database: Database, told: Told) -> Iterator[Check]:
-    """Every acknowledged order made one identification, and its result was stored once."""
+    """Check that every acknowledged order made one identification, stored once."""
     rows = _rows(database, sa.select(identification_store.identifications, job_store.jobs.c.state).join(
         job_store.jobs, job_store.jobs.c.id == identification_store.identifications.c.job))  # fmt: skip
     labels = Counter(row.label for row in rows if row.label.startswith("storm-"))
@@ -185,7 +185,7 @@ def results(database: Database, told: Told) -> Iterator[Check]:
 
 
 def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
-    """Every real identification was done, with the verdict, the numbers and the report of one before the storm."""
+    """Check that every real identification was done, with verdict, numbers and report of one before the storm."""
     results, rows = IdentificationResults(database, files), Identifications(database)
 
     def found(id: str) -> dict[str, Any]:
@@ -207,7 +207,7 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
 
 
 def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
-    """No stage began again after it was recorded as done, but for what another host had not been given yet."""
+    """Check that no stage began again after it was recorded as done, but for what another host had not got."""
     wrong, begun, recorded, again = [], 0, 0, 0
     done: dict[str, dict[str, int]] = {}
     for text in _counted(database, STEPS):
@@ -237,7 +237,7 @@ def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
 
 
 def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
-    """Every row that the server said was safe is in a sealed file whose hash is the one in the store."""
+    """Check that every row reported safe by the server is in a sealed file whose hash is in the store."""
     rows = {row.id: row for row in _rows(database, sa.select(recording_store.recordings))}
     wrong, safe = [], 0
     for id, said in told.rows.items():
@@ -269,7 +269,7 @@ def _sha256(path: Path) -> str:
 
 
 def schedules(database: Database) -> Iterator[Check]:
-    """Every slot of ``*/5 * * * *`` had its turn once; never two recalibrations of a machine at a time."""
+    """Check that every slot of ``*/5 * * * *`` ran once; never two recalibrations of a machine at a time."""
     slots = _rows(database, sa.select(schedule_store.schedule_slots).order_by(schedule_store.schedule_slots.c.slot))
     schedule = _rows(database, sa.select(schedule_store.schedules))[0]
     first = datetime.fromisoformat(schedule.created).replace(second=0, microsecond=0)
@@ -302,7 +302,7 @@ def schedules(database: Database) -> Iterator[Check]:
 
 
 def integrity(database: Database, told: Told) -> Iterator[Check]:
-    """The audit log's chain, and the database itself."""
+    """Check the audit log's chain, and the database itself."""
     found = Audit(database).verify()
     acknowledged = len(told.orders) + len(told.rows)
     whole = found.intact and found.entries >= acknowledged
@@ -315,7 +315,7 @@ def integrity(database: Database, told: Told) -> Iterator[Check]:
 
 
 def amcheck(url: str, programs: Path) -> Check:
-    """PostgreSQL's own look at its tables and indexes (pg_amcheck)."""
+    """Run PostgreSQL's own check of its tables and indexes (pg_amcheck)."""
     done = subprocess.run(
         [str(programs / "pg_amcheck"), "--install-missing", "--heapallindexed", "-U", OWNER, url],
         capture_output=True, text=True, timeout=120, check=False,

@@ -43,7 +43,7 @@ def follow(clock: SetClock) -> None:
 
 
 def clock_file(order: Path) -> Path:
-    """The file of the hosts that have this order."""
+    """Return the file of the hosts that have this order."""
     return order.with_name("clock")
 
 

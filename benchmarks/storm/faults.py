@@ -42,7 +42,7 @@ class Fault(Protocol):
         """Let it go wrong."""
 
     def hold(self) -> None:
-        """Called again and again until it ends."""
+        """Act again and again until it ends."""
 
     def end(self) -> None:
         """Put it right."""
@@ -50,7 +50,7 @@ class Fault(Protocol):
 
 @contextmanager
 def small_disk() -> Iterator[Path | None]:
-    """A file system of :data:`DISK_BYTES`, removed at the end; None where this process may not mount one."""
+    """Mount a file system of :data:`DISK_BYTES`, removed at the end; None where that is forbidden."""
     place = Path(tempfile.mkdtemp(prefix="hilfit-storm-disk-"))
     # PostgreSQL's account has to come through.
     place.chmod(0o755)
@@ -97,7 +97,7 @@ class FullDisk:
                     step //= 2
 
     def end(self) -> None:
-        """Give all of it back."""
+        """Undo all of it."""
         self._ballast.unlink(missing_ok=True)
 
 
@@ -115,7 +115,7 @@ class ImmutableStore:
             _immutable(place, True)
 
     def hold(self) -> None:
-        """It stays so."""
+        """Leave it so."""
 
     def end(self) -> None:
         """Take it away."""
@@ -124,7 +124,7 @@ class ImmutableStore:
 
 
 def may_be_immutable(place: Path) -> bool:
-    """Whether this process may set the attribute, and take it away."""
+    """Test whether this process may set the attribute, and take it away."""
     try:
         _immutable(place, True)
         _immutable(place, False)
@@ -156,7 +156,7 @@ class ReadOnlySessions:
         self._server.set("default_transaction_read_only", "on")
 
     def hold(self) -> None:
-        """It stays so."""
+        """Leave it so."""
 
     def end(self) -> None:
         """Reset it."""
@@ -178,10 +178,10 @@ class ClockSet:
         self._count += 1
 
     def hold(self) -> None:
-        """It goes on from there."""
+        """Leave it; it goes on from there."""
 
     def end(self) -> None:
-        """It goes on from there."""
+        """Leave it; it goes on from there."""
 
 
 class Weather:

@@ -45,17 +45,17 @@ class HostOrder:
 
 
 def worker_directory(order: Path, worker: str) -> Path:
-    """The data directory of a worker."""
+    """Return the data directory of a worker."""
     return order.with_name(f"{worker}-files")
 
 
 def quick(began: datetime, now: datetime, wrong_s: float) -> datetime:
-    """The schedules' clock, given the true time and by how much the wall clock is wrong."""
+    """Compute the schedules' clock, from the true time and the wall clock's error."""
     return (began + HASTE * (now - began) if now > began else now) + timedelta(seconds=wrong_s)
 
 
 def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
-    """Run until told to stop.
+    """Run until ordered to stop.
 
     Parameters
     ----------

@@ -87,5 +87,5 @@ def _kill_one(herd: Herd, chance: random.Random) -> bool:
 
 
 def _slowness(herd: Herd) -> float:
-    """How many times longer than usual the server took to start, 1 to 10: beyond, it waited for a disk or database."""
+    """Compute how many times longer than usual the server started, 1 to 10: beyond, it waited for disk or database."""
     return min(max(1.0, herd.server.took / USUAL_START_S), 10.0)

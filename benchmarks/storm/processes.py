@@ -51,7 +51,7 @@ class Host:
     killed: bool = False
 
     def start(self) -> None:
-        """Start it; ``up`` is set once it says that it works."""
+        """Start it; ``up`` is set once it reports that it works."""
         self.up.clear()
         self.killed = False
         self.began = time.monotonic()
@@ -79,7 +79,7 @@ class Host:
         return self.up.is_set() and now - self.since > self.life_s
 
     def stop(self) -> int:
-        """Ask it to stop, and wait; its exit code."""
+        """Ask it to stop, and wait; return its exit code."""
         assert self.process is not None
         self.process.terminate()
         try:
@@ -150,7 +150,7 @@ class Herd:
             self.refused[host.process.returncode] += 1
 
     def children(self) -> dict[str, list[int]]:
-        """Descendants of the hosts by kind; those that are no target are left out."""
+        """Group descendants of the hosts by kind; leave out those that are no target."""
         found: dict[str, list[int]] = {kind: [] for kind in CHILDREN.values()}
         for host in self.hosts:
             if host.process is not None and host.process.poll() is None:
@@ -161,7 +161,7 @@ class Herd:
         return found
 
     def ages(self, pids: list[int]) -> dict[int, float]:
-        """Seconds since each of these processes was first seen here."""
+        """Return seconds since each of these processes was first seen here."""
         now = time.monotonic()
         self._seen = {pid: self._seen.get(pid, now) for pid in pids}
         return {pid: now - seen for pid, seen in self._seen.items()}
@@ -211,7 +211,7 @@ class Herd:
         return [host.stop() for host in reversed(self.hosts) if host.process is not None]
 
     def log_events(self) -> dict[str, int]:
-        """How often each event of level error stands in the hosts' logs, and tracebacks outside of them."""
+        """Count each event of level error in the hosts' logs, and tracebacks outside of them."""
         counts: dict[str, int] = {}
         for host in self.hosts:
             for line in host.log.read_text(errors="replace").splitlines() if host.log.is_file() else ():
@@ -227,7 +227,7 @@ class Herd:
 
 
 def descendants(pid: int) -> Iterator[int]:
-    """Every process below one (proc(5))."""
+    """Yield every process below one (proc(5))."""
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
             for child in (task / "children").read_text().split():
@@ -236,7 +236,7 @@ def descendants(pid: int) -> Iterator[int]:
 
 
 def real_identification(pid: int) -> str:
-    """Id of the real identification that a stage works on; empty if it is a light one, or gone."""
+    """Return the id of the real identification that a stage works on; empty if it is a light one, or gone."""
     for text in _command(pid).split("\0"):
         if text.endswith("/request.json"):
             with contextlib.suppress(OSError, ValueError):

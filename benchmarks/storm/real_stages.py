@@ -16,7 +16,7 @@ from fitting.pipeline import stage_program
 
 
 def real_ones(orders: Iterable[str]) -> Iterator[str]:
-    """The orders of real stages; what others ask for is done when it is their turn."""
+    """Yield the orders of real stages; what others ask for is done when it is their turn."""
     for order in orders:
         request, stage = json.loads(order)["arguments"]
         content = json.loads(Path(request).read_text(encoding="utf-8"))

@@ -79,7 +79,7 @@ def run(
     everywhere: bool = True,
     apart: bool = False,
 ) -> Outcome:
-    """The whole storm.
+    """Run the whole storm.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def run(
 
 
 def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
-    """Those that this process may make."""
+    """Return those that this process may make."""
     found: list[Fault] = [ClockSet(clock)]
     if disk is not None:
         found.append(FullDisk(disk))
@@ -145,7 +145,7 @@ class Elsewhere:
 
 @contextmanager
 def _elsewhere(directory: Path, data: Path) -> Iterator[Elsewhere]:
-    """Hosts that do not see ``data``, the server's directory, and an S3 server, whose keys are in this environment."""
+    """Start hosts that do not see ``data``, the server's directory, and an S3 server with keys in this environment."""
     data.mkdir()
     with hosts(WORKERS, data) as places, s3_server(directory) as (keys, url):
         os.environ.update(keys)
@@ -171,7 +171,7 @@ class _Storm:
     everywhere: bool
 
     def run(self) -> Outcome:
-        """As :func:`run`."""
+        """Run as :func:`run`."""
         files, postgresql = self.files, self.postgresql
         url = None if postgresql is None else postgresql.new_database()
         order = self.directory / "order.json"
@@ -291,21 +291,21 @@ class _Course:
     after_s: float
 
     def check(self, kills: int) -> Check:
-        """Against what was asked for."""
+        """Check against the request."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in self.counts.items() if count)
         shown = f"{self.total} ({kinds}; {self.starting} of them while they started) in {self.lasted:.0f} s"
         return Check("processes killed", self.total, shown, "at least", float(kills), str(kills))
 
 
 def _said(herd: Herd, told: Told) -> tuple[Check, ...]:
-    """What the logs hold, and how requests were answered."""
+    """Check what the logs hold, and how requests were answered."""
     errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
     answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
     return Check("errors in the logs", None, errors), Check("answers by status (0: none)", None, answers)
 
 
 def _left(herd: Herd) -> dict[str, int]:
-    """Children of each kind; what stays for another job has some time to end."""
+    """Count children of each kind; one kept for another job has some time to end."""
     deadline = time.monotonic() + LEAVING_S
     while True:
         left = {kind: len(pids) for kind, pids in herd.children().items()}
@@ -315,7 +315,7 @@ def _left(herd: Herd) -> dict[str, int]:
 
 
 def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterator[Check]:
-    """What happened beside kills, and how the hosts took it."""
+    """Check what happened beside kills, and how the hosts took it."""
     seen = ", ".join(f"{count} times {name}" for name, count in sorted(weather.seen.items())) or "none"
     missing = [fault.name for fault in weather.faults if not weather.seen[fault.name]]
     yield fact("faults", not missing, seen if not missing else f"{seen}; not {', '.join(missing)}")
@@ -333,7 +333,7 @@ def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterato
 
 @contextmanager
 def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -> Iterator[Database]:
-    """The store, seen from here; ``herd``: whose server makes it."""
+    """Open the store, seen from here; ``herd``: whose server makes it."""
     if herd is not None and not herd.wait_up():
         raise RuntimeError(f"the service did not start; {herd.server.log.read_text()[-2000:]}")
     database = Database(url or files.database, TABLES, changed=lambda: None)
@@ -344,7 +344,7 @@ def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -
 
 
 def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[Check]:
-    """How often real identifications were hit, after the rest of the storm."""
+    """Check how often real identifications were hit, after the rest of the storm."""
     if real:
         hits, most = sum(herd.hits.values()), real * REAL_KILLS
         shown = f"{hits} of {most}, and {after - hits} other kills meanwhile, in {seconds:.0f} s"

@@ -28,7 +28,7 @@ REPORT = {
 
 
 def is_real(request: dict[str, Any]) -> bool:
-    """Whether a request is one for the real stages."""
+    """Test whether a request is one for the real stages."""
     return any(role == "train" for role, _ in request["recordings"])
 
 

@@ -79,7 +79,7 @@ class Client:
         self._lock = threading.Lock()
 
     def ask(self, method: str, path: str, content: Any = None, headers: dict[str, str] | None = None) -> Any:
-        """The status and JSON of one answer; NoAnswerError if none came."""
+        """Return status and JSON of one answer; NoAnswerError if none came."""
         address = self._address()
         if address is None:
             raise NoAnswerError
@@ -105,7 +105,7 @@ class Client:
             connection.close()
 
     def _look(self, what: str, answer: http.client.HTTPResponse, found: Any) -> None:
-        """Note a refusal that does not say what is wrong and what to do."""
+        """Note a refusal that does not name what is wrong and what to do."""
         detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
         if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
             self._told.poor.append(f"{what}: {found}")
@@ -205,7 +205,7 @@ class Traffic:
         return str(answer["id"]) if code == 202 else None
 
     def _until(self, do: Callable[[], str | None]) -> str | None:
-        """Ask until there is an answer: the same key makes nothing twice. None if told to stop without one."""
+        """Ask until there is an answer: the same key makes nothing twice. None if ordered to stop first."""
         while True:
             try:
                 made = do()
@@ -232,7 +232,7 @@ class Traffic:
             self._stop.wait(0.3)
 
     def _follow(self, id: str) -> None:
-        """Note how many rows the server says are safe, until the recording is over or the server is."""
+        """Note how many rows the server reports safe, until the recording is over or the server is."""
         while not self._stop.is_set():
             try:
                 _, row = self._client.ask("GET", f"/recordings/{id}")

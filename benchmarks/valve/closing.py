@@ -25,7 +25,7 @@ HALF_A_CYCLE = 0.01  # s for which a command is older than when it was sent, on 
 
 
 def inverse_of(answer: Answer) -> Inverse:
-    """All axes' inverses as one; an axis that was told to stand still stays so until it is asked for enough."""
+    """Combine all axes' inverses; an axis ordered to rest does so until it is asked for enough."""
     axes = list(answer.axes.values())
     moving = [False] * len(axes)
 
@@ -41,7 +41,7 @@ def inverse_of(answer: Answer) -> Inverse:
 
 
 def followed(folder: Path, key: ValveKey, answer: Answer) -> dict[str, Any]:
-    """Tracking errors (rms over all axes, each over its travel) of one feedback with four feedforwards."""
+    """Measure tracking errors (RMS of all axes, over travel) of one feedback with four feedforwards."""
     machine, truth = load_machine(folder / "machine.yaml"), load_valve_truth(folder / "truth.yaml")
     guesses = order_of(key)[3]
     rng = np.random.default_rng([80, key.seed, key.number])

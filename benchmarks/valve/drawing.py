@@ -49,7 +49,7 @@ class ValveKey:
 
 
 def order_of(key: ValveKey) -> Order:
-    """Machine, truth, programmes, guesses, effects, sensors and seed of the noise."""
+    """Draw machine, truth, programmes, guesses, effects, sensors and seed of the noise."""
     rng = np.random.default_rng([78, key.seed, key.number])
     machine, truth = VALVE_MACHINES[key.kind](int(rng.integers(2**31)))
     guesses = guesses_of(machine, truth, rng)
@@ -82,7 +82,7 @@ def order_of(key: ValveKey) -> Order:
 
 
 def stored_cases(folder: Path, keys: Sequence[ValveKey], show: Callable[[str], None] = print) -> list[Path]:
-    """Folders of the cases in the order of ``keys``; what is not there yet is made, many at a time."""
+    """Return folders of the cases in the order of ``keys``; make those not there yet, many at a time."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [key for key in keys if not (folder / key.text / "case.yaml").is_file()]
     for kind in KINDS:

@@ -53,7 +53,7 @@ class Answer:
 
 
 def identified(folder: Path) -> Answer:
-    """``hilfit.identify_valve`` on the recordings of a case, ``validate`` apart.
+    """Run ``hilfit.identify_valve`` on the recordings of a case, ``validate`` apart.
 
     Raises
     ------

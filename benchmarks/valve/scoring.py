@@ -27,7 +27,7 @@ Line = dict[str, Any]
 
 
 def scored(folder: Path, answer: Answer) -> Line:
-    """One case: what was said, and what is true."""
+    """Score one case: what was found, and what is true."""
     machine, truth = load_machine(folder / "machine.yaml"), load_valve_truth(folder / "truth.yaml")
     case = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
     effects = yaml.safe_load((folder / "truth.yaml").read_text(encoding="utf-8"))["effects"]
@@ -54,13 +54,13 @@ def scored(folder: Path, answer: Answer) -> Line:
 
 
 def true_delay(truth: ValvePlantTruth, joint: str) -> float:
-    """Delay and lag of the spool together in s: at 3 Hz they cannot be told apart."""
+    """Sum delay and lag of the spool in s: at 3 Hz they are inseparable."""
     spool = truth.valves[joint].spool
     return 0.5 * (spool.delay_extend + spool.delay_retract) + spool.damping / (np.pi * spool.frequency)
 
 
 def true_edge(truth: ValvePlantTruth, joint: str, way: str, largest: float) -> float:
-    """Command (fraction of full) that gives 2 % of the speed at the ``largest`` one, at the same pressures."""
+    """Compute the command (fraction of full) for 2 % of the speed at the ``largest``, at equal pressures."""
     land = truth.valves[joint].lands["head_in" if way == "extend" else "rod_in"]
     opening = (max(largest - land.edge, 0.0) / (1.0 - land.edge)) ** land.exponent
     opening /= (1.0 + (opening / land.saturation) ** 4) ** 0.25
@@ -70,7 +70,7 @@ def true_edge(truth: ValvePlantTruth, joint: str, way: str, largest: float) -> f
 
 
 def command_errors(folder: Path, machine: Machine, truth: ValvePlantTruth, joint: str, axis: AxisAnswer) -> list[float]:
-    """Differences of the inverse's command from the true one, fractions of full, at what happened on ``validate``.
+    """Compute the inverse's command less the true one, fractions of full, along the motion of ``validate``.
 
     At measured pressures and speeds of the motion above 5 % of full, within the commands that were recorded.
     """
@@ -126,14 +126,14 @@ def _axes(lines: Sequence[Line], made: str | None = None) -> Iterator[Mapping[st
 
 
 def named(line: Line) -> bool:
-    """Whether the effect of a case is named, or in a set, at its joint (one of the whole machine: at any)."""
+    """Test whether the effect of a case is named, or in a set, at its joint (of the whole machine: any)."""
     effect = line["effects"][0]
     places = [effect["joint"]] if effect["joint"] else list(line["axes"])
     return any(effect["id"] in found for place in places for found in line["axes"][place]["named"])
 
 
 def large(line: Line) -> bool:
-    """Whether the effect of a case stands out far enough to be counted."""
+    """Test whether the effect of a case is visible enough to be counted."""
     if not line["effects"]:
         return False
     joint = line["effects"][0]["joint"]
@@ -141,7 +141,7 @@ def large(line: Line) -> bool:
 
 
 def checks(lines: Sequence[Line]) -> list[Check]:
-    """Rates and figures of a run, with the targets."""
+    """Check rates and figures of a run against the targets."""
     healthy = list(_axes(lines, "null"))
     result: list[Check] = []
     ratios = [axis["error"] / axis["floor"] for axis in healthy]
@@ -184,7 +184,7 @@ def _covered(what: str, inside: Sequence[bool]) -> list[Check]:
 
 
 def case_text(line: Line) -> str:
-    """One line for the terminal."""
+    """Write one line for the terminal."""
     parts = []
     for name, axis in line["axes"].items():
         said = ", ".join("|".join(found) for found in axis["named"]) or "nothing"

@@ -27,7 +27,7 @@ _SETTLED = 0.5  # s left out at either end
 
 
 def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> FloatArray:
-    """Speeds (N, J) in m/s by the meter-in edges of ``truth``, at the commands and pressures of a run.
+    """Compute speeds (N, J) in m/s by ``truth``'s meter-in edges, at a run's commands and pressures.
 
     ``v = (Q_in - losses - C dp/dt) / A`` of the chamber that is filled; where the spool is closed, both chambers'
     mean.
@@ -57,7 +57,7 @@ def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> F
 
 
 def misfit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) -> FloatArray:
-    """Per axis (J,) the error of :func:`healthy_speed` below 3 Hz, over the speed's root mean square."""
+    """Compute per axis (J,) :func:`healthy_speed`'s error below 3 Hz, over the speed's RMS."""
     errors, speeds = [], []
     for course in courses:
         rate = 1.0 / (course.time[1] - course.time[0])
@@ -71,7 +71,7 @@ def misfit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) 
 
 
 def floor(case: ValveCase, stem: str = "validate") -> FloatArray:
-    """Per axis (J,) the error of the true valve at the measured pressures against the measured speed, below 3 Hz.
+    """Compute per axis (J,) the true valve's error at measured pressures against measured speed, below 3 Hz.
 
     Over the speed's root mean square. Positions are those of the channels, speeds their differences.
     """
@@ -95,7 +95,7 @@ def floor(case: ValveCase, stem: str = "validate") -> FloatArray:
 
 
 def at_limit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) -> float:
-    """Share of the time for which the cylinders take at least 95 % of what the pump can give."""
+    """Compute the share of time in which the cylinders take at least 95 % of the pump's limit."""
     cylinders = [joint.cylinder for joint in machine.joints]
     head, rod = (np.array([getattr(c, f"{side}_area") for c in cylinders]) for side in ("head", "rod"))
     reached = []

@@ -47,7 +47,7 @@ class _Work:
 
 
 def watched(folder: Path, key: ValveKey) -> Found:
-    """What the monitor said of one machine; ``folder`` is for its files."""
+    """Monitor one machine; ``folder`` is for its files."""
     machine, truth, programmes, guesses, effects, quality, noise = order_of(key)
     case = simulate_valve_case(machine, truth, programmes, guesses, effects=effects, quality=quality, seed=noise)
     write_valve_case(folder, case)
@@ -95,7 +95,7 @@ def _worked(key: ValveKey) -> Iterator[_Work]:
 
 
 def _said(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
-    """What the monitor says of each block; between motions rows are missing."""
+    """Monitor each block; between motions rows are missing."""
     rules = Rules()
     order = Order("valves", folder / "valve.json", folder / "machine.yaml", "", folder / "memory.json", rules)
     followed = Speeds(order.model, machine, rules)
@@ -107,7 +107,7 @@ def _said(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]
 
 
 def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectSpec) -> dict[str, float]:
-    """By how much edges and delays have moved, as far as they have."""
+    """Compute by how much edges and delays have moved, as far as they have."""
     joint = str(spec.joint)
     moved = dict[str, float]()
     for way, name, sign in (("extend", "head_in", 1.0), ("retract", "rod_in", -1.0)):
@@ -120,7 +120,7 @@ def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectS
 
 
 def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
-    """Rates and figures of a run."""
+    """Check rates and figures of a run."""
     right, named, errors = 0, 0, list[float]()
     changes = [(one["case"], own) for one in found for own in one["changes"]]
     for case, own in changes:

@@ -30,7 +30,7 @@ from hilfit_client.transport import Transport
 
 
 def type_of(schema: dict[str, Any]) -> str:
-    """Python's type of a schema."""
+    """Return Python's type of a schema."""
     if "$ref" in schema:
         return class_name(schema["$ref"].rpartition("/")[2])
     if "anyOf" in schema:
@@ -49,12 +49,12 @@ def type_of(schema: dict[str, Any]) -> str:
 
 
 def class_name(name: str) -> str:
-    """A schema's name as a class."""
+    """Return a schema's name as a class."""
     return "".join(part[:1].upper() + part[1:] for part in re.split(r"\W+", name))
 
 
 def typed_dict(name: str, schema: dict[str, Any]) -> str:
-    """A schema of an object."""
+    """Write the schema of an object as a class."""
     lines = [f"class {class_name(name)}(TypedDict):", f'    """{first_line(schema.get("description", name))}"""', ""]
     required = set(schema.get("required", ()))
     for key, value in schema.get("properties", {}).items():
@@ -66,12 +66,12 @@ def typed_dict(name: str, schema: dict[str, Any]) -> str:
 
 
 def first_line(text: str) -> str:
-    """The first sentence of a description."""
+    """Return the first sentence of a description."""
     return " ".join(text.partition("\n\n")[0].split()).replace("``", "`").replace('"', "'")
 
 
 def answer(operation: dict[str, Any]) -> tuple[str, str]:
-    """How an answer is read, and its type."""
+    """Return how an answer is read, and its type."""
     found = [value for status, value in sorted(operation["responses"].items()) if status.startswith("2")]
     content = found[0].get("content", {})
     if not content:
@@ -87,7 +87,7 @@ def answer(operation: dict[str, Any]) -> tuple[str, str]:
 
 
 def method(path: str, verb: str, operation: dict[str, Any]) -> str:
-    """One operation as a method."""
+    """Write one operation as a method."""
     name = operation["operationId"].rpartition(".")[2]
     taken: list[str] = []
     positional: list[str] = []
@@ -132,7 +132,7 @@ def method(path: str, verb: str, operation: dict[str, Any]) -> str:
 
 
 def generate(text: bytes) -> str:
-    """The module made from a description."""
+    """Generate the module from a description."""
     description = json.loads(text)
     parts = [HEAD]
     for name, schema in sorted(description["components"]["schemas"].items()):

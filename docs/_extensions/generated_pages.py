@@ -35,7 +35,7 @@ def write_pages(app: Sphinx) -> None:
 
 
 def commands() -> Iterator[str]:
-    """The command line."""
+    """Document the command line."""
     from server.commands.command_line import every_command
     from server.commands.conventions import Parameter
 
@@ -80,7 +80,7 @@ def _parameter_row(each: Any) -> str:
 
 
 def resources(described: Content) -> Iterator[str]:
-    """The REST interface."""
+    """Document the REST interface."""
     yield "# REST interface"
     yield ""
     yield "Made of `docs/openapi.json`, which `hilfit serve` also answers at `/api/v1/openapi.json`. Long work is answered with"
@@ -100,7 +100,7 @@ def resources(described: Content) -> Iterator[str]:
 
 
 def effects() -> Iterator[str]:
-    """The catalogue of effects."""
+    """Document the catalogue of effects."""
     from fitting.effects import effects as catalogue
 
     own = catalogue()
@@ -122,7 +122,7 @@ def effects() -> Iterator[str]:
 
 
 def machine_file() -> Iterator[str]:
-    """Every key of a machine file."""
+    """Document every key of a machine file."""
     from daq.machine.machine_file import Machine
 
     yield "# Keys of a machine file"
@@ -132,7 +132,7 @@ def machine_file() -> Iterator[str]:
 
 
 def report() -> Iterator[str]:
-    """Every key of a report."""
+    """Document every key of a report."""
     from fitting.report.schema import SCHEMA, json_schema
 
     yield "# Report"
@@ -144,7 +144,7 @@ def report() -> Iterator[str]:
 
 
 def _keys(root: str, schema: Content) -> Iterator[str]:
-    """A table of keys for each object of a JSON schema."""
+    """Write a table of keys for each object of a JSON schema."""
     for name, own in {root: schema, **schema["$defs"]}.items():
         if "properties" not in own:
             continue
@@ -157,7 +157,7 @@ def _keys(root: str, schema: Content) -> Iterator[str]:
 
 
 def _kind(value: Content) -> str:
-    """A schema in a few words."""
+    """Describe a schema in a few words."""
     if "$ref" in value:
         name = value["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})"
@@ -177,7 +177,7 @@ _BOUNDS = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("
 
 
 def _cell(text: str | None) -> str:
-    """Text for a cell of a table: one line, without what Markdown or reStructuredText would read."""
+    """Format text for a table's cell: one line, without what Markdown or reStructuredText would read."""
     line = " ".join(re.sub(r"``(.+?)``", r"`\1`", re.sub(r":\w+:`~?([^`]+)`", r"`\1`", text or "")).split())
     return line.replace("|", "\\|").replace("<", "&lt;") if "`" not in line else line.replace("|", "\\|")
 

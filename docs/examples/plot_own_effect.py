@@ -34,7 +34,7 @@ class WiperDrag(Effect):
     source = "an example"
 
     def columns(self, view: DriveView, shape):
-        """Columns (N, 1)."""
+        """Compute columns (N, 1)."""
         return np.maximum(view.v, 0.0)[:, None]
 
 

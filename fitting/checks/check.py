@@ -89,7 +89,7 @@ def check_files(
     ----------
     files : (role, path)
     machine_file : where lines are looked up
-    columns : which column is which channel, where names do not tell
+    columns : which column is which channel, where names are ambiguous
     resample : whether recordings of other rates are brought to the machine's first
     progress : called with the share that is done and what is being done
 
@@ -117,7 +117,7 @@ def check_recordings(
     places: Places | None = None,
     found: Sequence[Finding] = (),
 ) -> tuple[Finding, ...]:
-    """What may be wrong with recordings and machine file, the root of it first.
+    """Check recordings and machine file for mistakes, the root of each first.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def _spoilt(finding: Finding, earlier: Sequence[Finding]) -> bool:
 def _usable(
     machine: Machine, recordings: Sequence[Recording], found: Sequence[Finding]
 ) -> tuple[list[Recording], bool]:
-    """Recordings whose values can be compared, with units that were found taken back; False if nothing is left."""
+    """Return the recordings with comparable values, units that were found taken back; False if nothing is left."""
     spoilt = {f.recording for f in found if f.code in _SPOILS and f.severity == "mistake"}
     left_out = {f.recording for f in found if f.code in ("wrong_role", "other_machine", "columns", "not_numbers")}
     left_out |= {f.recording for f in found if f.code == "unit" and f.recording is not None}
@@ -186,7 +186,7 @@ def _usable(
 
 
 def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Finding:
-    """Two position sensors of a joint that contradict each other, with what explains it if anything does."""
+    """Report two position sensors of a joint that contradict each other, and the cause where one is found."""
     option = own.hypothesis
     names = tuple(machine.joints[k].name for k in ((own.joint,) if option is None else option.joints))
     if option is None:
@@ -213,7 +213,7 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
 
 
 def _together(machine: Machine, recordings: Sequence[Recording], places: Places) -> list[Finding]:
-    """Findings on two sensors and on the efforts."""
+    """Return findings on two sensors and on the efforts."""
     machine, converted = at_joints(machine, [r for r in recordings if r.values])
     found, measured = recordings_apart(machine, converted)
     rods, measured = rods_for_a_time(machine, measured)
@@ -250,7 +250,7 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
 
 
 def _named(machine: Machine, joint: str, quantity: str | None, text: str) -> str:
-    """A text with its channel or joint in front."""
+    """Prefix a text with its channel or joint."""
     channel = machine.channel(quantity, joint) if quantity else None
     return text.format(channel=channel.name if channel else joint, joint=joint) if "{" in text else f"{joint}: {text}"
 
@@ -342,7 +342,7 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
 
 
 def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[Finding]:
-    """Joints whose effort nothing explains, said in general terms."""
+    """Report joints whose effort nothing explains, in general terms."""
     found = []
     current = searched.current
     misfits = current.misfits
@@ -371,7 +371,7 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
 
 
 def _ordered(machine: Machine, found: Sequence[Finding], places: Places) -> tuple[Finding, ...]:
-    """Mistakes first, strongest first; without what follows from another one, and each thing once."""
+    """Order mistakes first, strongest first; without what follows from another one, and each thing once."""
     codes = {f.code for f in found}
     kept: list[Finding] = []
     seen: set[tuple[str, str | None, str | None]] = set()

@@ -32,7 +32,7 @@ _STRETCH_S, _STRETCHES, _SHARE = 2.0, 5, 0.1
 
 
 def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Position sensors that are ten times noisier than they have to be; ``recordings`` in SI."""
+    """Find position sensors ten times noisier than they have to be; ``recordings`` in SI."""
     found = []
     stretches = {c.name: _stretches(c, recordings) for c in machine.channels if c.quantity in POSITIONS}
     moving = {name: own for name, own in stretches.items() if len(own)}
@@ -65,7 +65,7 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
 
 
 def _stretches(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
-    """Noise (k, 2) of a channel where it moves, stretch by stretch: by the median of its differences, and by all."""
+    """Compute a channel's noise (k, 2) where it moves, by stretch: by the median of its differences, and by all."""
     result = []
     for recording in recordings:
         values = recording.values.get(channel.name)
@@ -83,7 +83,7 @@ def _stretches(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
 
 
 def _apart(noise: FloatArray, least: float) -> tuple[float, float] | None:
-    """Noise of the noisy stretches and of the quiet ones, where there are enough of both."""
+    """Return the noise of the noisy and of the quiet stretches, where there are enough of both."""
     count = max(2, round(_SHARE * len(noise)))
     if len(noise) < _STRETCHES:
         return None

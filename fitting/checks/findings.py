@@ -51,7 +51,7 @@ class Finding:
     strength: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
-        """Plain content."""
+        """Return plain content."""
         return asdict(self)
 
     @property
@@ -74,13 +74,13 @@ def finding_of(
     strength: float = 0.0,
     **values: Any,
 ) -> Finding:
-    """Make a finding by the key of its texts; ``values`` stand in them, or are the finding's own fields, or both."""
+    """Make a finding by the key of its texts; ``values`` fill them, or are the finding's own fields, or both."""
     own = {name: value for name, value in values.items() if name in _OWN}
     said = worded(key, **values)
     return Finding(*said, severity=severity, alternatives=alternatives, strength=strength, **own)
 
 
 def worded(key: str, **values: Any) -> tuple[str, str, str]:
-    """Code, text and cure by their key; a channel or joint without a value stays open (``{channel}``)."""
+    """Return code, text and cure by key; a channel or joint without a value is left open (``{channel}``)."""
     text, cure = (text.format(**_LEFT_OPEN | values) for text in TEXTS[key])
     return key.partition("/")[0], text, cure

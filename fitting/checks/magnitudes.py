@@ -37,7 +37,7 @@ _TINY = 0.025
 
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Findings on channels whose values cannot be; on all channels of a kind at once where all have it."""
+    """Report channels whose values cannot be; on all channels of a kind at once where all have it."""
     found = [*_pressures(machine, recordings), *_positions(machine, recordings)]
     if any(own.code == "unit" for own in found) or len(recordings) < 2:
         return found
@@ -45,7 +45,7 @@ def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> lis
 
 
 def _in_one_recording(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Units that are wrong in single recordings: an export with other settings."""
+    """Find units that are wrong in single recordings: an export with other settings."""
     tops = {r.file: [top for own in _impossible(machine, [r])[1].values() for top in own.values()] for r in recordings}
     own = {}
     for r in recordings:
@@ -74,7 +74,7 @@ def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
 def _impossible(
     machine: Machine, recordings: Sequence[Recording], usual: float = _USUAL
 ) -> tuple[list[Finding], dict[str, dict[str, float]]]:
-    """Pressures that no cylinder has, and the largest of each channel by joint; ``usual`` tells the unit."""
+    """Find pressures that no cylinder has, and the largest of each channel by joint; ``usual`` gives the unit."""
     tops: dict[str, dict[str, float]] = {}
     found = []
     for channel in machine.channels:
@@ -128,7 +128,7 @@ def _impossible(
 
 
 def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, dict[str, float]]) -> list[Finding]:
-    """A pressure whose values and whose noise are both smaller (larger) than those of the others by a unit's factor."""
+    """Find a pressure whose values and noise are both smaller (larger) than those of the others by a unit's factor."""
     sizes: dict[str, tuple[float, float]] = {}
     for own in tops.values():
         for name, top in own.items():
@@ -230,7 +230,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
 def _too_little(
     machine: Machine, channel: Channel, seen: tuple[float, float], allowed: tuple[float, float]
 ) -> list[Finding]:
-    """A motion that is next to nothing in the unit that the file says, and a usual one in the unit of SI."""
+    """Find a motion that is next to nothing in the file's declared unit and a usual one in the SI unit."""
     factor, unit = machine.conversion(channel).factor, machine.si_unit(channel)
     width, span = allowed[1] - allowed[0], seen[1] - seen[0]
     inside = seen[0] / factor > allowed[0] - 0.1 * width and seen[1] / factor < allowed[1] + 0.1 * width
@@ -252,7 +252,7 @@ def _too_little(
 
 
 def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -> list[Finding]:
-    """One finding where all channels of a kind have the same one."""
+    """Merge into one finding where all channels of a kind have the same one."""
     result = found
     for quantity, count in counted.items():
         own = [f for f in result if f.channel and _quantity(machine, f.channel) == quantity and f.code == "unit"]
@@ -290,7 +290,7 @@ _STRENGTH = 9.5
 
 
 def machine_findings(machine: Machine, places: Places) -> list[Finding]:
-    """Findings on the machine file alone."""
+    """Check the machine file alone."""
     content = machine_content(machine)
     found = list(doubts(content))
     bores = {warning.place[:-1] for warning in found if warning.place[-1] == "bore"}

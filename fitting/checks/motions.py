@@ -30,7 +30,7 @@ _SAME_EFFORT = 0.15
 
 
 def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Findings on pairs of recordings, and on joints that do not move."""
+    """Check pairs of recordings, and joints that do not move."""
     found: list[Finding] = []
     for number, recording in enumerate(recordings):
         for earlier in recordings[:number]:
@@ -68,7 +68,7 @@ def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[F
 
 
 def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float, float]:
-    """How far two motions are apart (the joint that differs most), and their efforts (all), over their spread."""
+    """Compute how far two motions (of the joint that differs most) and all efforts differ, over their spread."""
     step = max(1, min(len(first), len(second)) // _ROWS)
     motion: list[float] = []
     effort: list[tuple[float, float]] = []
@@ -107,13 +107,13 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
 
 
 def _without_gaps(values: FloatArray) -> FloatArray:
-    """Values (N,) with straight lines over what is missing."""
+    """Fill missing values (N,) with straight lines."""
     known = np.flatnonzero(np.isfinite(values))
     return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
 
 
 def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:
-    """Whether a joint stays within a small share of its reach in a recording; single wrong values do not count."""
+    """Return whether a joint moves at most a small share of its reach in a recording, single wrong values aside."""
     channel = position_channel(machine, joint)
     values = None if channel is None else recording.values.get(channel.name)
     if channel is None or values is None or not np.isfinite(values).any():
@@ -123,7 +123,7 @@ def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:
 
 
 def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Joints that stand still in all loaded recordings: said, nothing more."""
+    """Report joints that do not move in any loaded recording, as a remark only."""
     loaded = [r for r in recordings if r.role != "unloaded"]
     return [
         finding_of("parked", joint=joint.name, severity="note")
@@ -139,7 +139,7 @@ _NOTHING, _LATER_PA, _LEAST_S, _MOST = 0.1, 2e5, 0.2, 0.3
 
 
 def beginning_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """A finding for each recording, in SI, that begins before the pumps run."""
+    """Report each recording, in SI, that begins before the pumps run."""
     found = []
     for recording in recordings:
         rows = _rows_without_pressure(machine, recording)
@@ -151,7 +151,7 @@ def beginning_findings(machine: Machine, recordings: Sequence[Recording]) -> lis
 
 
 def _rows_without_pressure(machine: Machine, recording: Recording) -> int:
-    """How many rows at the beginning have no pressure in any cylinder; 0 where that is not the beginning alone."""
+    """Count initial rows without pressure in any cylinder; 0 where that is not the beginning alone."""
     rows = len(recording)
     cylinders = 0
     for joint in machine.joints:
@@ -165,7 +165,7 @@ def _rows_without_pressure(machine: Machine, recording: Recording) -> int:
 
 
 def _without_pressure(total: FloatArray) -> int:
-    """Rows before a cylinder's pressures, both chambers together, are what they are later."""
+    """Count rows before a cylinder's pressures, both chambers together, are what they are later."""
     later = total[round(_MOST * len(total)) :]
     later = later[np.isfinite(later)]
     usual = float(np.percentile(later, 5)) if len(later) else 0.0

@@ -22,7 +22,7 @@ class Places:
 
     @classmethod
     def of(cls, path: Path | None) -> Places:
-        """Places of the file at ``path``; none if it cannot be read."""
+        """Return the places of the file at ``path``; none if it cannot be read."""
         if path is None:
             return cls()
         try:
@@ -31,12 +31,12 @@ class Places:
             return cls()
 
     def key(self, location: Sequence[str | int]) -> str:
-        """`` in machine.yaml line 12`` for a key, or nothing."""
+        """Return `` in machine.yaml line 12`` for a key, or nothing."""
         line = line_of(self.tree, list(location)) if self.tree is not None and location else None
         return f" in {self.file} line {line}" if line else ""
 
     def channels(self, machine: Machine, names: Sequence[str]) -> str:
-        """`` in machine.yaml lines 88 and 89`` for channels, or nothing."""
+        """Return `` in machine.yaml lines 88 and 89`` for channels, or nothing."""
         numbers = [k for k, channel in enumerate(machine.channels) if channel.name in names]
         lines = [line_of(self.tree, ["channels", k]) for k in numbers] if self.tree is not None else []
         known = [str(line) for line in lines if line]

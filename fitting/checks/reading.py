@@ -38,7 +38,7 @@ class Read:
 
 
 def recorded_role(path: Path) -> str:
-    """The role that a file says it was recorded in, else the one that its name begins with, else ``train``.
+    """Return the recorded role that a file declares, else that of its name's beginning, else ``train``.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def recorded_role(path: Path) -> str:
 
 
 def refused(code: str, error: RecordingError, file: str) -> Finding:
-    """A refusal of the strict reader as a finding: what is wrong before the last semicolon, the cure after it."""
+    """Word a refusal of the strict reader as a finding: the fault before the last semicolon, the cure after it."""
     text, _, cure = str(error).rpartition("; ")
     return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
 
@@ -63,7 +63,7 @@ def read_leniently(
 
     Parameters
     ----------
-    columns : which column is which channel, where names do not tell
+    columns : which column is which channel, where names are ambiguous
     resample : whether another rate than the machine's is brought to it
 
     Raises
@@ -130,7 +130,7 @@ def read_leniently(
 
 
 def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> Finding:
-    """An encoder of one turn that begins anew within the motion, which is put right as it is read."""
+    """Report an encoder of one turn that begins anew within the motion, corrected on reading."""
     return Finding(
         "wrap",
         wrap_text(path, channel.name, rows, time),
@@ -143,7 +143,7 @@ def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> 
 
 
 def _units(metadata: Mapping[str, str]) -> dict[str, str]:
-    """Units that the file itself carries; none if it has none, or they are damaged."""
+    """Read the units that the file itself carries; none if it has none, or they are damaged."""
     text = metadata.get("hilfit.units")
     try:
         units = json.loads(text) if text is not None else {}

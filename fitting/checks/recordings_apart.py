@@ -21,7 +21,7 @@ from fitting.signals.rods import with_rods_as_said
 
 
 def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
-    """Recordings in which the two sensors contradict each other while they agree in others; those are left out."""
+    """Find and leave out recordings in which the two sensors contradict each other while they agree in others."""
     both = [
         (k, angle.name, piston.name)
         for k, joint in enumerate(machine.joints)
@@ -69,7 +69,7 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
 
 
 def rods_for_a_time(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
-    """Recordings in which the rods are not where the role says for a time, and all without those rows.
+    """Find recordings whose rods are not where the role says for a time, and leave out those rows.
 
     An identification leaves the same rows out. Recordings in which that is so all the time are
     :func:`recordings_apart`, and are returned as they are.
@@ -92,7 +92,7 @@ _ALONE_OFF, _TIMES = 0.03, 6.0
 
 
 def _alone_off(recording: Recording, recordings: Sequence[Recording], gaps: dict[str, list[tuple[int, float]]]) -> int:
-    """In how many joints a recording's two sensors disagree that agree in the other recordings."""
+    """Count the joints in which a recording's two sensors disagree that agree in the others."""
     count = 0
     for number, misfit in gaps[recording.file]:
         others = [own for r in recordings if r is not recording and r.role != "unloaded"

@@ -96,7 +96,7 @@ class _Signal:
 
 
 def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
-    """Findings on each channel of a joint, the most telling of it; ``recording`` in SI, NaN where nothing is."""
+    """Report the most significant fault of each channel of a joint; ``recording`` in SI, NaN where nothing is."""
     found: list[Finding] = []
     joined = regular_steps(recording.time, recording.rate_hz) if len(recording) > 1 else np.zeros(0, bool)
     for channel in machine.channels:
@@ -114,7 +114,7 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
 
 
 def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
-    """Whether a joint stands for more than :data:`_STANDS` of a recording."""
+    """Return whether a joint is at rest for more than :data:`_STANDS` of a recording."""
     channel = position_channel(machine, joint)
     x = None if channel is None else recording.values.get(channel.name)
     if channel is None or x is None or not np.isfinite(x).any():
@@ -137,7 +137,7 @@ def _coarse(own: _Signal) -> Finding | None:
 
 
 def _held(own: _Signal) -> Finding | None:
-    """A slower signal whose values were repeated: it changes in every k-th row and in no other."""
+    """Report a slower signal whose values were repeated: it changes in every k-th row only."""
     places, rate = np.flatnonzero(own.steps), own.recording.rate_hz
     # Of two rows that follow each other one is out of step, and no row is in more than two such pairs.
     most = 2 * (1 - _IN_STEP) * len(places) + 1
@@ -153,7 +153,7 @@ def _held(own: _Signal) -> Finding | None:
 
 
 def _least_jump(own: _Signal, noise: float = _JUMP_NOISE) -> float:
-    """Size from which a step is a jump: far beyond the noise, the ordinary steps, and a share of the range."""
+    """Compute the size from which a step is a jump: far beyond noise, ordinary steps, and a share of the range."""
     ordinary = max(float(np.percentile(np.abs(own.steps), 98)), 1e-300)
     local = 1.4826 * float(np.median(np.abs(np.diff(own.steps)))) / np.sqrt(6) + 1e-300
     share, times = (_JUMP, _STEPS) if own.position else (_SPIKE_EFFORT, _EFFORT_STEPS)
@@ -161,7 +161,7 @@ def _least_jump(own: _Signal, noise: float = _JUMP_NOISE) -> float:
 
 
 def _dropouts(own: _Signal) -> Finding | None:
-    """One and the same value again and again, reached and left by a jump: a loose cable, a failing supply."""
+    """Report one same value again and again, reached and left by a jump: a loose cable, a failing supply."""
     values, steps, least = own.values, own.steps, _least_jump(own)
     entered = np.flatnonzero(np.abs(steps) > least) + 1
     for value in np.unique(values[entered]) if len(entered) < 0.05 * len(values) else ():
@@ -178,7 +178,7 @@ def _dropouts(own: _Signal) -> Finding | None:
 
 
 def _jumps(own: _Signal) -> Finding | None:
-    """Single wrong values, wraps, and steps of a position's zero."""
+    """Report single wrong values, wraps, and steps of a position's zero."""
     steps, size, time = own.steps, np.abs(own.steps), own.time
     large = np.flatnonzero(size > _least_jump(own, _SPIKE_NOISE))
     if len(large) == 0 or len(large) > 0.05 * len(size):
@@ -204,7 +204,7 @@ def _jumps(own: _Signal) -> Finding | None:
 
 
 def _frozen(own: _Signal) -> Finding | None:
-    """The same value for longer than chance allows, while the signal comes back with a jump or is noisy elsewhere."""
+    """Report a value constant for longer than chance allows, on a signal that returns with a jump or has noise."""
     values, steps, rate = own.values, own.steps, own.recording.rate_hz
     equal = own.joined & (steps == 0) & np.isfinite(values[1:]) & np.isfinite(values[:-1])
     stretches = runs(equal)
@@ -235,20 +235,20 @@ def _frozen(own: _Signal) -> Finding | None:
 
 
 def _other(machine: Machine, recording: Recording, channel: Channel) -> FloatArray | None:
-    """The joint's other position sensor where rods are on."""
+    """Return the joint's other position sensor where rods are on."""
     partner = {"joint_position": "piston_position", "piston_position": "joint_position"}.get(channel.quantity)
     found = machine.channel(partner, str(channel.joint)) if partner and recording.role != "unloaded" else None
     return None if found is None else recording.values.get(found.name)
 
 
 def _moved(other: FloatArray | None, start: int, stop: int) -> bool:
-    """Whether a position changes by a tenth of its range or more between two rows."""
+    """Return whether a position changes by a tenth of its range or more between two rows."""
     part = np.zeros(0) if other is None else other[start:stop][np.isfinite(other[start:stop])]
     return other is not None and bool(len(part)) and np.ptp(part) > 0.1 * np.nanmax(np.abs(other - np.nanmedian(other)))
 
 
 def _clipped(own: _Signal) -> Finding | None:
-    """An effort that stops at one value: far more samples there than at any value near it."""
+    """Report an effort that stops at one value: far more samples there than at any value near it."""
     values = own.known
     if own.position or len(np.unique(values)) < 4 * _LEVELS:
         return None
@@ -268,7 +268,7 @@ def _clipped(own: _Signal) -> Finding | None:
 
 
 def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
-    """Two channels with the very same values."""
+    """Report two channels with the very same values."""
     seen: dict[bytes, Channel] = {}
     found = []
     for channel in machine.channels:

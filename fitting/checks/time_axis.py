@@ -31,7 +31,7 @@ _CONTINUES = 4.0
 
 
 def repaired_time(time: FloatArray, rate_hz: float) -> FloatArray:
-    """Time in s that the rest of the checks may use: another unit is converted, another rate taken as meant."""
+    """Compute the time in s for the rest of the checks: another unit converted, another rate taken as meant."""
     steps = np.diff(time)
     if len(steps) == 0 or not np.all(np.isfinite(time)):
         return np.arange(len(time)) / rate_hz
@@ -44,7 +44,7 @@ def repaired_time(time: FloatArray, rate_hz: float) -> FloatArray:
 
 
 def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
-    """What is wrong with a time column; ``values`` tell whether the machine went on over a jump."""
+    """Check a time column; ``values`` show whether the machine moved on over a jump."""
     steps = np.diff(time)
     if len(steps) == 0 or not np.all(np.isfinite(time)):
         return []
@@ -52,7 +52,7 @@ def time_findings(machine: Machine, file: str, time: FloatArray, values: dict[st
 
 
 def repeated_findings(recording: Recording) -> list[Finding]:
-    """A remark on rows that repeat the one before in every channel."""
+    """Report rows that repeat the one before in every channel."""
     rows = np.flatnonzero(repeated_rows(recording))
     if not len(rows):
         return []
@@ -84,7 +84,7 @@ def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]
 
 
 def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, FloatArray]) -> list[Finding]:
-    """A clock that was set, and rows that are lost."""
+    """Report a clock that was set, and rows that are lost."""
     rate, steps, found = machine.rate_hz, np.diff(time), list[Finding]()
     odd = np.flatnonzero(~regular_steps(time, rate))
     if len(odd) == 0:
@@ -113,7 +113,7 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
 
 
 def _goes_on(values: dict[str, FloatArray], row: int) -> bool:
-    """Whether every moving signal goes on over a step of time as from one row to the next."""
+    """Return whether every moving signal is continuous over a step of time as between rows."""
     judged = 0
     for own in values.values():
         steps = np.abs(np.diff(own))
@@ -132,7 +132,7 @@ _BAND = 0.125
 
 
 def speed_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    """Findings on clocks and speed channels; ``recordings`` in SI at the machine's rate."""
+    """Check clocks and speed channels; ``recordings`` in SI at the machine's rate."""
     found: list[Finding] = []
     for recording in recordings:
         ratios = {
@@ -152,7 +152,7 @@ def speed_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
 
 
 def _ratio(machine: Machine, name: str, recording: Recording) -> float | None:
-    """Recorded speed of a joint over the change of its position, by least squares; None where they do not belong."""
+    """Fit the ratio of a joint's recorded speed to the change of its position; None where they do not match."""
     joint = machine.joint(name)
     speed = machine.channel("joint_velocity", name)
     place = position_channel(machine, joint)

@@ -35,11 +35,11 @@ __all__ = [
 
 
 def estimator_ids() -> tuple[str, ...]:
-    """Ids of all installed estimators, sorted."""
+    """List the ids of all installed estimators, sorted."""
     return ESTIMATORS.names()
 
 
 def estimator(name: str) -> Estimator:
-    """The estimator with this id (``InputError``, one line, if there is none or it is none)."""
+    """Return the estimator with this id (``InputError``, one line, if there is none or it is none)."""
     made: Estimator = ESTIMATORS.make(name, Estimator)
     return made

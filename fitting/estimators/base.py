@@ -44,7 +44,7 @@ class Estimate:
 
     @property
     def std(self) -> FloatArray:
-        """Standard deviations of the parameters, (p,); infinite where not told."""
+        """Standard deviations of the parameters, (p,); infinite where undetermined."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -99,7 +99,7 @@ def check_rows(
     groups: npt.ArrayLike | None = None,
     weights: npt.ArrayLike | None = None,
 ) -> Rows:
-    """Arguments of :meth:`Estimator.fit` as arrays; ``ValueError`` says what is wrong with them."""
+    """Convert the arguments of :meth:`Estimator.fit` to arrays; ``ValueError`` names what is wrong with them."""
     A = np.asarray(A, dtype=float)
     b = np.asarray(b, dtype=float)
     if A.ndim != 2 or b.shape != A.shape[:1]:

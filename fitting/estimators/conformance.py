@@ -20,11 +20,11 @@ _SIZES = np.array([1.0, 1.0e3, 1.0e-4, 1.0])
 
 
 def check_estimator(estimator: Estimator) -> None:
-    """Raise ``AssertionError``, with a text that says what is wrong, if the estimator breaks the contract.
+    """Raise ``AssertionError``, with a text that names what is wrong, if the estimator breaks the contract.
 
     Checked: shapes and types of the result; exact data give exact parameters; a known noise level is found, and
     errors agree with the covariance; the unit of a column changes nothing but its parameter; weights of zero remove
-    rows; columns that cannot be told are marked, and still predict; bad input raises ``ValueError``; nothing that
+    rows; undetermined columns are marked, and still predict; bad input raises ``ValueError``; nothing that
     was handed in is changed; the same input gives the same result.
     """
     _require(isinstance(estimator, Estimator), "it has no `name` and `fit` as the protocol `Estimator` says")

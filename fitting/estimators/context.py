@@ -42,12 +42,12 @@ class TakesStage(Protocol):
     """An estimator that takes something from stage 2."""
 
     def within(self, stage: StageTwo) -> Estimator:
-        """This estimator with what it needs of the stage.
+        """Return this estimator with what it needs of the stage.
 
         Raises
         ------
         InputError
-            If the stage lacks what it cannot do without; one line says what to give.
+            If the stage lacks what it cannot do without; one line names what to give.
         """
         ...
 
@@ -66,7 +66,7 @@ class RowsEstimator(ABC):
     colour: Colour = "white"
 
     def within(self, stage: StageTwo) -> Self:
-        """The same with what it needs of the stage; see :class:`TakesStage`."""
+        """Return the same with what it needs of the stage; see :class:`TakesStage`."""
         return replace(self, colour=stage.colour)
 
     def fit(
@@ -82,9 +82,9 @@ class RowsEstimator(ABC):
 
     @abstractmethod
     def solved(self, rows: Rows) -> Estimate:
-        """The estimate of checked rows."""
+        """Return the estimate of checked rows."""
 
 
 def within(estimator: Estimator, stage: StageTwo) -> Estimator:
-    """The estimator, with what it takes from the stage."""
+    """Return the estimator, with what it takes from the stage."""
     return estimator.within(stage) if isinstance(estimator, TakesStage) else estimator

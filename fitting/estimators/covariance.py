@@ -45,7 +45,7 @@ def scores_covariance(
     group: IntArray,
     counted: BoolArray | None = None,
 ) -> FloatArray | float:
-    """Covariance of ``Q'e``: (rank, rank), or one variance for a white residual.
+    """Compute the covariance of ``Q'e``: (rank, rank), or one variance for a white residual.
 
     ``counted`` (R,) is False for rows that were left out (their residual is zero and they take no freedom).
     """
@@ -67,7 +67,7 @@ def scores_covariance(
 
 
 def series_scores(Q: FloatArray, e: FloatArray, colour: Colour, rng: np.random.Generator) -> FloatArray:
-    """Covariance of ``Q'e`` (rank, rank) of one series in time order, without any factor for parameters fitted."""
+    """Compute ``Q'e``'s covariance (rank, rank) of one series in time order, with no factor for fitted parameters."""
     if colour == "bootstrap":
         draws = residual_draws(e, _DRAWS, rng) @ Q
         return np.asarray(draws.T @ draws / _DRAWS)
@@ -86,7 +86,7 @@ def check_colour(colour: Colour) -> None:
 
 
 def _bartlett(U: FloatArray, lags: int) -> FloatArray:
-    """``sum_|l| <= lags (1 - |l| / (lags + 1)) sum_t u_t u_(t-l)'`` of one series (n, k)."""
+    """Compute ``sum_|l| <= lags (1 - |l| / (lags + 1)) sum_t u_t u_(t-l)'`` of one series (n, k)."""
     S = U.T @ U
     for lag in range(1, min(lags, len(U) - 1) + 1):
         G = U[lag:].T @ U[:-lag]
@@ -95,7 +95,7 @@ def _bartlett(U: FloatArray, lags: int) -> FloatArray:
 
 
 def _whitened_sum(Q: FloatArray, e: FloatArray) -> FloatArray:
-    """Long-run sum of the scores of one series, ``Q`` (n, k), ``e`` (n,).
+    """Compute the long-run sum of the scores of one series, ``Q`` (n, k), ``e`` (n,).
 
     An autoregression ``a = T e`` takes most of the colour out of the residual. Then ``Q'e = (T^-T Q)'a``, and the
     scores ``v_t = (T^-T Q)_t a_t`` are nearly uncorrelated: a short Bartlett window does for them. Whitening the
@@ -111,7 +111,7 @@ def _whitened_sum(Q: FloatArray, e: FloatArray) -> FloatArray:
 
 
 def _bandwidth(V: FloatArray) -> int:
-    """Andrews' plug-in for the Bartlett kernel, equation 6.4, every column with the same weight."""
+    """Compute Andrews' plug-in for the Bartlett kernel, equation 6.4, with equal column weights."""
     squares = np.sum(V**2, axis=0)
     alive = squares > 0
     if not alive.any():
@@ -128,7 +128,7 @@ def _bandwidth(V: FloatArray) -> int:
 
 
 def residual_draws(residual: npt.ArrayLike, draws: int, rng: np.random.Generator) -> FloatArray:
-    """Series with the colour of a residual, drawn anew: (draws, n).
+    """Draw series with the colour of a residual anew: (draws, n).
 
     An autoregression (order by Akaike's criterion) takes the colour out, its innovations are drawn in circular blocks
     of :func:`block_length`, and the same autoregression, started at rest a while before, colours them again.
@@ -157,7 +157,7 @@ def residual_draws(residual: npt.ArrayLike, draws: int, rng: np.random.Generator
 
 
 def autoregression(e: FloatArray) -> FloatArray:
-    """Prediction error filter ``[1, -phi_1, ..., -phi_k]`` of a series, by Burg's method; ``k`` by Akaike.
+    """Fit the prediction error filter ``[1, -phi_1, ..., -phi_k]`` of a series, by Burg's method; ``k`` by Akaike.
 
     Burg's filter has its zeros inside the unit circle, so its inverse never grows, and on short series it takes a
     strong colour for less of itself than Yule and Walker's does (Kay, *Modern Spectral Estimation*, 7.6).
@@ -185,7 +185,7 @@ def autoregression(e: FloatArray) -> FloatArray:
 
 
 def block_length(series: FloatArray) -> int:
-    """Length of circular blocks, from the data (Politis and White); at least the cube root of the length.
+    """Compute the length of circular blocks (Politis and White); at least the cube root of the length.
 
     ``b = (2 G^2 n / D)^(1/3)``, ``G = sum |k| r_k``, ``D = 4/3 (sum r_k)^2`` over a flat-top window that reaches twice
     as far as the last autocorrelation above ``2 sqrt(log10(n) / n)``.

@@ -76,7 +76,7 @@ class EffortRows:
         return np.array([sum(int(np.count_nonzero(keep)) for keep in own) for own in kept])
 
     def stacked(self, folded: bool = False) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Columns (R, p), target (R,) and joint (R,) of all rows; of the triangles where they are ``folded``."""
+        """Stack columns (R, p), target (R,) and joint (R,) of all rows; of the triangles where ``folded``."""
         tables = self.triangles
         if not folded:
             tables = [np.vstack([np.column_stack(part) for part in self.parts(joint)]) for joint in self._joints]
@@ -89,14 +89,14 @@ class EffortRows:
         return int(self.triangles[0].shape[1]) - 1
 
     def parts(self, joint: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-        """Columns (M, p) and target (M,) of one joint, segment by segment, rows at rest left out."""
+        """Return columns (M, p) and target (M,) of one joint by segment, rows at rest left out."""
         for index in self._indices:
             columns, target = self._part(joint, index)
             keep = self._design.blocks[joint][index].keep
             yield columns[keep], target[keep]
 
     def _part(self, joint: int, index: int) -> tuple[FloatArray, FloatArray]:
-        """Columns (M, p) and target (M,) of one joint in one segment, rest included; kept where there is memory."""
+        """Return columns (M, p) and target (M,) of a joint in one segment, with rest; cached where there is memory."""
         if (joint, index) in self._made:
             return self._made[joint, index]
         design, extra = self._design, self._extra
@@ -113,12 +113,12 @@ class EffortRows:
         return columns, target
 
     def errors(self, theta: FloatArray) -> FloatArray:
-        """Root mean square of each joint's error (n,), N m or N, not a number where a joint has no rows."""
+        """Compute the RMS of each joint's error (n,), N m or N, not a number where a joint has no rows."""
         sums = np.array([np.sum((R[:, -1] - R[:, :-1] @ theta) ** 2) for R in self.triangles])
         return np.asarray(np.sqrt(sums / np.where(self.rows > 0, self.rows, np.nan)))
 
     def least_squares(self, prior: Prior) -> FloatArray:
-        """Parameters (p,) of least squares: what is known of moving masses counts, a plausible arm does not."""
+        """Solve least squares for the parameters (p,) with the prior of moving masses, without the plausible arm's."""
         return self._solved(self._stacked, prior.unsettled(), self.spread)[0]
 
     @cached_property
@@ -158,27 +158,27 @@ class EffortRows:
         return found.root @ (found.Q.T @ unit[:, -1]), found
 
     def _prior_rows(self, prior: Prior) -> FloatArray:
-        """Rows ``[A b]`` (R, p + 1) of unit noise of what is known beforehand."""
+        """Return prior rows ``[A b]`` (R, p + 1) of unit noise."""
         return np.column_stack(rows_of_prior(self._design.parameters, prior.without_delays(), self.columns))
 
     def settled(self, prior: Prior) -> Prior:
-        """The prior at the point that these rows ask for; refused where they refuse the plausible arm."""
+        """Return the prior at the point that fits these rows; without the plausible arm where they refuse it."""
         found = replace(prior, refused=False).settled(*self._unit_rows(prior, self._stacked))
         errors = [self.errors(self._solved(self._stacked, p, self.spread)[0]) for p in (found, prior.unsettled())]
         return replace(prior.unsettled(), refused=True) if self._refuses_arm(found, *errors) else found
 
     def possible(self, prior: Prior) -> FloatArray:
-        """Drives' and base parameters that are nearest to the rows among those that physics allows."""
+        """Compute the drives' and base parameters nearest to the rows among the physically possible."""
         assert prior.arm is not None
         return prior.arm.optimum(*self._unit_rows(prior, self._stacked), weight=ALONE).theta
 
     def _unit_rows(self, prior: Prior, stacked: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rows ``A, b`` of unit noise with all that is known beforehand but for the arm."""
+        """Return rows ``A, b`` of unit noise with all that is known a priori but for the arm."""
         unit = np.vstack([stacked / self.spread, self._prior_rows(prior.unsettled())])
         return unit[:, :-1], unit[:, -1]
 
     def _refuses_arm(self, prior: Prior, with_arm: FloatArray, without: FloatArray) -> bool:
-        """True where least squares is better than the fit with the plausible arm on positions left out of both.
+        """Return True where least squares beat the fit with the plausible arm on positions left out of both.
 
         Inside one motion least squares looks better, whatever the truth: it has more freedom, and rows a moment apart
         share what the model lacks. So it is asked where neither has been: each joint's lowest and highest quarter of
@@ -199,7 +199,7 @@ class EffortRows:
         return float(np.sum(differences)) > REFUSED * error
 
     def _outer(self) -> Iterator[dict[int, BoolArray]]:
-        """Rows of each segment in the lowest, and in the highest, quarter of each joint's positions."""
+        """Return each segment's rows in the lowest and in the highest quarter of each joint's positions."""
         design = self._design
         places = {i: design.bank.reduce(design.segments[i].q) for i in self._indices if design.segments[i].loaded}
         for joint, own in enumerate(np.vstack(list(places.values())).T if places else []):
@@ -208,7 +208,7 @@ class EffortRows:
             yield {i: q[:, joint] > high for i, q in places.items()}
 
     def elsewhere(self, prior: Prior, theta: FloatArray) -> FloatArray:
-        """By how much (n,) errors on positions left out are larger than those of a fit to all, as mean squares.
+        """Compute by how much (n,) errors on held-out positions exceed those of a fit to all, as mean squares.
 
         In units of the drives' efforts; 0 where they are not. A model that is not whole errs more where it was not
         fitted, which no covariance of its parameters knows.
@@ -232,7 +232,7 @@ class EffortRows:
         return np.asarray(np.maximum(sums / np.maximum(counts, 1), 0.0))
 
     def _rest(self, out: Mapping[int, BoolArray]) -> FloatArray:
-        """The triangle of all rows but those that are left out."""
+        """Return the triangle of all rows but those that are left out."""
         return triangle(
             np.column_stack(self._part(joint, i))[
                 self._design.blocks[joint][i].keep & ~out.get(i, np.zeros(1, dtype=bool))
@@ -242,7 +242,7 @@ class EffortRows:
         )
 
     def _left_out(self, prior: Prior, out: Mapping[int, BoolArray]) -> list[float]:
-        """Squared error with the arm less that without on the rows ``out``, of each stretch of time."""
+        """Compute the squared error with the arm less that without on the rows ``out``, by stretch of time."""
         joints, blocks = self._joints, self._design.blocks
         rest = self._rest(out)
         ends = prior.settled(*self._unit_rows(prior, rest)), prior.unsettled()
@@ -258,7 +258,7 @@ class EffortRows:
         return changes
 
     def ordinary(self, wanted: IntArray, frozen: FloatArray, colour: Colour) -> Estimate:
-        """Ordinary least squares of the columns ``wanted``, all others frozen at the values (p,) in ``frozen``.
+        """Solve ordinary least squares of the columns ``wanted``, all others frozen at ``frozen`` (p,).
 
         Of long recordings the triangles are solved. A second walk through the rows gives residuals, and with
         ``Q = A root`` the scores that the covariance is made of: each segment of each joint is a series of its own
@@ -298,7 +298,7 @@ class EffortRows:
         )
 
     def fit(self, prior: Prior) -> Fit:
-        """Most probable parameters with equal weights beside a settled prior, with deviations of a sandwich."""
+        """Fit the most probable parameters with equal weights beside a settled prior, with sandwich deviations."""
         theta, found = self._solved(self._stacked, prior, self.spread)
         told = np.zeros(self.columns, dtype=bool)
         told[found.told] = True
@@ -327,7 +327,7 @@ class EffortRows:
 
 
 def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, FloatArray]:
-    """Variance of a row's noise, and the parameters (p,) that are most probable with it.
+    """Estimate the variance of a row's noise, and the most probable parameters (p,) with it.
 
     Where rows are many, the squares that least squares leaves per degree of freedom. Where they are hardly more than
     the columns, or fewer, least squares leaves nothing, whatever the noise is; but a contribution is no larger than its
@@ -354,7 +354,7 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
     beside, free = float(np.sum((whole[:, -1] - U @ c) ** 2)), max(rows - len(d), 0)
 
     def deviance(log: FloatArray) -> FloatArray:
-        """Twice the negative logarithm of the probability of logarithms (k,) of the variance."""
+        """Compute twice the negative log probability of logarithms (k,) of the variance."""
         variance = np.exp(log)
         total = d**2 + variance[:, None]
         return np.asarray(np.sum(np.log(total) + c**2 / total, axis=1) + (free - 1) * log + beside / variance)
@@ -371,7 +371,7 @@ def noise_variance(triangles: Sequence[FloatArray], rows: int) -> tuple[float, F
 
 
 def long_run(series: FloatArray) -> float:
-    """Long-run variance of a series over its variance, at least 1: by an autoregression (:func:`autoregression`)."""
+    """Compute a series' long-run variance over its variance, at least 1: by :func:`autoregression`."""
     if len(series) < _SHORT or not series.any():
         return 1.0
     taps = autoregression(series)
@@ -380,7 +380,7 @@ def long_run(series: FloatArray) -> float:
 
 
 def mean_levers(design: Design) -> FloatArray:
-    """Root mean square of each joint's lever arm over the loaded segments, (n,), m/rad; 1 where it has none."""
+    """Compute the RMS of each joint's lever arm over the loaded segments, (n,), m/rad; 1 where it has none."""
     joints = len(design.machine.joints)
     loaded = [s for s in design.segments if s.loaded]
     if not loaded:
@@ -390,7 +390,7 @@ def mean_levers(design: Design) -> FloatArray:
 
 
 def predicted_std(rows: EffortRows, fit: Fit) -> FloatArray:
-    """Standard deviation (n,), N m or N, that uncertain parameters give the predicted effort of each joint.
+    """Compute the standard deviation (n,), N m or N, of each joint's predicted effort by uncertain parameters.
 
     Root mean square over some rows; not a number where a joint has none.
     """
@@ -399,7 +399,7 @@ def predicted_std(rows: EffortRows, fit: Fit) -> FloatArray:
 
 
 def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray) -> float:
-    """Error that the uncertainty of a fit's parameters makes on some rows at most, in noise floors.
+    """Bound the error of some rows by the uncertainty of a fit's parameters, in noise floors.
 
     Root mean square over the joints of each joint's error in its floor. With ``C`` the covariance and ``X_j`` a joint's
     rows, its square is ``e' G e`` of a normal ``e``, ``G = C^(1/2)' (sum_j X_j'X_j / (N_j f_j^2 n)) C^(1/2)``: about a

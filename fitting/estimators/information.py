@@ -34,7 +34,7 @@ def information(rows: Rows, colour: Colour) -> Information:
     """Condense weighted rows.
 
     ``Q'A theta = Q'b - Q'e`` with ``Q`` an orthonormal basis of the columns; a Cholesky factor of the covariance of
-    ``Q'e`` makes the noise one. Where too few rows are left to tell the noise, it counts as one.
+    ``Q'e`` makes the noise one. Where too few rows are left to estimate the noise, it counts as one.
     """
     root = np.sqrt(rows.weights)
     A, b = rows.A * root[:, None], rows.b * root

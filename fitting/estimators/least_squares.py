@@ -55,7 +55,7 @@ class Solution:
         return np.asarray(np.einsum("ij,ij->i", self.Q, self.Q))
 
     def covariance(self, middle: FloatArray | float) -> FloatArray:
-        """``root middle root'``, with infinite variance where a parameter is not told.
+        """Compute ``root middle root'``, with infinite variance where a parameter is undetermined.
 
         ``middle`` is a variance, or the (rank, rank) covariance of ``Q'e``.
         """
@@ -68,7 +68,7 @@ class Solution:
 
 
 def solve(A: FloatArray, b: FloatArray) -> Solution:
-    """Rank-aware least squares of ``A`` (R, p) and ``b`` (R,)."""
+    """Solve rank-aware least squares of ``A`` (R, p) and ``b`` (R,)."""
     p = A.shape[1]
     # Two steps to the norm, so that neither 1e-200 nor 1e+200 under- or overflows when squared.
     largest = np.abs(A).max(axis=0, initial=0.0)
@@ -97,7 +97,7 @@ def solve(A: FloatArray, b: FloatArray) -> Solution:
 
 
 def residual_std(rows: Rows, leverage: FloatArray, theta: FloatArray) -> FloatArray:
-    """Standard deviation of what parameters leave of each group's rows that count, (g,), in the target's unit.
+    """Compute the standard deviation that parameters leave of each group's rows that count, (g,), in the target's unit.
 
     ``sqrt(sum e^2 / (n_g - sum of leverages))``: the fit takes degrees of freedom from a group in the measure of its
     rows' leverages; where it takes them all (as many parameters as rows) nothing is left to estimate noise from, and

@@ -20,12 +20,12 @@ class OrdinaryLeastSquares(RowsEstimator):
     name: ClassVar[str] = "ols"
 
     def solved(self, rows: Rows) -> Estimate:
-        """Least squares with the weights that were given."""
+        """Solve least squares with the given weights."""
         return weighted_fit(rows, self.colour)
 
 
 def weighted_fit(rows: Rows, colour: Colour) -> Estimate:
-    """Least squares with the weights of ``rows``; rows of weight zero count nowhere."""
+    """Solve least squares with the weights of ``rows``; rows of weight zero count nowhere."""
     counted = rows.weights > 0
     root = np.sqrt(rows.weights)
     A, b = rows.A * root[:, None], rows.b * root

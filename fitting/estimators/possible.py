@@ -50,11 +50,11 @@ class PossibleFit(RowsEstimator):
     prior: BodyPrior | None = None
 
     def within(self, stage: StageTwo) -> Self:
-        """The same for the links of the stage's arm."""
+        """Return the same for the links of the stage's arm."""
         return replace(self, base=stage.base, geometry=stage.geometry, prior=stage.prior, colour=stage.colour)
 
     def solved(self, rows: Rows) -> Estimate:
-        """The nearest parameters that bodies can have.
+        """Solve for the nearest parameters that bodies can have.
 
         ``details`` hold the price (``chi_square_price`` and the rise of each group's error in percent), the parameters
         that a constraint moved in standard deviations, and ``standard_parameters`` by name.

@@ -94,7 +94,7 @@ class RecursiveLeastSquares:
         self._rows += len(block)
 
     def _current(self) -> tuple[FloatArray, FloatArray, float]:
-        """Factor, factor at squared weights and sum of weights, with the waiting rows rotated in."""
+        """Return factor, factor at squared weights and sum of weights, waiting rows rotated in."""
         count = self._waiting
         if not count:
             return self._factor, self._squared, self._weight
@@ -114,7 +114,7 @@ class RecursiveLeastSquares:
 
     @property
     def theta(self) -> FloatArray:
-        """Parameters now, (p,); those that the rows cannot tell yet: see :attr:`told`."""
+        """Parameters now, (p,); those that the rows do not determine yet: see :attr:`told`."""
         factor, _, _ = self._current()
         R, z = factor[:-1, :-1], factor[:-1, -1]
         norms = np.linalg.norm(R, axis=0)
@@ -128,7 +128,7 @@ class RecursiveLeastSquares:
 
     @property
     def told(self) -> BoolArray:
-        """Which parameters the rows can tell, (p,)."""
+        """Mask of the parameters that the rows determine, (p,)."""
         return self._solved()[0].told
 
     @property
@@ -172,7 +172,7 @@ class RecursiveLeastSquares:
 
 
 def _rotated(factor: FloatArray, rows: FloatArray) -> FloatArray:
-    """Triangular factor of ``factor`` (triangular, m by m) stacked on ``rows`` (k, m)."""
+    """Compute the triangular factor of ``factor`` (triangular, m by m) on ``rows`` (k, m)."""
     m = factor.shape[1]
     packed, _, _, info = lapack.dgeqrf(np.vstack([factor, rows]), overwrite_a=True)
     if info:

@@ -36,7 +36,7 @@ class RidgeTowardPrior(RowsEstimator):
     names: tuple[str, ...] = ()
 
     def within(self, stage: StageTwo) -> Self:
-        """The same with the stage's prior.
+        """Return the same with the stage's prior.
 
         Raises
         ------
@@ -51,7 +51,7 @@ class RidgeTowardPrior(RowsEstimator):
         return replace(self, prior=stage.prior, names=stage.base.names, colour=stage.colour)
 
     def solved(self, rows: Rows) -> Estimate:
-        """Weighted least squares beside the prior.
+        """Solve weighted least squares beside the prior.
 
         Raises
         ------

@@ -28,18 +28,18 @@ class WeightedLeastSquares(RowsEstimator):
     name: ClassVar[str] = "wls"
 
     def solved(self, rows: Rows) -> Estimate:
-        """Least squares with the weights that the first step gives."""
+        """Solve least squares with the weights that the first step gives."""
         return weighted_fit(weighted_by_group(rows), self.colour)
 
 
 def weighted_by_group(rows: Rows) -> Rows:
-    """The rows with each group's weights divided by the variance that ordinary least squares leaves in it."""
+    """Divide each group's weights by the variance that ordinary least squares leaves in it."""
     spread = usable_spread(weighted_fit(rows, "white").residual_std, rows)
     return replace(rows, weights=rows.weights / spread[rows.group] ** 2)
 
 
 def usable_spread(spread: FloatArray, rows: Rows) -> FloatArray:
-    """Standard deviations (g,) fit to divide by.
+    """Return standard deviations (g,) fit to divide by.
 
     A group fitted exactly, or with no freedom left, has no spread of its own: it takes the smallest believable one
     (1e-9 of the target), or the common one, lest its weight become infinite.

@@ -55,7 +55,7 @@ class Recorder(Protocol):
     """Somebody who can record a motion: an operator at an arm, a simulated machine, a plant in memory."""
 
     def __call__(self, asked: Asked, number: int) -> Recording:
-        """Let the machine follow ``asked.motion`` and give the recording of it, in the role ``asked.role``.
+        """Let the machine follow ``asked.motion`` and return its recording in the role ``asked.role``.
 
         Parameters
         ----------
@@ -84,11 +84,11 @@ class Identified(Protocol):
         ...
 
     def question(self) -> Asked | None:
-        """The motion that tells best what these recordings cannot; None if there is none, or nothing to tell."""
+        """Return the motion most informative beside these recordings; None if there is none, or nothing is open."""
         ...
 
     def with_recording(self, recording: Recording) -> Self:
-        """All recordings and this one, identified again."""
+        """Identify again with all recordings and this one."""
         ...
 
 
@@ -106,7 +106,7 @@ class Step:
 
 
 def settled(hypotheses: Sequence[Hypothesis]) -> bool:
-    """Whether one explanation has the probability from which on something is said."""
+    """Return whether one explanation has the probability from which it is reported."""
     return bool(hypotheses) and hypotheses[0].probability >= priors.SAID
 
 
@@ -162,17 +162,17 @@ class Examined:
         return bool(self.attribution.accepted)
 
     def question(self) -> Asked | None:
-        """The motion to record."""
+        """Return the motion to record."""
         designed = next_experiment(self.session, self.attribution)
         return None if designed is None else asked_of(designed, self.session)
 
     def with_recording(self, recording: Recording) -> Self:
-        """The loop on one recording more."""
+        """Run the loop on one recording more."""
         return type(self).of(self.session.with_recording(recording))
 
 
 def next_experiment(session: Session, found: Attribution) -> NextExperiment | None:
-    """The experiment that best separates the members of the first set; None where there is none."""
+    """Design the experiment that best separates the members of the first set; None without any."""
     for item in found.accepted:
         rivals, chances = rivals_of(item, found)
         if len(rivals) > 1:
@@ -183,7 +183,7 @@ def next_experiment(session: Session, found: Attribution) -> NextExperiment | No
 
 
 def asked_of(designed: NextExperiment, session: Session) -> Asked | None:
-    """What somebody is asked to record; None if no motion is expected to close the set."""
+    """Build the request for a recording; None if no motion is expected to close the set."""
     best = designed.best
     if best is None or best.motion is None:
         return None
@@ -193,7 +193,7 @@ def asked_of(designed: NextExperiment, session: Session) -> Asked | None:
 
 
 def rivals_of(item: Accepted, found: Attribution) -> tuple[tuple[Term, ...], tuple[float, ...]]:
-    """What may stand in the place of a finding, itself first, and each one's probability.
+    """List the alternatives of a finding, itself first, and each one's probability.
 
     The names of its set; where it is short of 95 % without one, the laws that are missing to that as well.
     """
@@ -215,7 +215,7 @@ def rivals_of(item: Accepted, found: Attribution) -> tuple[tuple[Term, ...], tup
 
 
 def _alternatives(item: Accepted, found: Attribution) -> list[tuple[Term, float]]:
-    """What hypotheses have in the place of a finding, with probabilities, the best first, without what stands there."""
+    """List hypotheses' terms in place of a finding, with probabilities, the best first, without its own term."""
     own = item.score.term
     places = [n for h in found.hypotheses[:1] for n, t in enumerate(h.terms) if t.family == own.family]
     if not places:

@@ -29,7 +29,7 @@ Errors = tuple[FloatArray, ...]
 
 
 def confirmed_in_effort(session: Session, corrections: Corrections, found: Attribution) -> Attribution:
-    """The findings that hold where the final fit has equal weights; all of them where it is whitened.
+    """Return the findings confirmed where the final fit has equal weights; all where it is whitened.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def _errors(final: Weighed, validate: Sequence[int]) -> Errors:
 
 
 def _refused(session: Session, before: Errors, after: Errors) -> str | None:
-    """Why the efforts on the validation motion do not confirm a finding; None where they do."""
+    """Return why the validation efforts do not confirm a finding; None where they do."""
     rate = session.bank.reduced_rate_hz
     change, _, high = error_change(before, after, rate, np.random.default_rng(22))
     if not high < 0:
@@ -91,7 +91,7 @@ def _refused(session: Session, before: Errors, after: Errors) -> str | None:
 
 
 def _demoted(left: Attribution, found: Attribution) -> dict[Family, tuple[str, str]]:
-    """Status and reason of rivals of refused findings: they are no longer indistinguishable from them."""
+    """Return status and reason of rivals of rejected findings: they are now distinguishable."""
     there = {rival.term.family for item in left.accepted for rival in item.rivals}
     fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - there
     reason = "what it could not be told apart from is not confirmed by the efforts on the validation motion"

@@ -40,7 +40,7 @@ _SPANS = (0.08, 0.02)
 
 
 def renumbered(term: Term, numbers: Mapping[int, int]) -> Term:
-    """A term of the search with its recording numbered as in the whole, or the other way round."""
+    """Renumber the recording of a term between the search and the whole."""
     recording = term.shape.get("recording", -1.0)
     return term if recording < 0 else replace(term, shape={**term.shape, "recording": float(numbers[int(recording)])})
 
@@ -52,19 +52,19 @@ def held_against_everything(
     found: Attribution,
     progress: Progress = lambda fraction, text: None,
 ) -> Attribution:
-    """The attribution with what everything says of each accepted term.
+    """Check each accepted term against all samples.
 
     Parameters
     ----------
     session : of all recordings
     corrections : what kinematics found
     search : where it was found
-    found : result of the search; its models and detection limits stay those of the pieces
+    found : result of the search; its models and detection limits remain those of the pieces
 
     Returns
     -------
     Attribution
-        Accepted terms that stand on everything, with the gain on all of `validate`; candidates and changes with
+        Accepted terms that hold on everything, with the gain on all of `validate`; candidates and changes with
         recordings numbered as in the whole.
     """
     whole = dict(enumerate(search.numbers))
@@ -96,14 +96,14 @@ def held_against_everything(
 
 
 def _of(item: Accepted, term: Term) -> Accepted:
-    """The same finding with another shape or number of its recording."""
+    """Return the same finding with another shape or recording number."""
     return replace(item, score=replace(item.score, term=term))
 
 
 def _refused(
     base: Model, model: Model, accepted: Sequence[Accepted], validate: Sequence[int]
 ) -> tuple[int, str] | None:
-    """Number of the term to drop, and why; None where all stand."""
+    """Return the number of the term to drop, and why; None where all hold."""
     worths = [worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
     if worths[weakest] < 0:
@@ -123,7 +123,7 @@ def _refused(
 
 
 def worth(model: Model, number: int) -> float:
-    """Chi-square that dropping a term would cost (Wald's), beyond the least that is said of so many parameters."""
+    """Compute the chi-square cost of dropping a term (Wald's), beyond the least to report so many parameters."""
     count = _count(model, number)
     return model.wald(number) - least_gain(count) if count else -np.inf
 
@@ -131,11 +131,11 @@ def worth(model: Model, number: int) -> float:
 def _with_rivals(
     signals: SessionSignals, search: Search, corrections: Corrections, model: Model, accepted: Sequence[Accepted]
 ) -> tuple[list[Accepted], dict[Family, tuple[str, str]]]:
-    """Accepted terms with the rivals that all samples leave them, and status and reason of those that changed.
+    """Return accepted terms with their rivals by all samples, and status and reason of the changed ones.
 
     A rival takes the term's place in the joint fit, with its shape refined on the pieces as the term's was. It stays in
     the set where the two differ by less than a set is wide; where it is better by more, it is the term. The width is
-    that of the search, with the doubt of a bias in proportion to the gain.
+    that of the search, with the uncertainty of a bias in proportion to the gain.
     """
     result, apart = list(accepted), dict[Family, tuple[str, str]]()
     pieces, whole = SessionSignals(search.session, corrections), dict(enumerate(search.numbers))
@@ -170,7 +170,7 @@ def _with_rivals(
 
 
 def _priced(model: Model) -> float:
-    """Chi-square of a model and the least that is said of each of its terms."""
+    """Compute the chi-square of a model and the least to report each of its terms."""
     counts = [_count(model, n) for n in range(len(model.terms))]
     return model.fit.chi_square + sum(least_gain(count) for count in counts if count)
 
@@ -180,7 +180,7 @@ def _count(model: Model, number: int) -> int:
 
 
 def _doubt(score: Score, gain: float) -> float:
-    """Doubt of a term's gain from the bias that noisy regressors have, grown as the gain has."""
+    """Compute the uncertainty of a term's gain by the bias of noisy regressors, grown as the gain has."""
     if score.null is None or score.gain <= 0:
         return 0.0
     return score.null.doubt(score.information, score.gain) * gain / score.gain
@@ -189,7 +189,7 @@ def _doubt(score: Score, gain: float) -> float:
 def _with_gains(
     signals: SessionSignals, model: Model, accepted: Sequence[Accepted], validate: Sequence[int]
 ) -> list[Accepted]:
-    """Accepted terms with what each takes off the chi-square of all of `validate` beside the others."""
+    """Return accepted terms with what each takes off the chi-square of all of `validate`."""
     result = []
     for number, item in enumerate(accepted):
         gain = None
@@ -201,7 +201,7 @@ def _with_gains(
 
 
 def with_best_shapes(model: Model, prior: Prior, reach: float) -> tuple[Term, ...]:
-    """The model's terms with their shapes at the best value on all fitted rows near the present one.
+    """Return the model's terms with their shapes at the best nearby value on all fitted rows.
 
     A moment is known from pieces to the next piece only, and any shape better from hours than from minutes.
 
@@ -230,7 +230,7 @@ def with_best_shapes(model: Model, prior: Prior, reach: float) -> tuple[Term, ..
 
 
 def chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: Sequence[Term]) -> list[float]:
-    """Chi-square of a joint fit of base, ``others`` and one of the candidates, for each of them.
+    """Compute the chi-square of a joint fit of base, ``others`` and each of the candidates.
 
     Candidates are put beside each other behind the base and the other terms, all rows folded into one triangle
     (:mod:`fitting.regression.streamed`), and each one's chi-square is read off its columns there: one walk through the
@@ -253,7 +253,7 @@ def chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: 
 
 
 def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
-    """Steps around the present value, round by round: of a moment in s, else relative."""
+    """Yield steps around the present value by round: of a moment in s, else relative."""
     for span in () if key in _MOMENTS else _SPANS:
         yield span * np.array([-1.0, -0.5, 0.5, 1.0])
     while key in _MOMENTS and reach > _FINEST_MOMENT:
@@ -262,7 +262,7 @@ def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
 
 
 def said(search: Search) -> str:
-    """One sentence on where was searched."""
+    """Word in one sentence where was searched."""
     return (
         f"effects were searched for on {search.pieces} pieces of {_minutes(search.seconds)} in all, of "
         f"{_minutes(search.of_seconds)} recorded; what was found was fitted to, and its errors are of, everything; "

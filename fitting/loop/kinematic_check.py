@@ -139,7 +139,7 @@ def kinematics(session: Session, progress: Progress = lambda fraction, text: Non
 
 
 def gap_posteriors(session: Session, progress: Progress = lambda fraction, text: None) -> dict[int, GapPosterior]:
-    """What is believed of the gap of every joint that has two position sensors, by the joint's number."""
+    """Compute the posterior of the gap of every joint with two position sensors, by joint number."""
     plain, model, joints = session.plain, session.base_model, checkable(session.machine)
     posteriors = dict[int, GapPosterior]()
     if not any(plain.design.segments[i].loaded for i in plain.fitted):
@@ -154,12 +154,12 @@ def gap_posteriors(session: Session, progress: Progress = lambda fraction, text:
 
 
 def _rows(session: Session, prepared: Prepared, views: Views, joint: int) -> GapRows:
-    """The whitened gap of a joint."""
+    """Compute the whitened gap of a joint."""
     return gap_rows(prepared.design, views, prepared.fitted, prepared.pairs, session.sensor_errors, joint)
 
 
 def _again(session: Session, posteriors: Mapping[int, GapPosterior], joint: int) -> GapPosterior:
-    """A joint's posterior with the forces of the arm as each of its sets has it, and with what the efforts say.
+    """Compute a joint's posterior with the forces of the arm as each set has it, and with the efforts' evidence.
 
     An encoder that is off turns the link in the model, and with it the load that bends the structure; what gives way
     is between the sensors, of which no mean is right then. So the base is fitted with the positions as each set has
@@ -196,10 +196,10 @@ def _again(session: Session, posteriors: Mapping[int, GapPosterior], joint: int)
 
 
 def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPosterior:
-    """A posterior that leaves several sets, their chances times what the efforts say of their poses.
+    """Weight a posterior that leaves several sets by the efforts' evidence of their poses.
 
-    The chi-square that each one's model leaves counts, divided by how much noisier the rows are that tell two sets
-    apart, and as far as a formula is believed (:func:`fitting.selection.decision.shares_believed`).
+    The chi-square that each one's model leaves counts, divided by how much noisier the rows are that separate two
+    sets, and as far as a formula counts (:func:`fitting.selection.decision.shares_believed`).
     """
     sets = [pair for pair in posterior.sets if pair[1] > LEAST and pair[0].pose in fits]
     if posterior.sets[0][1] >= priors.SAID or len({chosen.pose for chosen, _ in sets}) < 2:
@@ -220,7 +220,7 @@ def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPos
 
 
 def _rebuilt_by(start: Corrections, posterior: GapPosterior, chosen: GapSet) -> Corrections:
-    """Corrections with the effects of a set rebuilt as well; ``start`` itself where it has none."""
+    """Return corrections with the effects of a set rebuilt as well; ``start`` itself without any."""
     corrections = start
     for score in posterior.scores(chosen):
         corrections = corrected(corrections, score)
@@ -228,12 +228,12 @@ def _rebuilt_by(start: Corrections, posterior: GapPosterior, chosen: GapSet) -> 
 
 
 def _left(model: Model) -> float:
-    """Chi-square beyond one of each row."""
+    """Compute the chi-square beyond one of each row."""
     return model.fit.chi_square - sum(map(len, model.fit.residual))
 
 
 def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
-    """Of each joint the whitened residual in all rows, 0 where they are not fitted, and which are; a prior's last."""
+    """Spread each joint's whitened residual over all rows, 0 where not fitted, with that mask; a prior's last."""
     result = []
     for joint, own in enumerate(model.fit.residual):
         rows = [model.design.kept(model.noise, joint, index) for index in model.fitted]
@@ -247,7 +247,7 @@ def _spread(model: Model) -> list[tuple[FloatArray, npt.NDArray[np.bool_]]]:
 def _rebuilt(
     session: Session, start: Corrections, posterior: GapPosterior
 ) -> tuple[list[KinematicFinding], Corrections]:
-    """What is said of a joint, rebuilt into the positions until nothing of it is left."""
+    """Rebuild a joint's findings into the positions until nothing of its gap is left."""
     said = posterior.conclusions()
     scores = posterior.scores(said[0].chosen) if said else ()
     if not scores:
@@ -301,7 +301,7 @@ def _rebuilt(
 def _gaps(
     session: Session, prepared: Prepared, model: Model, joint: int, driven: Sequence[GapScore]
 ) -> tuple[float, float]:
-    """Root mean square of a joint's filtered gap as measured, and less what was found, m."""
+    """Compute the RMS of a joint's filtered gap as measured, and less the findings, m."""
     plain, indices = session.plain, prepared.validate or prepared.fitted
     views = [model.views[i][joint] for i in indices if prepared.design.segments[i].loaded]
     explained = []
@@ -313,7 +313,7 @@ def _gaps(
 
 
 def _placed(session: Session, corrections: Corrections, score: GapScore) -> tuple[GapScore, Corrections]:
-    """Give what stays in the gap its place, where the efforts tell it: before the piston's sensor, or in it."""
+    """Place what is left in the gap before the piston's sensor or in it, where the efforts show which."""
     places = score.effect.places(score.shape)
     if len(places) > 1:
         reading_alone = session.fit(session.prepared(corrected(corrections, replace(score, shape=places[1]))))
@@ -351,7 +351,7 @@ def _log_odds_of_moving(model: Model, score: GapScore) -> float:
 
 
 def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:
-    """The law of a set with its curve."""
+    """Return the law of a set with its curve."""
     rows: GapRows = posterior.rows
     assert said.chosen.law is not None
     values, covariance, gain = posterior.curve(said.chosen)
@@ -360,7 +360,7 @@ def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:
-    """Whole explanations of all gaps; joints are independent."""
+    """Combine whole explanations of all gaps; joints are independent."""
     choices = []
     for joint, posterior in posteriors.items():
         own = []
@@ -374,7 +374,7 @@ def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...
 
 
 def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:
-    """Corrections from the ``steps`` of stored kinematic findings, in order."""
+    """Read corrections from the ``steps`` of stored kinematic findings, in order."""
     corrections = Corrections(session.machine)
     for step in steps:
         score = GapScore(effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, tuple(step["values"]), ())
@@ -383,7 +383,7 @@ def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]
 
 
 def step_to_json(step: GapScore) -> dict[str, Any]:
-    """One rebuilt step as plain JSON."""
+    """Return one rebuilt step as plain JSON."""
     return {
         "effect": step.effect.id,
         "joint": step.joint,

@@ -33,12 +33,12 @@ WORTH_SAYING = 1.5
 def on_fitted_rows(
     design: Design, noise: NoiseModel, fitted: Sequence[int], anew: Collection[int] | None = None
 ) -> tuple[NoiseModel, tuple[float, ...]]:
-    """The noise in the size that the fitted rows have, and by which factor (n,) it was moved.
+    """Scale the noise to the size of the fitted rows, and return each joint's factor (n,).
 
     Parameters
     ----------
     design : the rows
-    noise : as residuals gave it; one that was measured stays as it is
+    noise : as residuals gave it; a measured one is left as it is
     fitted : segments that are fitted
     anew : joints whose noise was estimated; None: all
     """
@@ -73,7 +73,7 @@ def _sized(noise: Sequence[Whitening], factors: FloatArray) -> tuple[Whitening, 
 
 
 def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:
-    """What is said of noises that were far off, a line per joint."""
+    """Report noises that were far off, a line per joint."""
     return [
         f"{name}: no motion was recorded twice, and what a flexible model leaves is {1 / factor:.2g} times the noise "
         "of the fitted rows; their own size is used"

@@ -43,7 +43,7 @@ class SessionSignals:
         return self._session.prior
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
-        """The design on signals corrected as the terms say; the one without delays and the last one with are kept."""
+        """Return the design on signals corrected by the terms; the last one and that without delays are cached."""
         late, resampled = delays(self._session, terms)
         if not late:
             return self._undelayed
@@ -63,14 +63,14 @@ class SessionSignals:
         return self._session.plain if untouched else self._session.prepared(self._corrections)
 
     def refit(self, terms: Sequence[Term]) -> Model:
-        """Both stages refitted jointly with these terms."""
+        """Refit both stages jointly with these terms."""
         return self._fitted(self.prepared(terms), terms)
 
     def _fitted(self, prepared: Prepared, terms: Sequence[Term]) -> Model:
         return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, passes=3 if terms else 1)
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
-        """Values of terms on replicas of the recordings in which ``model`` is the whole truth.
+        """Fit terms on replicas of the recordings in which ``model`` is the whole truth.
 
         Replica number ``k`` is the same whenever it is drawn (for one model), so more can be drawn later. None for a
         term that has no live direction there.
@@ -100,21 +100,21 @@ class SessionSignals:
     def _on_replica(
         self, model: Model, replicas: Replicas, kept: dict[int, Model], number: int, terms: Sequence[Term]
     ) -> dict[int, Score]:
-        """Scores of terms on one replica. The first replicas of the last model are kept: contenders come in rounds."""
+        """Score terms on one replica. The first replicas of the last model are kept: contenders come in rounds."""
         fitted = kept[number] if number in kept else self._fitted_replica(replicas, number, model)
         if number < KEPT_REPLICAS and not fitted.design.stored:
             kept[number] = fitted
         return Candidates(fitted, terms, [1] * len(terms)).scores(fitted)
 
     def _fitted_replica(self, replicas: Replicas, number: int, model: Model) -> Model:
-        """The model fitted to one replica; its noise is the model's own."""
+        """Fit the model to one replica; its noise is the model's own."""
         known = [replace(term, rebuilt=()) for term in model.terms]
         replica = self._replica(replicas, number, model)
         passes = 2 if known else 1
         return fit_model(replica.design, model.noise, replica.fitted, known, self.prior.undelayed(), passes=passes)
 
     def _replica(self, replicas: Replicas, number: int, model: Model) -> Prepared:
-        """The design of one replica. Its motion is the same under every model: only efforts are drawn for the next."""
+        """Return a replica's design. Its motion is the same under every model: only efforts are drawn for the next."""
         recordings = replicas.draw(np.random.default_rng([17, number]))
         if number in self._moved_alike:
             return self._session.with_efforts(self._moved_alike[number], recordings)
@@ -127,13 +127,13 @@ class SessionSignals:
         return replica
 
     def misfit(self, model: Model, joint: int) -> Misfit:
-        """What the model leaves of a joint that two runs of one motion share."""
+        """Compute what the model leaves of a joint that two runs of one motion share."""
         return misfit(model, self.prepared(model.terms).pairs, joint)
 
     def rebuilt(self, model: Model) -> Model:
         """Move the effort in time instead of approximating it, once a delay is the last term.
 
-        Whether a sensor was late, or its samples were handed on late, shows where friction jumps.
+        Whether a sensor was late, or its samples were passed on late, shows where friction jumps.
         """
         if not model.terms[-1].delays_effort:
             return model
@@ -143,7 +143,7 @@ class SessionSignals:
         return best if best is model else self.refit(best.terms)
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
-        """``model`` with its effort moved as far as the last term of ``trial`` says the other way, and as it says.
+        """Return ``model`` with its effort moved against the delay of the last term of ``trial``, and with that delay.
 
         Samples between samples have less noise, whichever way the effort is moved, and another noise model. Both have
         that here, and the same noise model.
@@ -167,18 +167,18 @@ class SessionSignals:
         return model
 
     def _refitted(self, prepared: Prepared, terms: Sequence[Term], near: Model) -> Model:
-        """A fit whose columns are made of the forces of a model that is nearly the same: of moved efforts."""
+        """Fit with columns of the forces of a nearly equal model: of moved efforts."""
         return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, start=near, passes=1)
 
 
 def delays(session: Described, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
-    """Joint name to seconds by which accepted terms say its effort is late, and whose samples were handed on late."""
+    """Return by joint name the seconds its effort is late by accepted terms, and whose samples were passed on late."""
     joints = session.machine.joints
     late = [(joints[t.joint].name, t) for t in terms if t.delays_effort and t.rebuilt and t.joint is not None]
     return {name: t.rebuilt[0] for name, t in late}, frozenset(name for name, t in late if t.resampled)
 
 
 def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Weighed]:
-    """Both stages refitted jointly with everything that was found, with the weights that suit it."""
+    """Refit both stages jointly with all findings, with suitable weights."""
     signals = SessionSignals(session, corrections)
     return signals.prepared(terms), weighed(signals.refit(terms), session.prior)

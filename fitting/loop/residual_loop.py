@@ -64,7 +64,7 @@ SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 def attributed(
     session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
 ) -> Attribution:
-    """What the residual of a session is traced to.
+    """Attribute the residual of a session to its causes.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def attributed(
 def run_attribution(
     session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
 ) -> Attribution:
-    """Search, on signals with the kinematic corrections rebuilt, and what other cut-offs of the filter leave of it."""
+    """Search on signals with rebuilt kinematic corrections, and compare the result at other cut-offs of the filter."""
     signals = SessionSignals(session, corrections)
     lines, ripples = _ripples(signals)
     base = signals.refit([item.score.term for item in ripples])
@@ -103,7 +103,7 @@ def run_attribution(
 
 
 def _screened(session: Session, corrections: Corrections, signals: SessionSignals, found: Attribution) -> Attribution:
-    """Refit at other cut-offs of the identification filter: a real coefficient stays, an artefact moves.
+    """Refit at other cut-offs of the identification filter: a real coefficient is constant, an artefact moves.
 
     A named effect is dropped if a refit turns its sign, or makes it several times larger or smaller, significantly.
     """
@@ -133,7 +133,7 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
 def other_bands(
     session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
 ) -> tuple[tuple[float, tuple[Family, ...]], ...]:
-    """What is more probable than nothing at other cut-offs of the identification filter: (Hz, families).
+    """Find what is more probable than nothing at other cut-offs of the identification filter: (Hz, families).
 
     Only asked where nothing was found: a name has its values at these cut-offs (:func:`_screened`).
     """
@@ -146,7 +146,7 @@ def other_bands(
 
 
 def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tuple[Family, ...]:
-    """What is most probable at another cut-off where nothing is improbable there; all else is gone."""
+    """Find the most probable families at another cut-off where nothing is improbable there."""
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate, base = signals.prepared(()).validate, signals.refit(())
     search = Search(base, effects(), validate, signals, 0, ())
@@ -159,18 +159,18 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
 
 
 def _leading(model: Model, number: int) -> int:
-    """Place of a term's most significant parameter."""
+    """Return the place of a term's most significant parameter."""
     part = model.term_slice(number)
     return int(np.argmax(np.abs(model.values(number)) / np.maximum(model.fit.std[part], 1e-300)))
 
 
 def _value(model: Model, number: int, place: int) -> tuple[float, float]:
-    """Value and standard deviation of one parameter of a term."""
+    """Return value and standard deviation of one parameter of a term."""
     return float(model.values(number)[place]), float(model.fit.std[model.term_slice(number)][place])
 
 
 def moves(values: Sequence[tuple[float, float, float]]) -> bool:
-    """Whether a coefficient depends on the filter beyond its own uncertainty and a factor of :data:`SCREEN_RATIO`."""
+    """Return whether a coefficient depends on the filter beyond its uncertainty and a factor :data:`SCREEN_RATIO`."""
     _, first, first_std = values[0]
     for _, value, std in values[1:]:
         apart = abs(value - first) > SCREEN_Z * float(np.hypot(std, first_std))
@@ -181,16 +181,16 @@ def moves(values: Sequence[tuple[float, float, float]]) -> bool:
 
 
 def is_ripple(machine: Machine, line: Line) -> bool:
-    """Whether a pump can have made this line: only where oil acts on the joint."""
+    """Return whether a pump can make this line: only where oil acts on the joint."""
     return line_effect().applies(machine, line.joint)
 
 
 def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted, ...]]:
-    """Spectral lines of the raw residual; those inside the band are terms of the model from the start.
+    """Find spectral lines of the raw residual; those in band are terms of the model from the start.
 
     Above the band a line does the fit no harm: it is named, and nothing is added. A pump's phase is of no recording but
     its own, so that of `validate` is taken from there. A joint without a cylinder has no pump: its lines are given as
-    they are, and stand for no effect.
+    they are, and represent no effect.
     """
     prepared, model = signals.prepared(()), signals.refit(())
     design, theta = prepared.design, model.fit.theta

@@ -76,7 +76,7 @@ class Chosen:
 
 
 def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: FilterBank, budget: int) -> list[Chosen]:
-    """Stretches of recordings with at most about ``budget`` rows in all.
+    """Choose stretches of recordings with at most about ``budget`` rows in all.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: Filte
 
 
 def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:
-    """A recording of some stretches only, in memory, on its own clock: what lies between is a gap."""
+    """Return a recording of some stretches only, in memory, on its own clock, with gaps between."""
     if len(pieces) == 1 and pieces[0] == slice(0, len(recording)):
         return recording.cut(pieces[0])
     cuts = [recording.cut(piece) for piece in pieces]
@@ -146,11 +146,11 @@ def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:
 
 
 def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int]:
-    """Numbers of the recordings that share ``budget`` rows.
+    """Choose the recordings that share ``budget`` rows.
 
     Each has to hold some pieces of ``length``, or all that there is of it. Where that is too much, recordings are left
     out, one after another, in the group of roles that is the furthest beyond its share and the role that has the most.
-    Those that stay are evenly spread, and the last is one of them: somebody has just made it for what is not known yet.
+    Those kept are evenly spread, and the last is one of them: somebody has just made it for what is not known yet.
     """
     need = [min(len(recording), _LEAST_PIECES * length) for recording in recordings]
     kept = {role: [n for n, r in enumerate(recordings) if r.role == role] for group in _GROUPS for role in group}
@@ -167,7 +167,7 @@ def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int
 
 
 def _shares(lengths: Sequence[int], budget: int) -> list[float]:
-    """Rows for the groups of roles, at most a fifth for all but the training; what one leaves goes to the others."""
+    """Share the rows among roles, at most a fifth for all but the training; what one leaves goes to the others."""
     shares = [float(min(length, share * budget)) for length, share in zip(lengths, _GROUPS.values(), strict=True)]
     for place in sorted(range(len(lengths)), key=lambda k: -list(_GROUPS.values())[k]):
         shares[place] = min(float(lengths[place]), shares[place] + budget - sum(shares))
@@ -175,7 +175,7 @@ def _shares(lengths: Sequence[int], budget: int) -> list[float]:
 
 
 def _level(lengths: Sequence[int], budget: int) -> float:
-    """Rows that each recording may have so that all have ``budget``; what short ones leave goes to the others."""
+    """Compute each recording's rows so that all have ``budget``; what short ones leave goes to the others."""
     left, rest = float(budget), sorted(lengths)
     for place, length in enumerate(rest):
         share = left / (len(rest) - place)
@@ -188,7 +188,7 @@ def _level(lengths: Sequence[int], budget: int) -> float:
 def _partners(
     machine: Machine, recordings: Sequence[Recording], numbers: Sequence[int], length: int
 ) -> dict[int, tuple[int, int]]:
-    """Of each repetition the training recording that it repeats, and by how many rows it is later."""
+    """Return each repetition's training recording and by how many rows it is later."""
     found: dict[int, tuple[int, int]] = {}
     trains = [n for n in numbers if recordings[n].role == "train"]
     for repeat in (n for n in numbers if recordings[n].role == "repeat"):
@@ -222,7 +222,7 @@ def _position_name(machine: Machine, joint: Joint) -> str:
 def _covering(
     machine: Machine, recordings: Sequence[tuple[int, Recording]], length: int, level: float
 ) -> dict[int, tuple[slice, ...]]:
-    """Pieces of recordings of one kind, each recording's within its share ``level``, that together cover most."""
+    """Choose pieces of recordings of one kind, each within its share ``level``, that together cover most."""
     used = [c.name for c in machine.channels if c.joint is not None]
     cut = {n: _pieces(recording.segments(used), length) for n, recording in recordings}
     seconds = _occupancy(machine, [(recording, cut[n]) for n, recording in recordings])
@@ -250,19 +250,19 @@ def _covering(
 
 
 def _coverage(seconds: FloatArray) -> FloatArray:
-    """What times in all bins, (.., bins) s, are worth."""
+    """Compute the value of times (.., bins) s in all bins."""
     enough = seconds / _ENOUGH_SECONDS
     return np.asarray((1 - np.exp(-enough) + 0.01 * np.sqrt(enough)).sum(axis=-1))
 
 
 def _even(count: int, wanted: int) -> list[int]:
-    """First and last of ``count`` places, and others evenly between them: the ends come first."""
+    """Return first and last of ``count`` places, and others evenly between them: the ends come first."""
     places = [round(k) for k in np.linspace(0, count - 1, min(wanted, count))]
     return list(dict.fromkeys([places[0], places[-1], *places]))
 
 
 def _pieces(stretches: Sequence[slice], length: int) -> list[slice]:
-    """Gap-free stretches cut into pieces of ``length`` to twice that; shorter stretches are left out if they may be."""
+    """Cut gap-free stretches into pieces of ``length`` to twice that; shorter ones are left out if they may be."""
     result = []
     for stretch in stretches:
         rows = stretch.stop - stretch.start
@@ -277,7 +277,7 @@ def _pieces(stretches: Sequence[slice], length: int) -> list[slice]:
 
 
 def _joined(pieces: Sequence[slice]) -> tuple[slice, ...]:
-    """Neighbours that touch as one."""
+    """Join neighbours that touch."""
     result: list[slice] = []
     for piece in pieces:
         if result and result[-1].stop == piece.start:
@@ -288,7 +288,7 @@ def _joined(pieces: Sequence[slice]) -> tuple[slice, ...]:
 
 
 def _occupancy(machine: Machine, recordings: Sequence[tuple[Recording, Sequence[slice]]]) -> list[FloatArray]:
-    """Per recording the seconds (pieces, bins) that each of its pieces spends in each bin of each signal."""
+    """Compute per recording the seconds (pieces, bins) of its pieces in each bin of each signal."""
     step = max(1, round(_STEP_SECONDS * machine.rate_hz))
     tables: list[list[FloatArray]] = [[] for _ in recordings]
     names: list[tuple[Joint | None, str]] = []
@@ -310,7 +310,7 @@ def _occupancy(machine: Machine, recordings: Sequence[tuple[Recording, Sequence[
 
 
 def _signal_names(machine: Machine, joint: Joint) -> Iterator[tuple[Joint, str]]:
-    """Channels of a joint whose range is to be covered."""
+    """Return the channels of a joint whose range is to be covered."""
     yield joint, _position_name(machine, joint)
     for quantity in ("head_pressure", "rod_pressure", "cylinder_force", "joint_effort"):
         channel = machine.channel(quantity, joint.name)
@@ -321,7 +321,7 @@ def _signal_names(machine: Machine, joint: Joint) -> Iterator[tuple[Joint, str]]
 def _signals(
     machine: Machine, joint: Joint | None, name: str, recording: Recording, step: int
 ) -> Iterator[tuple[FloatArray, npt.NDArray[np.bool_]]]:
-    """What is binned of a channel, and where its joint moves forth; of a position its speed and acceleration too."""
+    """Yield a channel's binned values and where its joint moves forth; of a position speed and acceleration too."""
     values = np.asarray(recording.values[name][::step])
     if joint is None:
         yield values, np.ones(len(values), dtype=bool)
@@ -339,7 +339,7 @@ def _signals(
 def _seconds(
     values: FloatArray, forth: npt.NDArray[np.bool_], low: float, high: float, pieces: Sequence[slice], step: int
 ) -> FloatArray:
-    """Looks (pieces, 2 bins) that each piece spends in each bin, in each direction."""
+    """Count looks (pieces, 2 bins) of each piece in each bin, in each direction."""
     if not high > low:
         return np.zeros((len(pieces), 1))
     seen = np.isfinite(values)

@@ -228,11 +228,11 @@ class Session:
         return cls(machine, recordings, request.options, request.machine)
 
     def with_recording(self, recording: Recording) -> Session:
-        """The same machine and options with one recording more; everything is computed anew."""
+        """Return the same machine and options with one recording more, everything computed anew."""
         return Session(self.described, (*self.given, recording), self.options, self.file)
 
     def at_bandwidth(self, bandwidth_hz: float) -> Session:
-        """The same recordings with another identification bandwidth; everything is computed anew."""
+        """Return the same recordings at another identification bandwidth, all computed anew."""
         options = replace(self.options, bandwidth_hz=bandwidth_hz)
         return Session(self.machine, self.measured, options, in_memory=self.in_memory)
 
@@ -293,7 +293,7 @@ class Session:
         )
 
     def forget_search(self) -> None:
-        """Give the memory of :attr:`search` back."""
+        """Free the memory of :attr:`search`."""
         self.__dict__.pop("search", None)
 
     @cached_property
@@ -370,7 +370,7 @@ class Session:
         return Prepared(design, pairs, noise, fitted, design.indices("validate"), rescaled)
 
     def delayed(self, prepared: Prepared, latency: Mapping[str, float], resampled: Collection[str] = ()) -> Prepared:
-        """A design without delays, in memory, with the efforts of some joints moved; all else is shared."""
+        """Return a design without delays in memory with some joints' efforts moved; all else is shared."""
         design = prepared.design
         segments = [
             with_delays(design.machine, self.recordings[own.recording], own, self.bank, latency, resampled)
@@ -384,7 +384,7 @@ class Session:
 
     @staticmethod
     def with_efforts(prepared: Prepared, recordings: Sequence[Recording]) -> Prepared:
-        """A design without delays, in memory, with the efforts of other recordings, whose motion is the very same."""
+        """Return a design without delays, in memory, with the efforts of other recordings of the very same motion."""
         design = prepared.design
         machine, bank = design.machine, design.bank
         segments = [with_efforts_of(machine, recordings[own.recording], own, bank) for own in design.segments]
@@ -401,7 +401,7 @@ class Session:
         return weighed(self.base_model, self.prior, settled_on=self._effort_rows)
 
     def base_with(self, weights: Weights) -> Model:
-        """The base model with given weights: what the errors before the loop are of."""
+        """Fit the base model with given weights: the reference of the errors before the loop."""
         suited = self.handed_base
         return (
             suited.model
@@ -425,7 +425,7 @@ class Session:
         return NoiseModel(tuple(misfit(j, True) for j in joints), False, tuple(misfit(j, False) for j in joints))
 
     def fit(self, prepared: Prepared) -> Model:
-        """Joint fit of the base model on a design."""
+        """Fit the base model jointly on a design."""
         return fit_model(prepared.design, prepared.noise, prepared.fitted, (), self.prior)
 
     def _require_motion(self, roles: tuple[str, ...], consequence: str) -> None:
@@ -439,13 +439,13 @@ class Session:
             )
 
     def require_excitation(self) -> None:
-        """Refuse recordings without motion, and a motion that cannot tell the base parameters.
+        """Refuse recordings without motion, and a motion that does not determine the base parameters.
 
         Raises
         ------
         RecordingError
-            Naming the recordings in which nothing moves, or the parameters that cannot be told. Recordings of role
-            `operation` are not refused for what they cannot tell.
+            Naming the recordings in which nothing moves, or the undetermined parameters. Recordings of role
+            `operation` are not refused for what they do not determine.
         """
         design = self.plain.design
         self._require_motion(("train", "repeat", "operation"), "nothing can be fitted")
@@ -472,5 +472,5 @@ class Session:
 
 
 def _longest(chosen: npt.NDArray[np.bool_]) -> int:
-    """Length of the longest run of True."""
+    """Return the length of the longest run of True."""
     return max((run.stop - run.start for run in runs(chosen)), default=0)

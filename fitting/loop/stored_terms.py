@@ -14,7 +14,7 @@ from fitting.residual.terms import Term
 
 
 def term_to_json(term: Term) -> dict[str, Any]:
-    """A term as plain JSON; :func:`term_from_json` reads it back."""
+    """Return a term as plain JSON; :func:`term_from_json` reads it back."""
     law = asdict(term.content) if isinstance(term.content, Law) else None
     return {
         "effect": None if isinstance(term.content, Law) else term.content.id,
@@ -28,7 +28,7 @@ def term_to_json(term: Term) -> dict[str, Any]:
 
 
 def term_from_json(value: Mapping[str, Any]) -> Term:
-    """Inverse of :func:`term_to_json`."""
+    """Invert :func:`term_to_json`."""
     content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
     applied = tuple(value["rebuilt"]), value.get("resampled", False), tuple(value.get("held", ()))
     return Term(content, value["joint"], dict(value["shape"]), *applied)

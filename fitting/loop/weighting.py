@@ -90,7 +90,7 @@ def weighed(
 
 
 def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
-    """The larger of the two ratios of this module's text; 1 where nothing was fitted.
+    """Return the larger of the two ratios of this module's text; 1 where nothing was fitted.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> fl
 
 
 def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
-    """Equal weights, with deviations that know shapes that were searched and laws that are unknown."""
+    """Fit with equal weights, with deviations that include searched shapes and unknown laws."""
     fit = rows.fit(prior)
     slopes = None if model.design.stored else shape_columns(model)
     count = len(fit.theta)

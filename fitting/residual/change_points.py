@@ -109,7 +109,7 @@ class ChangePoint:
 
 
 def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tuple[ChangePoint, ...]:
-    """Changes in time on one joint: the best moment of every column and kind of change, most likely first.
+    """Find one joint's changes in time: the best moment per column and kind of change, most likely first.
 
     One change shows in several columns and kinds; the first of the list is the one to try. A column that
     was not fitted is fitted here, with one coefficient in unloaded and another in loaded recordings: neither its
@@ -138,7 +138,7 @@ def change_points(rows: JointRows, *, looks: int = 1, alarm: float = 1e-3) -> tu
 
 
 def step_at(rows: JointRows, column: str, recording: int, time: float) -> tuple[float, float]:
-    """Change of a column's coefficient at a given moment of one recording, and its standard deviation.
+    """Fit the change of a column's coefficient at a given moment of a recording, with its deviation.
 
     Zero and infinite where the recording has no rows on either side of it.
     """
@@ -157,7 +157,7 @@ def step_at(rows: JointRows, column: str, recording: int, time: float) -> tuple[
 
 
 def _fitted(rows: JointRows, column: FloatArray) -> JointRows:
-    """The rows with the column itself added to what was fitted, one coefficient unloaded and one loaded."""
+    """Add the column itself to the fitted rows, one coefficient unloaded and one loaded."""
     for part in (np.where(rows.unloaded, column, 0.0), np.where(rows.unloaded, 0.0, column)):
         inside = rows.orthonormal.T @ part
         # Its norm in the whole basis: what the projection leaves on other joints' rows counts as well.
@@ -170,7 +170,7 @@ def _fitted(rows: JointRows, column: FloatArray) -> JointRows:
 
 
 def supremum_chance(z: float, length: float) -> float:
-    """Chance that a unit Gaussian process with correlation ``exp(-|lag|/2)`` reaches ``|z|`` within ``length``."""
+    """Compute the chance that a unit Gaussian process, correlation ``exp(-|lag|/2)``, reaches ``|z|`` in ``length``."""
     if z < 1.5:
         return 1.0
     density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
@@ -226,7 +226,7 @@ def _best(
 
 
 def _sums(c: FloatArray, e: FloatArray, Q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Score and projected squared norm of the column from every row on, each (R,)."""
+    """Compute score and projected squared norm of the column from every row on, each (R,)."""
     score = np.cumsum((c * e)[::-1])[::-1]
     inside = np.cumsum((c[:, None] * Q)[::-1], axis=0)[::-1]
     norm = np.cumsum((c**2)[::-1])[::-1] - np.einsum("ij,ij->i", inside, inside)
@@ -234,7 +234,7 @@ def _sums(c: FloatArray, e: FloatArray, Q: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _length(c: FloatArray, Q: FloatArray, norm: FloatArray, where: IntArray) -> float:
-    """Length of the process over the rows that were searched, in units of its correlation time."""
+    """Compute the process's length over the searched rows in units of its correlation time."""
     first, second = where[:-1], where[1:]
     if not len(first):
         return 0.0
@@ -248,7 +248,7 @@ def _length(c: FloatArray, Q: FloatArray, norm: FloatArray, where: IntArray) -> 
 def _long_run(
     time: FloatArray, span: IntArray, c: FloatArray, e: FloatArray, Q: FloatArray, at: int, change: float
 ) -> float:
-    """Long-run over short-run variance of the score's terms, at least 1, the step itself taken out.
+    """Compute long-run over short-run variance of the score's terms, at least 1, the step taken out.
 
     Newey-West on the terms whitened by an autoregression of first order, and coloured again (Andrews and Monahan,
     "An improved heteroskedasticity and autocorrelation consistent covariance matrix estimator", Econometrica 60, 1992).
@@ -271,7 +271,7 @@ def _long_run(
 
 
 def joint_rows(model: Model, joint: int) -> JointRows:
-    """Rows of one joint for :func:`change_points`, without those of a prior, which stand behind the measured ones.
+    """Return rows of one joint for :func:`change_points`, without those of a prior, which follow the measured ones.
 
     Coefficients that may change are those of the effort's zero (``1``), of friction, of stiffness, and of the ``load``
     as a whole: the rigid body's force as fitted, of which a change is a relative change of what the arm carries.
@@ -298,11 +298,11 @@ def joint_rows(model: Model, joint: int) -> JointRows:
 
 
 def changes(model: Model, pairs: Sequence[Pairing], explained: bool) -> tuple[ChangePoint, ...]:
-    """Moments from which on a joint behaves otherwise, with everything that was found taken into account.
+    """Find the moments at which a joint's behaviour changes, with all findings taken into account.
 
     What comes back at one phase of the motion in every run of it is no change in time: not what all recordings have at
     the same moment, and not what another run of the same motion shows at that phase as well. Where the model does not
-    explain the recordings down to their noise, its error has phases, too, and only a second run tells the two apart.
+    explain the recordings down to their noise, its error has phases, too, and only a second run separates the two.
 
     Parameters
     ----------
@@ -327,7 +327,7 @@ def changes(model: Model, pairs: Sequence[Pairing], explained: bool) -> tuple[Ch
 
 
 def _other_runs(design: Design, pairs: Sequence[Pairing], point: ChangePoint) -> list[tuple[int, float]]:
-    """Other recordings of the same motion, and the time at which it is at the same phase there, s."""
+    """Return other recordings of the same motion, and their times at the same phase, s."""
     begins, result = recording_starts(design), []
     for pair in pairs:
         own, other = design.segments[pair.train], design.segments[pair.repeat]
@@ -341,5 +341,5 @@ def _other_runs(design: Design, pairs: Sequence[Pairing], point: ChangePoint) ->
 
 
 def _is_the_same(point: ChangePoint, change: float, std: float) -> bool:
-    """Whether another run shows the same change: half of it at least, or no less than chance leaves open."""
+    """Return whether another run shows the same change: at least half of it, or what chance leaves open."""
     return change / point.change > 0.5 or abs(change - point.change) < 2.0 * std

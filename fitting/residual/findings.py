@@ -90,7 +90,7 @@ class Hypothesis:
 
 
 def combined(choices: Sequence[Sequence[tuple[tuple[Term, ...], float]]]) -> tuple[Hypothesis, ...]:
-    """Explanations of questions that are independent, each with its answers: terms and probability."""
+    """Combine explanations of independent questions, each with its answers: terms and probability."""
     return most_probable(
         Hypothesis(tuple(t for terms, _ in answers for t in terms), float(np.prod([p for _, p in answers])))
         for answers in product(*choices)
@@ -98,7 +98,7 @@ def combined(choices: Sequence[Sequence[tuple[tuple[Term, ...], float]]]) -> tup
 
 
 def most_probable(hypotheses: Iterable[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Those that are listed, the most probable first."""
+    """List explanations, the most probable first."""
     listed = (h for h in hypotheses if h.probability > LEAST)
     return tuple(sorted(listed, key=lambda h: -h.probability)[:MOST_LISTED])
 
@@ -143,7 +143,7 @@ class Attribution:
         return float(np.prod([sum(p for term, p in place if term is None) for place in self.places]))
 
     def refusing(self, reasons: Mapping[Family, str], status: str = "rejected") -> Attribution:
-        """Without what was refused after it had been chosen, with a reason for each in the table.
+        """Remove terms rejected after they had been chosen, with a reason for each in the table.
 
         What speaks for it is there, and is none of the rest.
         """
@@ -154,13 +154,13 @@ class Attribution:
         return replace(self, accepted=accepted, places=places).with_status({f: (status, r) for f, r in reasons.items()})
 
     def with_status(self, changed: Mapping[Family, tuple[str, str]]) -> Attribution:
-        """With another status and reason of some lines of the table."""
+        """Set another status and reason in some lines of the table."""
         lines = ((c, *changed.get((c.id, c.joint), (c.status, c.reason))) for c in self.candidates)
         return replace(self, candidates=tuple(replace(c, status=s, reason=r) for c, s, r in lines))
 
     @property
     def verdict(self) -> str:
-        """Verdict of the report: what the probabilities that are shown say."""
+        """Verdict of the report by the probabilities that are shown."""
         if not self.accepted:
             if self.unconfirmed or self.nothing < 0.5:
                 return "unexplained"

@@ -49,16 +49,16 @@ class FrictionPower:
     known: FloatArray
 
     def force(self, theta: FloatArray) -> FloatArray:
-        """Friction against the motion in each bin, (k,); negative where it drives."""
+        """Return the friction against the motion in each bin, (k,); negative where it drives."""
         return np.asarray(self.rows @ theta + self.known)
 
     def std(self, covariance: FloatArray) -> FloatArray:
-        """Its standard deviations, (k,)."""
+        """Return its standard deviations, (k,)."""
         return np.asarray(np.sqrt(np.einsum("ki,ij,kj->k", self.rows, covariance, self.rows).clip(0)))
 
 
 def friction_power(model: Model, joint: int) -> FrictionPower:
-    """The friction of a joint along the motions that were fitted."""
+    """Compute the friction of a joint along the motions that were fitted."""
     machine = model.design.machine
     cylinder = machine.joints[joint].cylinder
     damping = 0.0 if cylinder is None else cylinder.damping
@@ -103,7 +103,7 @@ class Driving:
 
 
 def driving(power: FrictionPower, fit: Fit, most: float) -> Driving | None:
-    """Where friction drives the motion by more than ``most`` deviations; None where it nowhere does."""
+    """Find where friction drives the motion by more than ``most`` deviations; None if nowhere."""
     if not len(power.speed):
         return None
     force, std = power.force(fit.theta), power.std(fit.covariance)
@@ -115,7 +115,7 @@ def driving(power: FrictionPower, fit: Fit, most: float) -> Driving | None:
 
 
 def _columns(model: Model, joint: int, index: int) -> Iterator[tuple[int, FloatArray]]:
-    """Friction columns of a joint in one segment at full rate: place among the parameters, (N,)."""
+    """Return a joint's friction columns in a segment at full rate: place among the parameters, (N,)."""
     parameters = model.design.parameters
     block = model.design.blocks[joint][index]
     start = parameters.drive_slice(joint).start
@@ -133,7 +133,7 @@ def _columns(model: Model, joint: int, index: int) -> Iterator[tuple[int, FloatA
 
 
 def rubs(term: Term, joint: int) -> bool:
-    """Whether a term is friction of this joint: its force turns with the direction of motion."""
+    """Return whether a term is this joint's friction: its force turns with the direction of motion."""
     if term.joint != joint or term.everywhere:
         return False
     if isinstance(term.content, Law):

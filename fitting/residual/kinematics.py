@@ -64,11 +64,11 @@ class GapLaw:
     site: Shape | None = None
 
     def is_of(self, force: bool) -> bool:
-        """Whether it is one of the joint's own force, or else of its own position."""
+        """Return whether it is of the joint's own force, or else of its own position."""
         return self.site is not None if force else self.law.signal == "piston_position"
 
     def columns(self, view: DriveView) -> FloatArray:
-        """Columns (N, functions), m."""
+        """Return columns (N, functions), m."""
         if self.site is None:
             return self.law.columns(view)
         lever = gap_lever(view, self.site)
@@ -108,7 +108,7 @@ class GapRows:
         return self.whitened([self.design.segments[i].gap[:, self.joint] for i in self.indices])
 
     def whitened(self, series: Sequence[FloatArray]) -> FloatArray:
-        """What stands beside each segment's gap, (N,) or (N, k) at full rate, as the gap is whitened: (M,), (M, k)."""
+        """Whiten what is beside each segment's gap, (N,) or (N, k) at full rate, as the gap is: (M,), (M, k)."""
         keeps = [self.whitening.kept(self.design.blocks[self.joint][i].keep) for i in self.indices]
         reduce = self.design.bank.reduce
         return np.concatenate([self.whitening(reduce(own))[keep] for own, keep in zip(series, keeps, strict=True)])
@@ -129,7 +129,7 @@ class GapRows:
 def gap_rows(
     design: Design, views: Views, fitted: Sequence[int], pairs: Sequence[Pairing], sensors: SensorErrors, joint: int
 ) -> GapRows:
-    """Whitened gap of a joint over the loaded segments; without rows where it hardly moves.
+    """Compute the whitened gap of a joint over the loaded segments; without rows where it hardly moves.
 
     Its noise is that of (train less repeat), or, without a repeat, what a smooth function of the position leaves; or
     what the sensors' noise and steps make of this motion, if that is more. Steps are the same in two runs of one
@@ -157,7 +157,7 @@ def gap_rows(
 
 
 def with_forces(rows: GapRows, model: Model) -> GapRows:
-    """The gap of positions as they were measured, with lever arms and forces of a model that may be fitted at others.
+    """Return the gap of measured positions, with lever arms and forces of a model that may be fitted at others.
 
     The drive's effort is the model's and so much of what was measured beyond it as is more than noise.
     """
@@ -178,7 +178,7 @@ def with_forces(rows: GapRows, model: Model) -> GapRows:
 
 
 def _unsure(model: Model, joint: int, indices: Sequence[int], first: int) -> tuple[FloatArray, ...]:
-    """Changes (N, k) of a joint's effort in some segments, N: directions of one standard deviation of the base fit.
+    """Return changes (N, k) of a joint's effort by segment, N: one standard deviation of the base fit each.
 
     Of parameters from number ``first`` on. The k directions are those that hold nearly all of the effort's variance.
     """
@@ -194,7 +194,7 @@ def _unsure(model: Model, joint: int, indices: Sequence[int], first: int) -> tup
 
 
 def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
-    """Without a repeat, the gap's noise is what a smooth function of the joint position leaves of it."""
+    """Estimate the gap's noise without a repeat: what a smooth function of joint position leaves of it."""
     parts = [
         part
         for i in indices
@@ -213,7 +213,7 @@ def _without_law_of_position(design: Design, indices: Sequence[int], joint: int)
 
 
 def gap_laws(views: Sequence[DriveView]) -> Iterator[GapLaw]:
-    """What the gap may be a law of, where its formula is unknown."""
+    """Return the possible laws of the gap where its formula is unknown."""
     machine, joint = views[0].machine, views[0].joint
 
     def law(signal: str, other: int | None, values: FloatArray, count: int) -> Law | None:
@@ -259,7 +259,7 @@ class GapColumns:
 
 
 def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | None:
-    """Columns of a shape, its formula taken at the values that fit best; None where it bends nothing here."""
+    """Return columns of a shape, its formula at the best-fitting values; None where it bends nothing here."""
     full = [effect.gap_columns(view, shape) for view in rows.views]
     if any(column is None for column in full):
         return None
@@ -276,7 +276,7 @@ def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | Non
 
 
 def with_unsure(rows: GapRows, part: GapColumns) -> GapColumns:
-    """The shape with what its first column may be off because only the model knows the force."""
+    """Add the uncertainty of the first column where only the model knows the force."""
     if not part.effect.stays_in_gap:
         return part
     friction, changes = bool(part.shape.get("friction")), list[FloatArray]()
@@ -299,7 +299,7 @@ def with_unsure(rows: GapRows, part: GapColumns) -> GapColumns:
 
 
 def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Values that fit best, and what they change (M,): by chords, with the columns at zero."""
+    """Find the best-fitting values and their change (M,): by chords, with the columns at zero."""
     values, change = np.zeros(C.shape[1]), np.zeros(len(C))
     others = rows.base if rows.beside is None else np.hstack([rows.base, rows.beside])
     scale = np.maximum(np.linalg.norm(C, axis=0), 1e-300)
@@ -320,7 +320,7 @@ def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> t
 
 
 def gap_error(design: Design, indices: Sequence[int], joint: int, explained: Sequence[FloatArray] = ()) -> float:
-    """Root mean square of the filtered gap where the joint moves, m; without what is ``explained`` (N,) by segment."""
+    """Compute the RMS of the filtered gap where the joint moves, m; without ``explained`` (N,) by segment."""
     values = []
     loaded = [i for i in indices if design.segments[i].loaded]
     for number, index in enumerate(loaded):
@@ -331,11 +331,11 @@ def gap_error(design: Design, indices: Sequence[int], joint: int, explained: Seq
 
 
 def checkable(machine: Machine) -> tuple[int, ...]:
-    """Joints whose kinematics can be checked without dynamics."""
+    """List joints whose kinematics can be checked without dynamics."""
     return tuple(j for j in range(len(machine.joints)) if has_both_positions(machine, j))
 
 
 def corrected(corrections: Corrections, finding: GapScore) -> Corrections:
-    """The corrections with one more finding (or one more step of the same finding) rebuilt into them."""
+    """Rebuild one more finding (or one more step of it) into the corrections."""
     joint = corrections.machine.joints[finding.joint].name
     return finding.effect.apply_to_signals(corrections, joint, finding.shape, finding.values)

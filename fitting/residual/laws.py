@@ -87,7 +87,7 @@ class Law:
     only: Way = ""
 
     def values(self, view: DriveView) -> FloatArray:
-        """The signal, (N,)."""
+        """Return the signal, (N,)."""
         return OWN[self.signal][1](view) if self.other is None else NEIGHBOUR[self.signal][1](view, self.other)
 
     @property
@@ -111,11 +111,11 @@ class Law:
         return self.signal in OF_THE_MODEL
 
     def variable(self, joints: tuple[str, ...]) -> str:
-        """Name in the report: ``piston_position`` of the joint itself, ``joint3.cylinder_force`` of a neighbour."""
+        """Return the report's name: own ``piston_position``, ``joint3.cylinder_force`` of a neighbour."""
         return self.signal if self.other is None else f"{joints[self.other]}.{self.signal}"
 
     def columns(self, view: DriveView) -> FloatArray:
-        """Columns (N, functions)."""
+        """Return columns (N, functions)."""
         key = f"{self.signal}/{self.other}/{hash(self.knots)}"  # shared by signed, unsigned and loaded-only laws
         if key not in view.cache:
             view.cache[key] = evaluate(np.asarray(self.knots), self.values(view))
@@ -123,13 +123,13 @@ class Law:
         return self.acting(basis, view)
 
     def acting(self, basis: FloatArray, view: DriveView) -> FloatArray:
-        """Its functions (N, k) where and with the sign that the direction of motion and the load say."""
+        """Return its functions (N, k) with sign and extent by the direction of motion and the load."""
         if self.loaded_only and not view.segment.loaded:
             return np.zeros_like(basis)
         return np.asarray(basis * self.factor(view.s)[:, None] if self.signed or self.only else basis)
 
     def factor(self, direction: Any) -> Any:
-        """What its functions are multiplied by at a direction of motion, -1 to 1."""
+        """Return the factor of its functions at a direction of motion, -1 to 1."""
         if self.signed:
             return direction
         return 0.5 * (1.0 + WAYS[self.only] * direction) if self.only else 1.0
@@ -141,7 +141,7 @@ class Law:
 
 
 def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
-    """All laws of a joint that these recordings can show."""
+    """List all laws of a joint that these recordings can show."""
     machine = views[0][joint].machine
     for signal, (_, own) in OWN.items():
         if signal in _PRESSURES and not has_pressures(machine, joint):
@@ -190,7 +190,7 @@ def _family(
 
 
 def parallel_joints(machine: Machine, joint: int) -> range:
-    """Joints up to this one whose axes are parallel to its own without a turned link between: their angles add up."""
+    """Return the joints up to this one with axes parallel to its own, no turned link between: their angles add up."""
     first = joint
     joints = machine.joints
     while first > 0 and abs(joints[first - 1].dh.alpha) < 1e-9 and joints[first - 1].type == "revolute":
@@ -199,19 +199,19 @@ def parallel_joints(machine: Machine, joint: int) -> range:
 
 
 def link_angle(view: DriveView, joint: int) -> FloatArray:
-    """Angle of a link to where its chain of parallel axes begins, rad (N,)."""
+    """Compute a link's angle from the start of its chain of parallel axes, rad (N,)."""
     parallel = parallel_joints(view.machine, joint)
     return np.asarray(view.segment.q[:, parallel.start : parallel.stop].sum(axis=1))
 
 
 def _total_flow(view: DriveView) -> FloatArray:
-    """What all cylinders take in or give off on their head sides together, m^3/s (N,)."""
+    """Compute the flow of all cylinders' head sides together, m^3/s (N,)."""
     areas = [0.0 if joint.cylinder is None else joint.cylinder.head_area for joint in view.machine.joints]
     return np.asarray(np.abs(view.segment.v) @ np.array(areas))
 
 
 def last_reversal(view: DriveView) -> npt.NDArray[np.intp]:
-    """Sample at which the piston's speed last changed its sign (N,); up to the first time, the beginning.
+    """Return the sample of the piston speed's last change of sign (N,); before any, the beginning.
 
     A change counts once the speed is above its noise; it was where the speed last had the sign before.
     """

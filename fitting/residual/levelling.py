@@ -68,7 +68,7 @@ class Level:
     frequencies: FloatArray
 
     def density(self, frequency: float) -> float:
-        """Factor from levelled to raw amplitudes at a frequency."""
+        """Return the factor from levelled to raw amplitudes at a frequency."""
         return float(np.interp(frequency, self.frequencies, self.gain))
 
 
@@ -80,7 +80,7 @@ def residual_parts(
     pairs: Sequence[Pairing] = (),
     extra: Extra | None = None,
 ) -> tuple[Part, ...]:
-    """A joint's residual in the given segments, with what is known of their motions.
+    """Return a joint's residual in the given segments with their motions.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def residual_parts(
 
 
 def _background(power: FloatArray, bins: FloatArray) -> FloatArray:
-    """Mean level of exponentially distributed powers at their bins, by medians of blocks joined in log-log."""
+    """Estimate the mean level of exponentially distributed powers by bin: medians of blocks joined in log-log."""
     last = len(bins) - 1
     centres, levels = [], []
     position = 0.0
@@ -131,7 +131,7 @@ def _background(power: FloatArray, bins: FloatArray) -> FloatArray:
 
 
 def levelled(part: Part, rate_hz: float) -> Level | None:
-    """The part with a flat spectrum of density 1 per bin, knocks clipped; None if it is too short or constant."""
+    """Level the part to a flat spectrum of density 1 per bin, knocks clipped; None if too short or constant."""
     n = len(part.residual)
     if n < LEAST_SAMPLES:
         return None
@@ -156,37 +156,37 @@ def levelled(part: Part, rate_hz: float) -> Level | None:
 
 
 def levelled_power(values: FloatArray, nfft: int) -> FloatArray:
-    """Periodogram (nfft / 2 + 1,) of a levelled series, zero-padded: a unit exponential at every bin if it is noise."""
+    """Compute a levelled series' periodogram (nfft / 2 + 1,), zero-padded: of noise, a unit exponential per bin."""
     return np.asarray(np.abs(fft.rfft(values, nfft)) ** 2 / len(values))
 
 
 def background_worth(frequency: float, rate_hz: float, samples: int) -> float:
-    """How many exponentials' mean the background at a frequency is worth."""
+    """Return how many exponentials' mean the background at a frequency is worth."""
     half = np.clip(_BLOCK_SHARE * frequency * samples / rate_hz, _LEAST_BLOCK, _MOST_BLOCK)
     return float(_MEDIAN_EFFICIENCY * (2 * half + 1))
 
 
 def _sinusoid(time: FloatArray, frequency: float) -> FloatArray:
-    """Sine and cosine, (N, 2)."""
+    """Return sine and cosine, (N, 2)."""
     angle = 2 * np.pi * frequency * time
     return np.column_stack([np.sin(angle), np.cos(angle)])
 
 
 def sine_fit(time: FloatArray, values: FloatArray, frequency: float) -> tuple[float, float]:
-    """Least-squares ``a, b`` of ``a sin(2 pi f t) + b cos(2 pi f t)``."""
+    """Fit ``a, b`` of ``a sin(2 pi f t) + b cos(2 pi f t)`` by least squares."""
     S = _sinusoid(time, frequency)
     a, b = np.linalg.solve(S.T @ S, S.T @ values)
     return float(a), float(b)
 
 
 def evidence(level: Level, frequency: float) -> float:
-    """Chi-square over two that a sinusoid takes off a levelled part."""
+    """Compute half the chi-square that a sinusoid takes off a levelled part."""
     S = _sinusoid(level.time, frequency)
     projected = S.T @ level.values
     return float(0.5 * projected @ np.linalg.solve(S.T @ S, projected))
 
 
 def without_line(level: Level, frequency: float) -> Level:
-    """The part without its sinusoid of this frequency."""
+    """Remove the sinusoid of this frequency from the part."""
     fitted = sine_fit(level.time, level.values, frequency)
     return replace(level, values=level.values - _sinusoid(level.time, frequency) @ fitted)

@@ -93,7 +93,7 @@ class Line:
         return {"frequency": self.frequency_hz} | {f"phase_{r}": phase for r, phase in sorted(self.phases.items())}
 
     def on(self, parts: Sequence[Part]) -> Line:
-        """The line with phases and amplitudes of more recordings (`validate`), by least squares on their residual.
+        """Fit the line's phases and amplitudes on more recordings (`validate`), by least squares on their residual.
 
         A pump's phase is no property of the machine: what is compared with a new recording needs that recording's own.
         """
@@ -121,7 +121,7 @@ def machine_lines(
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Lines of all joints that were measured with a fit's residuals, most certain first, and the refuted peaks.
+    """Find lines of all joints measured with a fit's residuals, most certain first, and refuted peaks.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def find_lines(
     alarm: float = ALARM,
     most: int = 4,
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Lines in one joint's residual, strongest first, and the peaks that were refuted.
+    """Find lines in one joint's residual, strongest first, and the peaks that were refuted.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def find_lines(
 
 
 def line_phases(frequency_hz: float, parts: Sequence[Part]) -> dict[int, tuple[float, float]]:
-    """Amplitude and phase of a known frequency per recording, by least squares on the raw residual.
+    """Fit amplitude and phase of a known frequency per recording by least squares on the raw residual.
 
     A pump's phase is not a property of the machine: it starts anywhere in every recording. What is compared with a new
     recording therefore needs that recording's own phase.
@@ -214,7 +214,7 @@ def line_phases(frequency_hz: float, parts: Sequence[Part]) -> dict[int, tuple[f
 
 
 def _chance(z: float, parts: int, frequency: float, rate_hz: float, samples: int) -> float:
-    """Chance that noise reaches ``z`` anywhere up to half the rate: expected up-crossings with an estimated level."""
+    """Compute the chance of noise reaching ``z`` up to half the rate: expected up-crossings with an estimated level."""
     if z <= parts:
         return 1.0
     m = parts * background_worth(frequency, rate_hz, samples)
@@ -226,7 +226,7 @@ def _chance(z: float, parts: int, frequency: float, rate_hz: float, samples: int
 
 
 def _near(cleaned: Sequence[Level], frequency: float, rate_hz: float, nfft: int) -> float:
-    """Mean level beside a line that was taken out, by the median over some ten bins on both sides; 1 if it is flat."""
+    """Estimate the mean level beside a removed line by the median over ten bins on both sides; 1 if it is flat."""
     total = []
     for level in cleaned:
         power, bins = levelled_power(level.values, nfft), len(level.values) / nfft
@@ -237,7 +237,7 @@ def _near(cleaned: Sequence[Level], frequency: float, rate_hz: float, nfft: int)
 
 
 def _refined(levels: Sequence[Level], frequency: float, resolution: float) -> tuple[float, float]:
-    """Frequency with the greatest evidence near ``frequency``, by golden section within half a bin."""
+    """Find the frequency of greatest evidence near ``frequency`` by golden section in half a bin."""
     ratio = 0.5 * (np.sqrt(5.0) - 1.0)
     low, high = frequency - 0.3 * resolution, frequency + 0.3 * resolution
 
@@ -260,7 +260,7 @@ def _refined(levels: Sequence[Level], frequency: float, resolution: float) -> tu
 
 
 def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: float, z: float, rate_hz: float) -> str:
-    """Why a significant peak is no line of its own; empty if there is nothing against it."""
+    """Return why a significant peak is no line of its own; empty without objection."""
     own = np.array([evidence(level, frequency) for level in levels])
     amplitudes = np.array([np.hypot(*sine_fit(v.time, v.values, frequency)) * v.density(frequency) for v in levels])
     stds = np.array([np.sqrt(2.0 / len(v.values)) * v.density(frequency) for v in levels])
@@ -294,7 +294,7 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
 
 
 def _of_the_motion(part: Part, frequency: float, rate_hz: float) -> bool:
-    """Whether one of the signals that the motion is made of has a line of its own at this frequency."""
+    """Return whether a signal of the motion has a line of its own at this frequency."""
     n = len(part.time)
     centre = frequency * n / rate_hz
     near = np.arange(round(centre) - _MOTION_HALF, round(centre) + _MOTION_HALF + 1)
@@ -316,7 +316,7 @@ def _of_the_motion(part: Part, frequency: float, rate_hz: float) -> bool:
 
 
 def _vouched(levels: Sequence[Level], frequency: float) -> bool:
-    """Whether the difference of two runs of one motion has the line, in which nothing of the motion is left."""
+    """Return whether the difference of two runs of one motion, free of the motion, has the line."""
     for number, first in enumerate(levels):
         for second in levels[number + 1 :]:
             if first.part.motion != second.part.motion or first.part.recording == second.part.recording:
@@ -334,7 +334,7 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
 
 
 def _line(joint: int, levels: Sequence[Level], frequency: float, z: float, p: float, rate_hz: float) -> Line:
-    """The line's numbers in raw units; parts of one recording share a phase."""
+    """Return the line's numbers in raw units; parts of one recording share a phase."""
     phases, amplitudes, information = {}, {}, 0.0
     for recording in sorted({level.part.recording for level in levels}):
         own = [level for level in levels if level.part.recording == recording]

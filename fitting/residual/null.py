@@ -54,7 +54,7 @@ class Null:
     live: int
 
     def joined(self, more: Null) -> Null:
-        """Both sets of draws."""
+        """Join both sets of draws."""
         return Null(np.vstack([self.values, more.values]), self.information, max(self.live, more.live))
 
     @property
@@ -83,7 +83,7 @@ class Null:
         return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
 
     def inflation_along(self, values: FloatArray) -> float:
-        """The same of noise that looks like these values (k,): noise that hangs together is not alike in every way.
+        """Compute the inflation of noise along values (k,): noise that hangs together is not alike in every way.
 
         A constant in 16 coefficients is a constant: it has the variance that it has in one.
         """
@@ -96,7 +96,7 @@ class Null:
         return max(1.0, (total + PRIOR_DRAWS) / (self.draws - 1 + PRIOR_DRAWS))
 
     def _told(self, values: FloatArray) -> FloatArray:
-        """Rows of values with only those directions that the data tells well: the others differ between replicas."""
+        """Return rows of values in well-determined directions only: the others differ between replicas."""
         own = np.diag(self.information)
         scale = np.sqrt(np.where(own > 0, own, 1.0))
         strength, directions = np.linalg.eigh(self.information / np.outer(scale, scale))
@@ -104,12 +104,12 @@ class Null:
         return np.asarray((values * scale) @ well @ well.T / scale)
 
     def doubt(self, information: FloatArray, gain: float) -> float:
-        """Chi-square by which a gain is uncertain because of the bias that was taken off; 0 where there was none."""
+        """Return the chi-square uncertainty of a gain by the bias that was taken off; 0 where none was."""
         length = float(self.bias @ information @ self.bias)
         return BIAS_SHARE**2 * length + 2.0 * float(np.sqrt(gain * self.inflation / self.draws)) if length else 0.0
 
     def weight(self, values: FloatArray, information: FloatArray) -> float:
-        """Chi-square of values as they were fitted against estimates of nothing with any share of the bias.
+        """Compute the chi-square of values as fitted against estimates of nothing with any share of bias.
 
         How much of the bias a machine has is not known: any share from none to all is as likely. So the likelihood of
         nothing is averaged over the share. Everything is divided by the inflation along the values.
@@ -155,7 +155,7 @@ class Replicas:
         return any(len(segment) >= shortest(self._bank) for segment in self._segments)
 
     def draw(self, rng: np.random.Generator) -> list[Recording]:
-        """One replica of the fitted recordings, in the order of their numbers."""
+        """Draw one replica of the fitted recordings, in their order."""
         parts: dict[int, list[tuple[Segment, dict[str, FloatArray]]]] = {}
         for segment, effort in zip(self._segments, self._efforts, strict=True):
             drawn = resampled(self._noise, len(segment), self._bank.rate_hz, rng)
@@ -178,9 +178,9 @@ class Replicas:
 
 
 def resampled(noise: Sequence[FloatArray], length: int, rate_hz: float, rng: np.random.Generator) -> FloatArray:
-    """Noise (length, n) from random blocks of stretches (N, n), with random signs, faded into each other.
+    """Resample noise (length, n) from random blocks of stretches (N, n), random signs, faded into each other.
 
-    All joints take the same blocks, so what they share stays shared. Fades keep the variance.
+    All joints take the same blocks, so what they share remains shared. Fades keep the variance.
     """
     block, fade = max(2, round(BLOCK_SECONDS * rate_hz)), max(1, round(_FADE_SECONDS * rate_hz))
     usable = [stretch for stretch in noise if len(stretch) >= block + fade] or [max(noise, key=len)]
@@ -202,7 +202,7 @@ def resampled(noise: Sequence[FloatArray], length: int, rate_hz: float, rng: np.
 
 
 def _ideal(joint: Joint, segment: Segment, number: int, effort: FloatArray) -> dict[str, FloatArray]:
-    """What the joint's channels would read without sensor noise, by quantity."""
+    """Compute what the joint's channels read without sensor noise, by quantity."""
     q, x, r = segment.q[:, number], segment.x[:, number], segment.r[:, number]
     qd = segment.qd[:, number]
     if joint.cylinder is None:

@@ -15,7 +15,7 @@ _BEYOND = 1.25
 
 
 def refined(model: Model, score: Score) -> Score:
-    """The score at the best shape between the grid's neighbours, one continuous shape parameter after the other.
+    """Refine the score's shape between the grid's neighbours, one continuous shape parameter after the other.
 
     Steps are halved from half a value down to :data:`_FINEST` of it: a lightly damped resonance is that narrow. A
     second round, of small steps, follows where parameters pull at each other.
@@ -32,7 +32,7 @@ def refined(model: Model, score: Score) -> Score:
 
 
 def _limits(model: Model, term: Term, key: str) -> tuple[float, float]:
-    """Between what values a shape may be searched: the grid's, and somewhat beyond."""
+    """Return the range that a shape may be searched in: the grid's, and somewhat beyond."""
     assert isinstance(term.content, Effect)
     grid = term.content.shapes(model.views[model.fitted[0]][term.joint or 0])
     bounds = [shape[key] * factor for shape in grid if key in shape for factor in (_BEYOND, 1 / _BEYOND)]
@@ -55,7 +55,7 @@ def _searched(model: Model, best: Score, key: str, span: float, limits: tuple[fl
 
 
 def _plain(model: Model, score: Score) -> Score:
-    """The score as shapes are compared: no bias taken off, which is known for the grid's shapes only."""
+    """Return the score as shapes are compared: without bias correction, known for the grid's shapes only."""
     if score.null is None:
         return score
     plain = score_terms(model, [score.term], [1])

@@ -73,7 +73,7 @@ class Score:
     grid: int = 1
 
     def against(self, null: Null) -> Score:
-        """The score with the bias taken off that noise in the regressors makes.
+        """Take the bias that noise in the regressors makes off the score.
 
         A law keeps its gain: a spline has no value that noise would push to one side, and few draws know little of
         its many coefficients.
@@ -112,7 +112,7 @@ class Score:
 
     @property
     def trusted(self) -> float:
-        """Share of the gain that is believed, once replicas have shown what noise in the regressors makes of it."""
+        """Share of the gain that counts, once replicas have shown what noise in the regressors makes of it."""
         if self.null is None or not self.gain > 0:
             return 1.0
         if not isinstance(self.term.content, Effect):
@@ -180,7 +180,7 @@ class Candidates:
         return all_stale
 
     def scores(self, model: Model, numbers: Collection[int] | None = None) -> dict[int, Score]:
-        """Score of every candidate that has a live direction, by its number; ``numbers``: of these only."""
+        """Score every candidate with a live direction, by its number; ``numbers``: of these only."""
         result: dict[int, Score] = {}
         for place, group in self._groups.items():
             asked = group if numbers is None else [n for n in group if n in numbers]
@@ -207,7 +207,7 @@ class Candidates:
         return result
 
     def _of_one_width(self, numbers: Sequence[int]) -> Iterator[tuple[list[int], IntArray]]:
-        """Candidates (T,) of each width k, and where (T, k) their columns are among those of ``numbers``."""
+        """Group candidates (T,) by width k, with (T, k) their columns' places among those of ``numbers``."""
         widths = np.array([self._widths[n] for n in numbers])
         starts = np.cumsum(widths) - widths
         for width in np.unique(widths).tolist():
@@ -215,11 +215,11 @@ class Candidates:
             yield [numbers[m] for m in members], starts[members][:, None] + np.arange(width)
 
     def width(self, number: int) -> int:
-        """Number of a candidate's columns."""
+        """Return the number of a candidate's columns."""
         return self._widths[number]
 
     def products(self, model: Model, joint: int, numbers: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        """Gram matrix (p, p) of candidates' columns less what the model explains, and products with its residual.
+        """Compute the Gram matrix (p, p) of candidates' columns less the model, and products with its residual.
 
         Columns are those of ``numbers`` one after the other; all act on this joint alone.
         """
@@ -228,7 +228,7 @@ class Candidates:
         return C.T @ C - shadow.T @ shadow, C.T @ model.fit.residual[joint]
 
     def cross_products(self, model: Model, numbers: Sequence[int], others: Sequence[int]) -> FloatArray:
-        """Products (k, p) of some candidates' columns with those of others, less what the model explains.
+        """Compute products (k, p) of candidates' columns with those of others, less the model's share.
 
         All of each act on one joint alone, or all on all of them; the others' joint is then the same, or all.
         """
@@ -248,7 +248,7 @@ class Candidates:
         return np.asarray(one.T @ two - shadow.T @ other_shadow)
 
     def shown(self, model: Model, number: int, values: Sequence[float]) -> dict[int, FloatArray]:
-        """What a candidate contributes with these values less what the model takes of it: by joint, (R_j,)."""
+        """Compute a candidate's contribution with these values less the model's share: by joint, (R_j,)."""
         place = self.terms[number].place
         raw = self._of(place, [number]) @ np.asarray(values)
         if place is not None:
@@ -259,11 +259,11 @@ class Candidates:
         return {joint: part - model.fit.orthonormal[joint] @ shadow for joint, part in enumerate(parts)}
 
     def _of(self, place: int | None, numbers: Sequence[int]) -> FloatArray:
-        """Columns of these candidates one after the other; all act at this place."""
+        """Return these candidates' columns in a row; all act at this place."""
         return np.asarray(self._columns[place][:, self._into(place, numbers)])
 
     def _into(self, place: int | None, numbers: Sequence[int]) -> IntArray:
-        """Where the columns of these candidates are among those of their place."""
+        """Return the places of these candidates' columns among their place's."""
         group = self._groups[place]
         starts = dict(zip(group, np.cumsum([0, *(self._widths[n] for n in group)]).tolist(), strict=False))
         return np.concatenate([np.arange(starts[n], starts[n] + self._widths[n]) for n in numbers])
@@ -288,7 +288,7 @@ class Candidates:
 
 
 def _placed(score: Score, model: Model, columns: FloatArray, shadow: FloatArray) -> Score:
-    """The score with each joint's share of its gain; ``columns`` are in the rows of all joints, ``shadow`` is Q'C."""
+    """Split the score's gain by joint; ``columns`` are in the rows of all joints, ``shadow`` is Q'C."""
     fit, values, shares, start = model.fit, np.asarray(score.values), [], 0
     for Q, residual in zip(fit.orthonormal, fit.residual, strict=True):
         shown = columns[start : start + len(residual)] @ values - Q @ (shadow @ values)
@@ -298,13 +298,13 @@ def _placed(score: Score, model: Model, columns: FloatArray, shadow: FloatArray)
 
 
 def score_terms(model: Model, terms: Sequence[Term], grid: Sequence[int]) -> list[Score]:
-    """Scores of a few candidates in a row, those without a live direction left out."""
+    """Score a few candidates in a row; those without a live direction are left out."""
     scores = Candidates(model, terms, grid).scores(model)
     return [scores[number] for number in sorted(scores)]
 
 
 def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Whitened columns of one joint's term in the order of its joint's rows, and which rows are unloaded."""
+    """Whiten one joint's term in its rows' order, and return which rows are unloaded."""
     joint, design = term.joint or 0, model.design
     rows = len(model.fit.residual[joint])
     out = np.zeros((rows, len(term.names(design.parameters.joints))))
@@ -316,7 +316,7 @@ def white_columns(model: Model, term: Term) -> tuple[FloatArray, npt.NDArray[np.
 
 
 def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int]]:
-    """Candidates in groups of about so many columns."""
+    """Group candidates by about so many columns."""
     batch: list[int] = []
     for number in numbers:
         batch.append(number)
@@ -328,7 +328,7 @@ def _batches(numbers: Sequence[int], widths: Sequence[int]) -> Iterator[list[int
 
 
 def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequence[FloatArray]) -> None:
-    """Whitened columns of terms in the rows of these joints, in the order of the fit's rows, into ``out`` per joint."""
+    """Write whitened columns of terms in these joints' rows, in the fit's order, into ``out`` per joint."""
     design, ends = model.design, [0] * len(joints)
     for index in model.fitted:
         columns = [term.columns(model.views[index]) for term in terms]
@@ -347,7 +347,7 @@ def _white_columns(model: Model, terms: Sequence[Term], joints: range, out: Sequ
 
 
 def _prior_of_delays(model: Model, terms: Sequence[Term], joint: int, columns: FloatArray) -> None:
-    """In the last row of a joint whose delay is expected: the column of its delay (:mod:`fitting.regression.prior`)."""
+    """Fill a joint's last row where a delay is expected: the delay's column (:mod:`fitting.regression.prior`)."""
     expected = None if model.prior is None else model.prior.delay_of(joint)
     start = 0
     for term in terms if expected is not None else ():
@@ -359,9 +359,9 @@ def _prior_of_delays(model: Model, terms: Sequence[Term], joint: int, columns: F
 def _scored(
     terms: Sequence[tuple[Term, int]], gram: FloatArray, plain: FloatArray, products: FloatArray, norms: FloatArray
 ) -> Iterator[tuple[int, Score]]:
-    """Scores of terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k).
+    """Score terms of one width ``k``: ``gram`` (T, k, k), ``products`` and ``norms`` (T, k).
 
-    ``plain`` (T, k, k) is the Gram matrix beside the base as the data alone tell it: what is dead there is known from
+    ``plain`` (T, k, k) is the Gram matrix beside the base by the data alone: what is dead there is known from
     the prior of the base only, and a candidate is none.
     """
     there = np.asarray(np.isfinite(norms).all(axis=1) & (norms > 1e-20).any(axis=1))
@@ -413,7 +413,7 @@ def _scored(
 
 
 def catalogue_terms(model: Model, effects: Sequence[Effect]) -> tuple[list[Term], list[int]]:
-    """Every effect on every joint it applies to, in every shape, and each one's grid size."""
+    """List every effect on every joint it applies to, in every shape, with each one's grid size."""
     terms: list[Term] = []
     grid: list[int] = []
     machine = model.design.machine
@@ -435,7 +435,7 @@ def catalogue_terms(model: Model, effects: Sequence[Effect]) -> tuple[list[Term]
 
 
 def law_terms(model: Model) -> tuple[list[Term], list[int]]:
-    """Every spline law of every joint."""
+    """List every spline law of every joint."""
     joints = range(len(model.design.machine.joints))
     terms = [Term(law, joint) for joint in joints for law in laws(model.views, joint, model.fitted)]
     return terms, [1] * len(terms)

@@ -58,7 +58,7 @@ class _Family:
 
 
 def nearest_formula(grid: npt.ArrayLike, value: npt.ArrayLike, std: npt.ArrayLike) -> SimpleFormula | None:
-    """The family and shape that leave least of a curve; None where the curve is flat.
+    """Find the family and shape that leave least of a curve; None where it is flat.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def nearest_formula(grid: npt.ArrayLike, value: npt.ArrayLike, std: npt.ArrayLik
 
 @lru_cache(maxsize=4096)
 def simple_curves(knots: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
-    """The short list as coefficients of a cubic spline over its range: curves, and the share of each in the list.
+    """Return the short list as coefficients of a cubic spline over its range, and each curve's share of it.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def simple_curves(knots: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
 
 
 def _spaced(family: _Family, count: int) -> FloatArray:
-    """So many shapes of a family."""
+    """Return so many shapes of a family."""
     return np.asarray(
         (np.linspace if family.kind in ("threshold", "step") else np.geomspace)(family.low, family.high, count)
     )
@@ -156,7 +156,7 @@ def _fitted(family: _Family, x: FloatArray, y: FloatArray, weights: FloatArray, 
 
 
 def _left(columns: FloatArray, y: FloatArray, weights: FloatArray) -> float:
-    """Weighted sum of squares that a least-squares fit leaves."""
+    """Compute the weighted sum of squares that a least-squares fit leaves."""
     table, target = weights[:, None] * columns, weights * y
     values = np.linalg.lstsq(table, target, rcond=None)[0]
     return float(np.sum((target - table @ values) ** 2))

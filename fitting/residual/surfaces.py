@@ -62,7 +62,7 @@ class Surface(Law):
         return super().uses_model or self.along.uses_model
 
     def basis(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Its functions (N, 9 or 1) at values of both signals, constant beyond their ranges."""
+        """Evaluate its functions (N, 9 or 1) at both signals, constant beyond their ranges."""
         ends = (self.knots[0], self.knots[-1]), self.second_range
         if self.twist:
             return np.asarray((_share(first, *ends[0]) - 0.5) * (_share(second, *ends[1]) - 0.5))[:, None]
@@ -70,13 +70,13 @@ class Surface(Law):
         return np.asarray((u[:, :, None] * w[:, None, :]).reshape(len(u), -1))
 
     def columns(self, view: DriveView) -> FloatArray:
-        """Columns (N, functions)."""
+        """Return columns (N, functions)."""
         basis = self.basis(self.values(view), self.along.values(view))
         return self.acting(basis, view)
 
 
 def second_variable(law: Law, joints: tuple[str, ...]) -> dict[str, str]:
-    """The report's key for a law's second signal; nothing for a law of one."""
+    """Return the report's key for a law's second signal; nothing for a law of one."""
     return {"second_variable": law.along.variable(joints)} if isinstance(law, Surface) else {}
 
 
@@ -90,7 +90,7 @@ def _bernstein(values: FloatArray, low: float, high: float) -> FloatArray:
 
 
 def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surface]:
-    """All surfaces of a joint that its recordings can show, or all twists."""
+    """List all surfaces of a joint that its recordings show, or all twists."""
     signals: list[tuple[str, int | None]] = [(name, None) for name in _OWN]
     others = [other for other in range(len(model.design.machine.joints)) if other != joint]
     signals += [(name, other) for other in others for name in _NEIGHBOUR]
@@ -120,7 +120,7 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
 
 
 def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:
-    """The surface that gains most.
+    """Find the surface that gains most.
 
     Its first signal is ``alone``, the best law of one signal, where that is among its two; else the one that it varies
     more along.

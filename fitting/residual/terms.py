@@ -48,18 +48,18 @@ class Term:
 
     @property
     def family(self) -> tuple[str, int | None]:
-        """What a reader is told: effect and joint, whatever the shape."""
+        """Reported identity: effect and joint, whatever the shape."""
         return self.id, self.joint
 
     @property
     def label(self) -> tuple[object, ...]:
-        """Tells candidates apart, whatever was rebuilt."""
+        """Key of a candidate, whatever was rebuilt."""
         content = self.content if isinstance(self.content, Law) else self.id
         return (content, self.joint, tuple(sorted(self.shape.items())))
 
     @property
     def confined(self) -> bool:
-        """True where it acts in single recordings, so that another recording says nothing of it."""
+        """True where it acts in single recordings, so that another recording does not show it."""
         return not isinstance(self.content, Law) and self.content.confined(self.shape)
 
     @property
@@ -83,7 +83,7 @@ class Term:
         return self.content.uses_model or self.everywhere
 
     def columns(self, views: Sequence[DriveView]) -> FloatArray:
-        """Columns in one segment from its views of all joints: (N, k), or (N, n, k) where it acts on all joints."""
+        """Compute columns in one segment from views of all joints: (N, k), or (N, n, k) where it acts on all."""
         view = views[self.joint or 0]
         if isinstance(self.content, Law):
             return self.content.columns(view)
@@ -104,7 +104,7 @@ class Term:
         return None if self.everywhere else self.joint or 0
 
     def names(self, joints: tuple[str, ...]) -> tuple[str, ...]:
-        """Names of its linear parameters, with the joint."""
+        """Return the names of its linear parameters, with the joint."""
         place = "machine" if self.joint is None else joints[self.joint]
         if isinstance(self.content, Effect):
             return tuple(f"{place}.{self.content.id}.{p.name}" for p in self.content.parameters)
@@ -114,7 +114,7 @@ class Term:
 
 
 def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
-    """Full-rate columns of all terms in all segments."""
+    """Compute full-rate columns of all terms in all segments."""
     joints = tuple(j.name for j in design.machine.joints)
     names = tuple(name for term in terms for name in term.names(joints))
     widths = [len(term.names(joints)) for term in terms]
@@ -162,7 +162,7 @@ class _BySegment(Sequence[FloatArray | None]):
 
 
 def beside(parts: Sequence[Extra]) -> Extra:
-    """Columns of several beside each other, zero where one has none."""
+    """Join columns of several terms, zero where one has none."""
     widths = [len(part.names) for part in parts]
 
     def joined(columns: Sequence[FloatArray | None]) -> FloatArray | None:
@@ -200,7 +200,7 @@ class Model:
         """What turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
 
         ``(k, rank)``; None where the fit has no plausible arm. With ``Q_p`` the basis in the arm's rows, the data's are
-        ``I - Q_p'Q_p`` long: directions that only the arm tells are left out.
+        ``I - Q_p'Q_p`` long: directions that only the arm determines are left out.
         """
         if self.prior is None or self.prior.point is None:
             return None
@@ -213,30 +213,30 @@ class Model:
         return np.asarray((vectors[:, told] / np.sqrt(values[told])).T)
 
     def term_slice(self, number: int) -> slice:
-        """Where term ``number`` has its parameters in ``fit.theta``."""
+        """Return the slice of term ``number``'s parameters in ``fit.theta``."""
         joints = self.design.parameters.joints
         start = len(self.design.parameters) + sum(len(t.names(joints)) for t in self.terms[:number])
         return slice(start, start + len(self.terms[number].names(joints)))
 
     def sections(self, joint: int) -> list[tuple[int, slice]]:
-        """Fitted segments, and where each has its rows among those of a joint; a prior's are behind them all."""
+        """Return fitted segments and their slices of a joint's rows; a prior's come after them."""
         counts = [int(np.count_nonzero(self.design.kept(self.noise, joint, index))) for index in self.fitted]
         ends = np.cumsum(counts).tolist()
         return [(i, slice(end - count, end)) for i, end, count in zip(self.fitted, ends, counts, strict=True)]
 
     def rows(self) -> tuple[WhiteRows, ...]:
-        """The whitened rows that this model was fitted on, prior included."""
+        """Return the whitened rows that this model was fitted on, prior included."""
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
         late = late_terms(self.terms, self.design.parameters)
         return rows if self.prior is None else with_prior(rows, self.design.parameters, self.prior, late)
 
     def values(self, number: int) -> FloatArray:
-        """Parameters of term ``number``, with what was moved into the signals."""
+        """Return parameters of term ``number``, with what was moved into the signals."""
         fitted = self.fit.theta[self.term_slice(number)]
         return np.asarray(fitted + np.asarray(self.terms[number].rebuilt or np.zeros(len(fitted))))
 
     def wald(self, number: int) -> float:
-        """Chi-square that dropping term ``number`` would cost, what was moved into the signals included (Wald's)."""
+        """Compute the chi-square cost of dropping term ``number``, with what was moved into the signals (Wald's)."""
         part = self.term_slice(number)
         told = self.fit.told[part]
         if not told.any():
@@ -246,7 +246,7 @@ class Model:
         return float(values[told] @ inverse @ values[told])
 
     def contribution(self, number: int, joint: int, index: int) -> FloatArray:
-        """What term ``number`` adds to a joint's drive effort in a segment, (N,)."""
+        """Compute what term ``number`` adds to a joint's drive effort in a segment, (N,)."""
         own = self.extra.columns[joint][index]
         if own is None:
             return np.zeros(len(self.design.segments[index]))
@@ -256,7 +256,7 @@ class Model:
 
 
 def late_terms(terms: Sequence[Term], parameters: Parameters) -> dict[int, Late]:
-    """Of each joint that has a delay among the terms, its column and the seconds by which its efforts were moved."""
+    """Return each delayed joint's column among the terms and the seconds by which its efforts were moved."""
     found: dict[int, Late] = {}
     column = len(parameters)
     for term in terms:
@@ -275,7 +275,7 @@ def fit_model(
     start: Model | None = None,
     passes: int = 2,
 ) -> Model:
-    """Joint refit of drive, base and terms.
+    """Refit drive, base and terms jointly.
 
     Columns that hold the model's own force depend on the fit; where there are any, they are rebuilt from the last one,
     ``passes`` times.

@@ -145,7 +145,7 @@ def views_of_segment(
     starts: Mapping[int, float],
     loaded_recordings: tuple[int, ...],
 ) -> tuple[DriveView, ...]:
-    """Views of all joints in one segment, from forces and loads (N, n); ``starts`` has the recordings' first times."""
+    """Return views of all joints in a segment by forces and loads (N, n); ``starts``: recordings' first times."""
     shared: dict[str, FloatArray] = {}
     return tuple(
         DriveView(
@@ -169,7 +169,7 @@ def views_of_segment(
 
 
 def recording_starts(design: Design) -> dict[int, float]:
-    """Time of each recording's first sample, s."""
+    """Return each recording's first time, s."""
     starts: dict[int, float] = {}
     for segment in design.segments:
         starts[segment.recording] = min(starts.get(segment.recording, np.inf), float(segment.t[0]))
@@ -192,7 +192,7 @@ class RodLaw:
     speed_noise: float
 
     def __call__(self, signals: FloatArray) -> FloatArray:
-        """Pressures (N,) in Pa from signals (N, 5)."""
+        """Compute pressures (N,) in Pa from signals (N, 5)."""
         *smooth, of_sign = np.split(self.coefficients, np.cumsum([len(knots) - 4 for knots in self.knots]))
         parts = zip(self.knots, signals.T, smooth, strict=True)
         sign = expected_sign(signals[:, 0], self.speed_noise)
@@ -200,21 +200,21 @@ class RodLaw:
 
     @staticmethod
     def basis(knots: Sequence[FloatArray], signals: FloatArray, speed_noise: float) -> FloatArray:
-        """All functions at signals (N, 5)."""
+        """Evaluate all functions at signals (N, 5)."""
         parts = [evaluate(k, column) for k, column in zip(knots, signals.T, strict=True)]
         sign = expected_sign(signals[:, 0], speed_noise)
         return np.hstack([*parts, sign[:, None], sign[:, None] * signals[:, 1:2]])
 
 
 def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
-    """What a :class:`RodLaw` is of, (N, 5), from the model's forces (N, n) and the clock (N,)."""
+    """Compute the signals of a :class:`RodLaw`, (N, 5), from model forces (N, n) and clock (N,)."""
     return np.column_stack([segment.v[:, joint], force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
 
 
 def rod_laws(
     design: Design, fitted: Sequence[int], forces: Callable[[int], FloatArray]
 ) -> dict[bool, tuple[RodLaw | None, ...]]:
-    """Rod pressures as a smooth function of motion, model force and time: per joint a law, None without a sensor.
+    """Fit rod pressures by smooth laws of motion, model force and time, one per joint; None without a sensor.
 
     A measured pressure holds the very disturbance that a regressor must not know (which chamber takes it up depends on
     the valve). So the pressure is replaced by its regression on signals that do not hold it: an instrument. A free
@@ -264,7 +264,7 @@ def _rod_law(
 def rod_pressures(
     laws: Mapping[bool, Sequence[RodLaw | None]], segment: Segment, forces: FloatArray, clock: FloatArray
 ) -> FloatArray:
-    """Expected rod pressures (N, n) in a segment by the laws of its kind, or of the only one; NaN without a law."""
+    """Predict rod pressures (N, n) in a segment by the laws of its kind, or the only one's; NaN without a law."""
     own = laws[segment.loaded if segment.loaded in laws else not segment.loaded]
     unknown = np.full(len(segment), np.nan)
     columns = [

@@ -33,23 +33,23 @@ class Signals(Protocol):
     """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
-        """What terms gain on replicas of the recordings in which the model is the whole truth."""
+        """Compute terms' gains on replicas of the recordings in which the model is the whole truth."""
         ...
 
     def misfit(self, model: Model, joint: int) -> Misfit:
-        """What the model leaves of a joint that two runs of one motion share."""
+        """Compute what the model leaves of a joint that two runs of one motion share."""
         ...
 
     def rebuilt(self, model: Model) -> Model:
-        """The model with its last term moved into the signals as far as that term can be."""
+        """Move the model's last term into the signals as far as it can be."""
         ...
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
-        """The model with its effort moved as far the other way as that delay says, and as it says; in one noise."""
+        """Return the model with its effort moved against that delay and, as far, with it; in one noise."""
         ...
 
     def refit(self, terms: Sequence[Term]) -> Model:
-        """A fresh fit with these terms, on signals corrected as they say."""
+        """Refit afresh with these terms on signals corrected by them."""
         ...
 
 
@@ -88,7 +88,7 @@ class Gate:
         self._last: tuple[Model, Term, Model, Model] | None = None
 
     def asked(self, choice: Score, before: Model, trial: Model) -> Answer:
-        """What is against the last term of ``trial``."""
+        """Return the objections to the last term of ``trial``."""
         held_out, seen = self.judged(before, trial, _expected(choice))
         reason = objection(held_out, seen)
         load = _witness(before, choice.term)
@@ -114,7 +114,7 @@ class Gate:
         )
 
     def with_term(self, model: Model, term: Term) -> Model:
-        """The model with one term more, moved into the signals as far as that can be; the last one is kept."""
+        """Add one term to the model, moved into the signals as far as it can be; the last model is cached."""
         if self._last is None or self._last[0] is not model or self._last[1] != term:
             plain = self._signals.refit([*model.terms, term])
             self._last = model, term, plain, self._signals.rebuilt(plain)
@@ -123,7 +123,7 @@ class Gate:
     def judged(
         self, before: Model, trial: Model, precision: FloatArray | None = None
     ) -> tuple[HeldOut, OnValidate | None]:
-        """What held-out blocks and the validation motion say of a trial's last term.
+        """Compute the gains of a trial's last term on held-out blocks and on the validation motion.
 
         ``precision`` (k, k) is of what is expected of its parameters before any data.
         """
@@ -144,11 +144,11 @@ class Gate:
 
 
 def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
-    """Why a term is not to be added; empty if there is nothing against it.
+    """Return why a term is not to be added; empty if there is no objection.
 
     One rule for all terms: the rows that were left out have to be :data:`CONFIRMED` times as probable with it, against
     the noise of the rows that show it. The validation motion is one more block; where a right term need not show itself
-    it may refuse only what its rows speak against as clearly.
+    it may reject only what its rows contradict as clearly.
     """
     if held_out.confirmed <= CONFIRMED:
         size = f"(log density {0.5 * held_out.confirmed:+.1f})"
@@ -177,7 +177,7 @@ def _inflation(before: Model, plain: Model, trial: Model) -> float:
 
 
 def silence(validate: OnValidate | None) -> str:
-    """Why the validation motion confirms nothing of a term that it does not refuse; empty if it does."""
+    """Return why the validation motion confirms nothing of a term that it does not reject; else empty."""
     if validate is None:
         return ""
     if not validate.entered:  # what it changes of the base may help there: that is no witness of this effect
@@ -186,12 +186,12 @@ def silence(validate: OnValidate | None) -> str:
 
 
 def too_faint(choice: Score, held_out: HeldOut) -> bool:
-    """Whether a gain is not significant against the noise of just the rows that show it."""
+    """Return whether a gain is insignificant against the noise of just the rows that show it."""
     return choice.gain / held_out.inflation <= least_gain(choice.live)
 
 
 def _expected(choice: Score) -> FloatArray | None:
-    """Precision of what is expected of a law's coefficients; None for what is no curve.
+    """Return the prior precision of a law's coefficients; None for what is no curve.
 
     The same curves are expected where a block is left out as where the law was chosen.
     """
@@ -203,7 +203,7 @@ def _expected(choice: Score) -> FloatArray | None:
 
 
 def _driving(term: Term, before: Model, trial: Model) -> str:
-    """Whether a friction turns the whole friction of its joint into a drive; signs of single parts say nothing."""
+    """Return why a friction turns a joint's whole friction into a drive; signs of single parts are free."""
     joint = term.joint
     if joint is None or not rubs(term, joint):
         return ""
@@ -218,7 +218,7 @@ def _driving(term: Term, before: Model, trial: Model) -> str:
 
 
 def _witness(model: Model, term: Term) -> Witness | None:
-    """What unloaded and loaded recordings say of a candidate; None where one of the two is not there."""
+    """Compare a candidate on unloaded and loaded recordings; None where one of the two is missing."""
     joint, design = term.joint, model.design
     loaded = {design.segments[i].loaded for i in model.fitted}
     if joint is None or term.everywhere or len(loaded) < 2:

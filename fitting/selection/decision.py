@@ -19,7 +19,7 @@ from fitting.selection.rated import Rated
 
 
 def by_formula(rated: Sequence[Rated]) -> list[Rated]:
-    """Names of one joint compared by their exact formulas, the best of them lifted to what the best has with a curve.
+    """Compare names of one joint by exact formulas, the best of them lifted to what the best has with a curve.
 
     What a curve beside a name makes up for counts for names against laws, not for one name against another.
     """
@@ -35,7 +35,7 @@ def by_formula(rated: Sequence[Rated]) -> list[Rated]:
 
 
 def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
-    """Explanations of one place with their log odds, best first; names differ as far as formulas can be believed.
+    """Compute log odds of explanations of one place, best first; names differ as far as formulas hold.
 
     Whichever name is right, its own formula leaves chi-square, a share epsilon squared of what is there; differences of
     that size are chance, so those of names shrink by as much as it outweighs what noise alone asks for. How far nature
@@ -59,11 +59,11 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
 
 
 def odds_behind(stated: float, gain: float) -> float:
-    """Log odds of one name over another as their formulas say, that :func:`believed` states as ``stated``.
+    """Compute log odds of one name over another by formula, that :func:`believed` states as ``stated``.
 
     Parameters
     ----------
-    stated : log odds, as they are said
+    stated : log odds, as they are reported
     gain : chi-square that the effect takes; its formula is taken for a law of physics
     """
     shares, weights = shares_believed(gain), np.array(priors.weights(series=False))
@@ -77,7 +77,7 @@ def odds_behind(stated: float, gain: float) -> float:
 
 
 def shares_believed(gain: float | FloatArray) -> FloatArray:
-    """Which share of a difference between names is believed, of each of :data:`~fitting.selection.priors.EPSILONS`.
+    """Compute which share of a difference between names counts, per :data:`~fitting.selection.priors.EPSILONS`.
 
     Along the last axis; ``gain`` is the chi-square that the effect takes, or of each difference, (N, 1).
     """
@@ -89,9 +89,9 @@ def _same_place(one: Term, other: Term) -> bool:
 
 
 def decided(rated: Sequence[Rated], there: bool = False) -> Rated:
-    """What is to be said of explanations of one place: the best name, unless laws are too probable beside all names.
+    """Decide what to report of explanations of a place: the best name, unless laws are too probable beside all names.
 
-    A name that would be said alone has to be as probable as anything that is said; several names, or one that is
+    A name reported alone has to be as probable as anything that is reported; several names, or one that is
     ``there`` already, may leave laws a fifth.
     """
     head = rated[0]

@@ -36,7 +36,7 @@ class Draws:
         return self._most > 0
 
     def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
-        """The scores with the bias of noisy regressors taken off."""
+        """Take the bias of noisy regressors off the scores."""
         fresh = [s for s in scores if s.term.label not in self._nulls]
         drawn = 0
         while fresh and drawn < self._most:

@@ -38,7 +38,7 @@ ROUNDING = 1e-10
 
 
 def bayes_factor(gram: FloatArray, products: FloatArray, root: FloatArray) -> float:
-    """Log Bayes factor of parameters with one prior, by the formula above.
+    """Compute the log Bayes factor of parameters with one prior, by the formula above.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def bayes_factor(gram: FloatArray, products: FloatArray, root: FloatArray) -> fl
 
 
 def log_sum(values: npt.ArrayLike, axis: int = -1, weights: npt.ArrayLike = 1.0) -> FloatArray:
-    """Logarithm of the weighted sum of exponentials along an axis."""
+    """Compute the logarithm of the weighted sum of exponentials along an axis."""
     values = np.asarray(values, dtype=float)
     top = np.max(values, axis=axis, keepdims=True)
     top = np.where(np.isfinite(top), top, 0.0)
@@ -60,19 +60,19 @@ def log_sum(values: npt.ArrayLike, axis: int = -1, weights: npt.ArrayLike = 1.0)
 
 
 def log_mean(values: npt.ArrayLike, axis: int = -1) -> FloatArray:
-    """Logarithm of the mean of exponentials along an axis."""
+    """Compute the logarithm of the mean of exponentials along an axis."""
     values = np.asarray(values, dtype=float)
     return np.asarray(log_sum(values, axis) - np.log(values.shape[axis]))
 
 
 def log_means(values: FloatArray, counts: IntArray) -> FloatArray:
-    """:func:`log_mean` of each of several groups of values that follow one another, of ``counts`` values each."""
+    """Compute :func:`log_mean` of each of several groups of consecutive values, of ``counts`` values each."""
     starts = np.cumsum(counts) - counts
     return np.asarray(np.maximum(np.logaddexp.reduceat(values, starts), np.log(1e-300)) - np.log(counts))
 
 
 def named_evidence(gain: FloatArray, live: FloatArray, amplitudes: FloatArray) -> FloatArray:
-    """Log Bayes factors (T, A) of effects whose formula is exactly nature's.
+    """Compute log Bayes factors (T, A) of effects whose formula is exactly nature's.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def named_evidence(gain: FloatArray, live: FloatArray, amplitudes: FloatArray) -
 
 @cache
 def curve_roots(functions: int, lengths: tuple[float, ...]) -> FloatArray:
-    """Roots (lengths, n, n) of the prior covariances of a spline's coefficients.
+    """Compute roots (lengths, n, n) of a spline's prior covariances.
 
     Coefficients ``d`` sixteenths of the range apart have the correlation ``exp(-d^2 / (2 length^2))``. Their mean is
     as large as their spread along the signal: a constant alone is no law of it, and nothing of a law has to be zero on
@@ -105,7 +105,7 @@ def curve_roots(functions: int, lengths: tuple[float, ...]) -> FloatArray:
 
 
 def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, amplitudes: FloatArray) -> FloatArray:
-    """Log Bayes factors (T, L, A) of spline laws: ``gram`` (T, n, n), ``products`` (T, n), ``roots`` (L, n, n)."""
+    """Compute log Bayes factors (T, L, A) of splines: ``gram`` (T, n, n), ``products`` (T, n), ``roots`` (L, n, n)."""
     H = np.einsum("lia,tij,ljb->tlab", roots, gram, roots, optimize=True)
     h = np.einsum("lia,ti->tla", roots, products)
     size = np.maximum(np.einsum("tlaa->tl", H), 1e-300)
@@ -120,7 +120,7 @@ def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, am
 def curve_precision(
     gram: FloatArray, products: FloatArray, lengths: tuple[float, ...], amplitudes: FloatArray
 ) -> FloatArray:
-    """Inverse prior covariance (n, n) of a spline's coefficients, of the length and amplitude that are most probable.
+    """Compute a spline's inverse prior covariance (n, n) at the most probable length and amplitude.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def curve_precision(
 
 
 def with_curve(model: Local, columns: FloatArray) -> tuple[Local, FloatArray]:
-    """A model with a smooth curve's ``columns`` (M, n) more, and what all parameters move by (p + n,).
+    """Add a smooth curve's ``columns`` (M, n) to a model, and return all parameters' moves (p + n,).
 
-    Of the curve is known before any data what :func:`curve_precision` says, in the noise that it leaves.
+    The curve's prior is that of :func:`curve_precision`, in the noise that it leaves.
     """
     r, whole, noise = model.residual, np.hstack([model.columns, columns]), model.noise
     free = columns - model.columns @ np.linalg.solve(model.known, model.columns.T @ columns)
@@ -153,7 +153,7 @@ def with_curve(model: Local, columns: FloatArray) -> tuple[Local, FloatArray]:
 
 
 def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Chi-square (T, F) that formulas take of what splines could, and their live directions (T, F).
+    """Compute formulas' chi-square gains (T, F) of what splines could, and live directions (T, F).
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def formula_gains(gram: FloatArray, products: FloatArray, curves: FloatArray) ->
 
 
 def whitened_parts(gram: FloatArray) -> FloatArray:
-    """Root (k, live) of a term's parameters whose visible contribution is a unit ball: ``root' gram root = I``."""
+    """Compute the root (k, live) of parameters of unit visible contribution: ``root' gram root = I``."""
     norms = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
     live = values > DEAD
@@ -181,7 +181,7 @@ def whitened_parts(gram: FloatArray) -> FloatArray:
 def joint_evidence(
     gram: FloatArray, products: FloatArray, scales: FloatArray, first: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log Bayes factors of parameters with independent priors of these scales: (.., p, p), (.., p), (K, p).
+    """Compute log Bayes factors of parameters with independent priors of these scales: (.., p, p), (.., p), (K, p).
 
     Returns
     -------
@@ -200,7 +200,7 @@ def joint_evidence(
 
 @cache
 def least_gain(live: int, choices: int = 1) -> float:
-    """Chi-square from which on an effect of ``live`` parameters, one of ``choices`` shapes, is said."""
+    """Compute the least chi-square to report an effect of ``live`` parameters in ``choices`` shapes."""
     sizes = priors.amplitudes(priors.USUAL_EFFORT)
     prior = np.log(priors.CATALOGUE / priors.NOTHING / priors.USUAL_FAMILIES / choices)
 

@@ -19,14 +19,14 @@ BEYOND_BIAS = 300.0
 
 
 def averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
-    """Log evidence (T,) of exact formulas, amplitudes averaged out up to each one's limit."""
+    """Compute log evidence (T,) of exact formulas, amplitudes averaged out up to each one's limit."""
     sizes = priors.amplitudes(float(limits.max(initial=0.0)))
     allowed = sizes[None, :] <= np.maximum(limits, priors.SMALLEST)[:, None] * priors.RATIO
     return log_sum(named_evidence(gain, live, sizes), weights=allowed / allowed.sum(axis=1, keepdims=True))
 
 
 def orders(score: Score) -> list[tuple[float, int]]:
-    """Gain and live directions of the first parameters of a series, one order after the other; else of all at once."""
+    """Return gain and live directions of a series' first parameters, one order after the other; else of all at once."""
     effect = score.term.content
     whole = (score.gain, score.live)
     if isinstance(effect, Law) or not effect.series or score.live < 2:
@@ -44,7 +44,7 @@ def orders(score: Score) -> list[tuple[float, int]]:
 
 
 def shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
-    """Share of each gain of one explanation that is believed; shapes without replicas as those with them."""
+    """Return the share of each gain of one explanation to count; shapes without replicas as those with."""
     drawn = {n: scores[n].trusted for n in numbers if scores[n].null is not None}
     law = isinstance(scores[numbers[0]].term.content, Law)
     usual = min(drawn.values()) if drawn and not law else 1.0
@@ -52,29 +52,29 @@ def shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, flo
 
 
 def scatter(score: Score) -> float:
-    """Variance over the theory's of what was fitted, as replicas showed it; 1 where none were drawn."""
+    """Return the fitted variance over the theory's by replicas; 1 where none were drawn."""
     return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
 
 
 def known_bias(score: Score) -> bool:
-    """Whether it is known what noise in the regressors makes of a gain: from replicas, or as it makes none so large."""
+    """Return whether the regressor noise's share of a gain is known: from replicas, or as it makes none so large."""
     return score.null is not None or score.gain >= BEYOND_BIAS
 
 
 def margin(score: Score) -> float:
-    """Chi-square that a candidate gains beyond the least that is said of so many parameters and shapes."""
+    """Compute a candidate's chi-square gain beyond the least to report its parameters and shapes."""
     return score.gain - least_gain(score.live, score.grid)
 
 
 def biased_gain(score: Score) -> float:
-    """The gain before the bias that replicas showed was taken off, or as it is where nothing was."""
+    """Return the gain before the replicas' bias was taken off, or as it is where none was."""
     if score.null is None:
         return score.gain
     return max(score.gain, float(score.fitted @ score.information @ score.fitted))
 
 
 def _efforts(model: Model) -> FloatArray:
-    """Whitened size of each joint's whole effort, (n,)."""
+    """Compute the whitened size of each joint's whole effort, (n,)."""
     sizes = []
     for joint in range(len(model.design.machine.joints)):
         targets = ((index, model.design.blocks[joint][index].reduced_target) for index in model.fitted)
@@ -98,13 +98,13 @@ class Sizes:
         self._largest = _efforts(model)
 
     def limit(self, score: Score) -> float:
-        """Largest amplitude of a term: what can be seen of it when it is as large as the whole effort."""
+        """Compute a term's largest amplitude: its visible size when as large as the whole effort."""
         place = score.term.place
         whole = float(np.sqrt(np.sum(self._largest**2))) if place is None else float(self._largest[place])
         return score.surviving * whole
 
     def left(self, joint: int, law: bool = False) -> FloatArray:
-        """Amplitudes of what found effects leave on a joint; none where nothing was found."""
+        """Compute amplitudes of what found effects leave on a joint; none without findings."""
         seen = self._visible
         others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
         own = float(np.hypot(seen[joint], priors.SPILL * others))

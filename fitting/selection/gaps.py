@@ -82,7 +82,7 @@ class GapSet:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What a reader is told of it: effects, and the variable of a law."""
+        """Reported identity: effects, and the variable of a law."""
         own = () if self.law is None else (f"{self.law.law.signal}/{self.law.law.other}",)
         return (*(part.effect.id for part in self.parts), *own)
 
@@ -113,7 +113,7 @@ class GapPosterior:
     sets: tuple[tuple[GapSet, float], ...] = field(default_factory=lambda: ((GapSet(), 1.0),))
 
     def conclusions(self) -> tuple[GapConclusion, ...]:
-        """What is to be said: of the best set, without what the others make doubtful, each member with its rivals."""
+        """Draw conclusions: the best set, without members that others make uncertain, each member with its rivals."""
         chances = {frozenset(own.names): p for own, p in self.sets}
         best = self.sets[0][0]
         while best.names:
@@ -127,7 +127,7 @@ class GapPosterior:
         return tuple(self._conclusion(best, name) for name in best.names)
 
     def _conclusion(self, best: GapSet, name: str) -> GapConclusion:
-        """One member of the best set, and what other sets have in its place, until they reach 95 % together."""
+        """Conclude on one member of the best set, with its rivals in other sets until they reach 95 % together."""
         part = next((part for part in best.parts if part.effect.id == name), None)
         own, others = 0.0, dict[str, float]()
         for other, p in self.sets:
@@ -145,7 +145,7 @@ class GapPosterior:
         return GapConclusion(best, name, part, own, tuple(rivals))
 
     def scores(self, chosen: GapSet) -> tuple[GapScore, ...]:
-        """Values of a set's effects, fitted jointly, and the chi-square that each takes beside the other."""
+        """Fit a set's effects jointly, with the chi-square that each takes beside the other."""
         if not chosen.parts:
             return ()
         widths = [part.columns.shape[1] for part in chosen.parts]
@@ -166,7 +166,7 @@ class GapPosterior:
         return tuple(result)
 
     def curve(self, chosen: GapSet) -> tuple[FloatArray, FloatArray, float]:
-        """Values and covariance of a set's law beside its effects, and the chi-square that it takes."""
+        """Fit a set's law beside its effects: values, covariance and chi-square gain."""
         assert chosen.law is not None
         rows = self.rows
         beside = np.hstack([*(np.hstack([part.columns, part.rates]) for part in chosen.parts), rows.base])
@@ -180,11 +180,11 @@ class GapPosterior:
 
 
 def gap_posterior(rows: Mapping[Pose, GapRows], driven: Collection[str] | None = None) -> GapPosterior:
-    """What a joint's gap says of every set of effects and laws.
+    """Compute the posterior of every set of effects and laws of a joint's gap.
 
     Parameters
     ----------
-    rows : the gap with the forces that an arm has in each pose; the first stands for those that are not there
+    rows : the gap with the forces that an arm has in each pose; the first one for those that are missing
     driven : what may give way to a force; None: anything that does
     """
     first = next(iter(rows.values()))
@@ -212,9 +212,9 @@ class _Weighed:
 
 
 def _believed(weighed: Sequence[_Weighed]) -> FloatArray:
-    """Log odds of sets, differences between alike ones as far as they are believed.
+    """Compute log odds of sets, differences between alike ones as far as they count.
 
-    What the best of them leaves beyond noise is smooth: it says something only every so many rows.
+    What the best of them leaves beyond noise is smooth: only every so many rows add information.
     """
     result, places = np.array([one.odds for one in weighed]), dict[str, list[int]]()
     for number, one in enumerate(weighed):
@@ -276,7 +276,7 @@ class _Evidence:
         self._sizes = priors.amplitudes(float(np.sqrt(self._gram[0, 0])))
 
     def _is_compliance(self, part: GapColumns) -> bool:
-        """Whether what has a width stays so far within it that it is what gives way without one at the same site."""
+        """Return whether a shape is so far within its width that it equals the compliance without one at its site."""
         own = _beyond(self._zeros, part.columns)
         for other in self.parts if part.effect.shape_units else ():
             if not other.effect.shape_units and other.shape.items() <= part.shape.items() and other.shape:
@@ -286,7 +286,7 @@ class _Evidence:
         return False
 
     def weighed(self, asked: Callable[[Pose], bool] = lambda pose: True) -> list[_Weighed]:
-        """Sets of the poses that are asked for, with their log odds; of each set of names its best shapes."""
+        """Weigh the sets of the poses asked for, with log odds; of each set of names its best shapes."""
         alone = {(number,): self._named((number,)) for number in range(len(self.parts))}
         if not np.isfinite([*alone.values(), *(odds for _, odds in self._laws(())[0])]).any():
             # Nothing is more than a sound sensor's scale may be off.
@@ -317,14 +317,14 @@ class _Evidence:
         return [_Weighed(own, float(log_sum(values)), self._share) for own, values in found.values()]
 
     def _share(self, best: GapSet) -> float:
-        """How far differences from the best set are believed."""
+        """Compute the share of differences from the best set to count."""
         numbers = [next(n for n, part in enumerate(self.parts) if part is own) for own in best.parts]
         curve = [] if best.law is None else [self._of_law[self.laws.index(best.law)]]
         left = self._left_in(numbers, np.concatenate([self._places(numbers), *curve]))
         return 1.0 / (1.0 + _ROWS_A_WORD * max(left / self._count - 1.0, 0.0))
 
     def _stand(self, numbers: Sequence[int], law: GapLaw) -> bool:
-        """Whether effects take more beside a law than its curve may leave."""
+        """Return whether effects take more beside a law than its curve may leave."""
         if not numbers:
             return True
         curve = self._of_law[self.laws.index(law)]
@@ -345,12 +345,12 @@ class _Evidence:
         return len(key) * float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
 
     def _places(self, numbers: Sequence[int]) -> npt.NDArray[np.intp]:
-        """Where shapes have their columns, with their rates and what their loads may be off."""
+        """Return the places of shapes' columns, with their rates and the uncertainty of their loads."""
         own = [places for n in numbers for places in (self._own[n], self._rates[n], self._unsure[n])]
         return np.concatenate([np.zeros(0, dtype=np.intp), *own])
 
     def _target(self, numbers: Sequence[int]) -> tuple[float, FloatArray]:
-        """Square of the gap less what formulas have beyond their columns, and its products with all columns."""
+        """Compute the square of the gap less formulas' excess, and its products with all columns."""
         weights = np.zeros(len(self._gram))
         weights[0] = 1.0
         weights[[int(self._beyond[n][0]) for n in numbers]] = -1.0
@@ -358,7 +358,7 @@ class _Evidence:
         return float(weights @ products), products
 
     def _named(self, numbers: tuple[int, ...], curved: bool = False) -> float:
-        """Log evidence of shapes against nothing; ``curved`` with discrepancies in their own variables."""
+        """Compute log evidence of shapes against nothing; ``curved`` with discrepancies in their own variables."""
         if not numbers:
             return 0.0
         square, products = self._target(numbers)
@@ -407,7 +407,7 @@ class _Evidence:
         return float(log_prior - lost + evidence)
 
     def _curve(self, number: int, size: float, share: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        """Places and prior root of a shape's discrepancy: in the position, or in the force where it gives way to it."""
+        """Return places and prior root of a shape's discrepancy: in position, or in force where it gives way to it."""
         part = self.parts[number]
         site = {key: part.shape[key] for key in ("about", "friction")} if part.effect.stays_in_gap else None
         law = next(
@@ -420,28 +420,28 @@ class _Evidence:
         return places, root * (epsilon * size / np.sqrt(max(seen, 1e-300)))
 
     def _left_of(self, numbers: tuple[int, ...]) -> float:
-        """Chi-square that shapes leave of the gap."""
+        """Compute the chi-square that shapes leave of the gap."""
         if numbers not in self._chi_square:
             places = np.concatenate([places for n in numbers for places in (self._own[n], self._rates[n])])
             self._chi_square[numbers] = self._left_in(numbers, places)
         return self._chi_square[numbers]
 
     def _left_in(self, numbers: Sequence[int], places: npt.NDArray[np.intp]) -> float:
-        """Chi-square of the gap, less what formulas have beyond, that some columns leave."""
+        """Compute the chi-square of the gap, less formulas' excess, that some columns leave."""
         return float(np.sum(_beyond(_orthonormal(self._white[:, places])[0], self._gap(numbers)) ** 2))
 
     def _gap(self, numbers: Sequence[int]) -> FloatArray:
-        """The gap (M,) less what formulas have beyond their columns."""
+        """Return the gap (M,) less formulas' excess beyond their columns."""
         return np.asarray(self._white[:, 0] - self._white[:, [int(self._beyond[n][0]) for n in numbers]].sum(axis=1))
 
     def _plausible(self, number: int, values: FloatArray) -> float:
-        """Log share of the posterior where values are plausible, with some left for what nobody thought of."""
+        """Compute the posterior's log share of plausible values, with some left for what nobody thought of."""
         stds = np.sqrt(np.sum(self._roots[number] ** 2, axis=1))
         possible = self.parts[number].effect.possible(values.tolist(), stds.tolist())
         return float(np.log((1 - _IMPOSSIBLE) * possible + _IMPOSSIBLE))
 
     def _laws(self, numbers: tuple[int, ...]) -> tuple[list[tuple[GapLaw, float]], float]:
-        """Laws beside a set with their log odds against no law; and the log evidence of what the set may leave."""
+        """Compute the log odds of laws beside a set against none; and the log evidence of what the set may leave."""
         # Less what the set explains; not by squares, of which little is left.
         basis = _orthonormal(self._white[:, self._places(numbers)])[0]
         left = _beyond(basis, np.column_stack([self._gap(numbers), self._white[:, np.concatenate(self._of_law)]]))
@@ -469,12 +469,12 @@ class _Evidence:
 
 
 def _left_by(part: GapColumns) -> float:
-    """Share of what gives way to a force that it may leave: play is a corner in time, which forces know less well."""
+    """Return the share of a force that a compliance may leave: play is a corner in time, which forces resolve less."""
     return _LEFT_PLAY if part.effect.shape_units else _LEFT_DRIVEN
 
 
 def _sharpest(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapColumns]:
-    """Of shapes that differ in a number only, as a width, the one that takes most beside any law of position.
+    """Choose, of shapes that differ in one number, as a width, the one that gains most beside any law of position.
 
     Some of them are tried; where their neighbours take another chi-square, the number is searched between them.
     """
@@ -507,23 +507,23 @@ def _sharpest(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapColu
 
 
 def _place(effect: Effect, shape: Shape) -> tuple[tuple[str, float], ...]:
-    """What of a shape has but a few values."""
+    """Return the discrete part of a shape."""
     return tuple(item for item in shape.items() if item[0] in effect.discrete_shapes)
 
 
 def _taken(part: GapColumns, beside: FloatArray, gap: FloatArray) -> float:
-    """Chi-square that a shape takes of the gap."""
+    """Compute the chi-square that a shape takes of the gap."""
     basis = _orthonormal(_beyond(beside, np.hstack([part.columns, part.rates])))[0]
     return float(np.sum((basis.T @ gap) ** 2))
 
 
 def _beyond(basis: FloatArray, columns: FloatArray) -> FloatArray:
-    """What an orthonormal basis (M, r) does not explain of columns (M, ..)."""
+    """Project columns (M, ..) off an orthonormal basis (M, r)."""
     return np.asarray(columns - basis @ (basis.T @ columns))
 
 
 def _orthonormal(columns: FloatArray, least: float = _ROUNDED) -> tuple[FloatArray, FloatArray]:
-    """Orthonormal columns (M, k') of what columns (M, k) show, and the values (k, k') that make each.
+    """Orthonormalise columns (M, k) to the k' that they show, with the values (k, k') of each.
 
     Directions with less than a share ``least`` of a column's square are none.
     """

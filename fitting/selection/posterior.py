@@ -41,7 +41,7 @@ class Slot:
 
     @classmethod
     def of(cls, item: Accepted, rated: Sequence[Rated]) -> Slot:
-        """From posterior odds beside everything else."""
+        """Compute the slot from posterior odds beside everything else."""
         near = believed(rated)
         rated, log_odds = [r for r, _ in near], np.array([odds for _, odds in near])
         total = float(np.logaddexp.reduce(np.append(log_odds, 0.0)))
@@ -58,12 +58,12 @@ class Slot:
 
     @property
     def improbable(self) -> bool:
-        """Whether it is more probable that neither this nor what is said with it is there; laws of a joint are one."""
+        """Whether neither this nor what is reported with it is the more probable; laws of a joint are one."""
         own = sum(p for r, p in self.alternatives if r.term.family == self.item.score.term.family)
         return max(self.probability, own) + sum(p for _, p in self.rivals(priors.SAID)) < 0.5
 
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
-        """The other names that it takes to reach the wanted probability, at most two.
+        """List the other names needed for the wanted probability, at most two.
 
         Beside a law, names that are improbable by themselves are none.
         """
@@ -83,17 +83,17 @@ class Slot:
 
 
 def open_place(rated: Sequence[Rated]) -> Place:
-    """The one question where nothing was added: everything that may be missing, and that nothing is."""
+    """Return the one question where nothing was added: what may be missing, or nothing."""
     total = float(np.logaddexp.reduce([0.0, *(r.log_odds for r in rated)]))
     found = [(r.term, float(np.exp(r.log_odds - total))) for r in rated[:MOST_LISTED]]
     return ((None, float(np.exp(-total))), *found)
 
 
 def together(positions: Sequence[Hypothesis], efforts: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
-    """Explanations of positions and of efforts as explanations of both, the most probable first.
+    """Combine explanations of positions and of efforts, the most probable first.
 
-    What efforts say is said with the positions as they were rebuilt, whichever explanation of those it is. What both
-    say is said once.
+    Findings of efforts are reported with the rebuilt positions, whichever explanation of those it is. What both
+    have is reported once.
     """
 
     def terms(both: Hypothesis, more: Hypothesis) -> tuple[Term, ...]:

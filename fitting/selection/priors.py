@@ -44,11 +44,11 @@ MOST = 4
 
 
 def weights(series: bool) -> tuple[float, ...]:
-    """Weights of :data:`EPSILONS` for a short series that stands for any smooth law, or for a law of physics."""
+    """Return weights of :data:`EPSILONS` for a short series for any smooth law, or for a law of physics."""
     return SERIES if series else PHYSICS
 
 
 def amplitudes(largest: float) -> npt.NDArray[np.float64]:
-    """Grid of amplitudes from the smallest one to ``largest``."""
+    """Return the grid of amplitudes from the smallest one to ``largest``."""
     steps = max(1, int(np.ceil(np.log(max(largest, SMALLEST) / SMALLEST) / np.log(RATIO))))
     return np.asarray(SMALLEST * RATIO ** np.arange(steps + 1))

@@ -42,7 +42,7 @@ class Rated:
 
 
 def family(term: Term) -> Family:
-    """What counts as one explanation: an effect on a joint; a law of one signal on a joint, or of a pair of them."""
+    """Return what counts as one explanation: an effect on a joint; a law of one signal on a joint, or of two."""
     law = term.content
     if isinstance(law, Law):
         return ("law", term.joint, frozenset(law.signals), *law.parity, law.loaded_only)

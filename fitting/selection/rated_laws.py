@@ -42,7 +42,7 @@ class RatedLaws:
     def of_joint(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
     ) -> list[Rated]:
-        """Laws of a joint, with the log prior odds of each; ``covered`` are no simple formula by themselves."""
+        """Rate a joint's laws, each with its log prior odds; ``covered`` are no simple formula by themselves."""
         result: list[Rated] = []
         for width in sorted({self._candidates.width(n) for n in numbers}):
             alike = [n for n in numbers if self._candidates.width(n) == width]
@@ -50,14 +50,14 @@ class RatedLaws:
         return result
 
     def of_surface(self, joint: int, score: Score, prior: float, share: float, against: float) -> Rated:
-        """A whole surface of two signals, one of ``score.grid``: each of its coefficients is as free as any.
+        """Rate a surface of two signals, one of ``score.grid``: each of its coefficients is as free as any.
 
         Parameters
         ----------
         joint : where it is
         score : beside the model
         prior : log prior odds of a law
-        share : of its gain that is believed
+        share : of its gain that counts
         against : log odds that leftovers explain laws of this joint
         """
         gain, live = np.array([score.gain * share]), np.array([float(score.live)])
@@ -82,7 +82,7 @@ class RatedLaws:
     def _law_evidence(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool
     ) -> FloatArray:
-        """Log evidence (T, 2) of laws of one width, alone and as what found effects leave.
+        """Compute log evidence (T, 2) of laws of one width, alone and as what found effects leave.
 
         A law is any smooth curve, or, where it may be ``simple``, with :data:`priors.SIMPLE` a simple formula.
         """
@@ -113,18 +113,18 @@ def _law(score: Score) -> Law:
 
 
 def _formulas(gains: FloatArray, live: FloatArray, amplitudes: FloatArray, shares: FloatArray) -> FloatArray:
-    """Log evidence (T, A) of a law that is one of a list of formulas (F,): gains and live (T, F), shares (F,)."""
+    """Compute log evidence (T, A) of a law as one of some formulas (F,): gains and live (T, F), shares (F,)."""
     found = named_evidence(gains.ravel(), live.ravel().astype(float), amplitudes)
     return log_sum(found.reshape(*gains.shape, -1), axis=1, weights=shares[:, None])
 
 
 def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
-    """Log evidence (T, A) of laws that are any smooth curve, or with the chance ``priors.SIMPLE`` a simple formula."""
+    """Compute log evidence (T, A) of laws: any smooth curve, or with chance ``priors.SIMPLE`` a simple formula."""
     return log_sum(np.stack([curve, formula], axis=-1), weights=np.array([1 - priors.SIMPLE, priors.SIMPLE]))
 
 
 def resolved(model: Model, score: Score) -> Score:
-    """The law with as many basis functions as are most probable: a bump may be narrow, a slope needs few."""
+    """Return the law with the most probable number of basis functions: narrow bumps need many."""
     law = score.term.content
     assert isinstance(law, Law)
     if isinstance(law, Surface):

@@ -65,13 +65,13 @@ class RatedNames:
     def of_families(
         self, families: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], each: float, law_each: float
     ) -> list[Rated]:
-        """One explanation per family, with its best shape; ``each`` and ``law_each`` are log priors."""
+        """Rate each family, with its best shape; ``each`` and ``law_each`` are log priors."""
         exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
         bent = exact | self._bent(families, scores, exact)
         return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
     def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
-        """One shape of a name by itself."""
+        """Rate one shape of a name by itself."""
         exact = self._plain({number: scores[number]})
         bent = exact | self._bent({name: [number]}, scores, exact)
         return self._named({name: [number]}, scores, [0.0], exact, bent)[0]
@@ -79,7 +79,7 @@ class RatedNames:
     def _bent(
         self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], exact: Mapping[int, float]
     ) -> dict[int, float]:
-        """Log evidence, by number, of names whose formula may be off by a smooth curve of their own signal."""
+        """Compute log evidence, by number, of names whose formula may be off by a smooth curve of their signal."""
         joints: dict[int, list[int]] = {}
         for own in names.values():
             term = scores[own[0]].term
@@ -113,7 +113,7 @@ class RatedNames:
         return result
 
     def _smooth(self, laws: Sequence[int], scores: Mapping[int, Score]) -> float:
-        """Log evidence of what a series stands for: a curve of its signal that is smooth all along."""
+        """Compute log evidence of what a series represents: a curve of its signal that is smooth all along."""
         found = []
         for law in laws:
             score = scores[law]
@@ -124,11 +124,11 @@ class RatedNames:
         return float(log_mean(found))
 
     def _beside(self, number: int, term: Term) -> list[int]:
-        """Numbers of what nature's formula may hold beside a name's own: curves of its signal, and its overtone."""
+        """Return numbers of what nature may hold beside a name's formula: curves of its signal, and its overtone."""
         return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
 
     def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, list[float]]:
-        """Log evidence of names as what found effects leave; of what acts everywhere joint by joint.
+        """Compute log evidence of names as what found effects leave; of what acts everywhere joint by joint.
 
         Both forms of :class:`Rated`: as leftover and as refuted.
         """
@@ -151,7 +151,7 @@ class RatedNames:
         return dict(zip(numbers, total.tolist(), strict=True))
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
-        """Log evidence of names by number, if their formulas are exactly nature's."""
+        """Compute log evidence of names by number, if their formulas are exactly nature's."""
         numbers, own = list(scores), list(scores.values())
         limits = np.array([self._sizes.limit(s) for s in own])
         trust = np.array([self._trust.of(n) for n in numbers])
@@ -194,7 +194,7 @@ class RatedNames:
     def _with_curves(
         self, score: Score, numbers: IntArray, S: FloatArray, g: FloatArray, widths: Sequence[int]
     ) -> float:
-        """Log evidence of a name, with curves of its signal beside it: the name's parameters of these numbers first.
+        """Compute log evidence of a name with curves of its signal: the name's parameters of these numbers first.
 
         ``widths`` are the curves'. Beside a curve as well the name's values have to be inside their bounds.
         """
@@ -232,11 +232,11 @@ class RatedNames:
         return float(log_mean(log_sum(values) - np.log(len(sizes))))
 
     def own_terms(self, term: Term) -> list[Term]:
-        """The laws of :meth:`own_laws`."""
+        """Return the laws of :meth:`own_laws`."""
         return [self._candidates.terms[n] for n in self.own_laws(term)]
 
     def own_laws(self, term: Term) -> list[int]:
-        """Numbers of the laws of its signal that an effect's formula may be off by: of its parity, one of each sign."""
+        """Return numbers of its signal's laws that an effect's formula may miss: of its parity, one of each sign."""
         effect = term.content
         if not isinstance(effect, Effect):
             return []
@@ -254,7 +254,7 @@ class RatedNames:
 
 
 def is_series(term: Term) -> bool:
-    """Whether a term is a short series of one joint that stands for any smooth law of its signal."""
+    """Return whether a term is a short series of one joint for any smooth law of its signal."""
     return isinstance(term.content, Effect) and term.content.series and not term.everywhere
 
 
@@ -263,7 +263,7 @@ def _is_named(score: Score) -> bool:
 
 
 def _first_terms(score: Score) -> list[IntArray]:
-    """Numbers of a series' first parameters, one order after the other; else of all that no bound holds at zero."""
+    """Return the numbers of a series' first parameters by order; else of all that no bound holds at zero."""
     numbers = np.arange(len(score.values))
     if is_series(score.term):
         return [numbers[:order] for order in range(1, len(numbers) + 1)]
@@ -271,7 +271,7 @@ def _first_terms(score: Score) -> list[IntArray]:
 
 
 def _signal(term: Term) -> tuple[str, int | None]:
-    """The signal of an effect as laws name it, and the neighbour that has it."""
+    """Return an effect's signal as laws name it, and the neighbour that has it."""
     assert isinstance(term.content, Effect)
     name = term.content.signal(term.shape)
     if name.startswith("other."):

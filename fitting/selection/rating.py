@@ -61,7 +61,7 @@ class Rating:
         self._laws = RatedLaws(candidates, sizes, self._trust)
 
     def rated(self, scores: Mapping[int, Score]) -> list[Rated]:
-        """All explanations with a finite evidence, best first; ``scores`` as :meth:`Candidates.scores` gives them."""
+        """Rate all explanations of finite evidence, best first; ``scores`` as of :meth:`Candidates.scores`."""
         names: dict[Family, list[int]] = {}
         laws: dict[int, list[int]] = {}
         for number, score in scores.items():
@@ -88,7 +88,7 @@ class Rating:
     def _explanations(
         self, names: Mapping[Family, Sequence[int]], laws: Mapping[int, Sequence[int]], scores: Mapping[int, Score]
     ) -> list[Rated]:
-        """All explanations, with the shares of their gains that are believed now."""
+        """Rate all explanations with the present shares of their gains."""
         catalogued = sum(f[0] != "law" for f in names)
         self._unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
@@ -100,7 +100,7 @@ class Rating:
         return by_formula(_against_leftovers(result))
 
     def of_surface(self, score: Score, rated: Sequence[Rated]) -> Rated:
-        """A surface, which is no candidate of its own, beside those that were rated."""
+        """Rate a surface, no candidate of its own, beside those that were rated."""
         joint = score.term.joint or 0
         laws = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Law)]
         prior = float(np.log(priors.UNKNOWN / priors.NOTHING / self._unknown))
@@ -108,11 +108,11 @@ class Rating:
         return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
 
     def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
-        """One shape of a name by itself, not knowing of any replicas."""
+        """Rate one shape of a name by itself, without replicas."""
         return self._names.alone(number, scores, family(scores[number].term))
 
     def at_best_shape(self, rated: Rated, model: Model) -> Rated:
-        """The same name with its shape searched between the grid's, and what that is worth.
+        """Search the shape of a name between the grid's, and rate the result.
 
         Shapes are averaged: a peak that is narrower than the grid holds that much less of what was expected of shapes.
         """
@@ -146,13 +146,13 @@ class Rating:
         )
 
     def _covered(self, names: Mapping[Family, Sequence[int]], scores: Mapping[int, Score]) -> set[int]:
-        """Laws that a series of the catalogue stands for: their simple formulas are that name's, not against it."""
+        """Return laws that a catalogue's series covers: their simple formulas count for that name, not against it."""
         series = [scores[n].term for own in names.values() if is_series(scores[own[0]].term) for n in own]
         return {n for term in series for n in self._names.own_laws(term)}
 
 
 def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
-    """Odds against nothing but what found effects leave: in the direction of any candidate, by its prior."""
+    """Rate against what found effects leave alone: in the direction of any candidate, by its prior."""
     places: dict[int | None, list[Rated]] = {}
     for r in rated:
         places.setdefault(r.term.place, []).append(r)
@@ -170,5 +170,5 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
 
 
 def _is_curve(term: Term) -> bool:
-    """Whether a term is a law of one signal."""
+    """Return whether a term is a law of one signal."""
     return isinstance(term.content, Law) and not isinstance(term.content, Surface)

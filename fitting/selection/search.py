@@ -59,7 +59,7 @@ def attribute(
     ----------
     base : joint fit of the base model
     effects : the catalogue
-    validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or refuse
+    validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or reject
     signals : refits, with delays and the like corrected in the signals themselves
     known : what was found before, in the order of the base's terms (spectral lines)
     bootstrap : most replicas that a null distribution is drawn from; 0 trusts the chi-square
@@ -126,7 +126,7 @@ class Search:
         self.dropped: list[Slot] = []
 
     def step(self) -> bool:
-        """Add the most probable further term, or refuse it for good. False when nothing more is probable."""
+        """Add the most probable further term, or reject it for good. False when nothing more is probable."""
         if len(self.accepted) - self.known >= priors.MOST:
             return False
         rated = self._open(self._rated(self.model))
@@ -141,7 +141,7 @@ class Search:
         return True
 
     def _two_names_instead(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
-        """The choice; of a law, a name instead that together with a second name of its joint is more probable.
+        """Return the choice; of a law, a name instead that with a second name of its joint is more probable.
 
         A curve can be bent by two effects, and neither of them alone explains what it does. Both formulas have to be
         nature's: what a curve beside them would make up for is the law's.
@@ -165,9 +165,9 @@ class Search:
         return best
 
     def _rated(self, model: Model, drawing: bool = True) -> list[Rated]:
-        """All candidates beside a model, with the bias of noisy regressors taken off those that contend, if drawing.
+        """Rate all candidates beside a model, the noisy regressors' bias taken off contenders, if drawing.
 
-        Scores of the last model are kept: after a refusal only what is believed of leftovers is another.
+        Scores of the last model are kept: after a rejection only the odds against leftovers change.
         """
         if self.scored.model is not model:
             self.scored = self._scores_beside(model)
@@ -185,7 +185,7 @@ class Search:
         return rated
 
     def _scores_beside(self, model: Model) -> _Scored:
-        """Scores of all candidates beside a model, with columns made anew of those that matter."""
+        """Score all candidates beside a model, with columns made anew of those that matter."""
         self.candidates.follow(self.scored.model, model)
         if model is self.before.model:
             self.candidates.refresh(model, self.fresh)
@@ -197,11 +197,11 @@ class Search:
         return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | self.candidates.scores(model, anew))
 
     def _open(self, rated: Sequence[Rated]) -> list[Rated]:
-        """Those that are neither there nor refused."""
+        """List those neither in the model nor rejected."""
         return self._beside(rated, self.model.terms)
 
     def _beside(self, rated: Sequence[Rated], there: Sequence[Term]) -> list[Rated]:
-        """Explanations that may stand beside some terms: not one of them, and not refused."""
+        """List explanations that may be beside some terms: not one of them, not rejected."""
         beside = frozenset(map(family, there))
         closed = beside | self.refused | {name for terms, name in self.worse if terms == beside}
         closed |= set() if self.settled else self.unneeded
@@ -213,7 +213,7 @@ class Search:
         ]
 
     def _visible(self, model: Model) -> FloatArray:
-        """Amplitude per joint of the effects in a model, and of what was refused."""
+        """Compute amplitudes per joint of a model's effects, and of what was rejected."""
         joints = len(model.design.machine.joints)
         seen = np.zeros(joints)
         for number, term in enumerate(model.terms):
@@ -229,7 +229,7 @@ class Search:
         return np.sqrt(seen)
 
     def _failed(self) -> FloatArray:
-        """Amplitude per joint of what was significant and did not hold elsewhere."""
+        """Compute amplitudes per joint of what was significant and not confirmed elsewhere."""
         joints = len(self.base.design.machine.joints)
         seen = np.zeros(joints)
         for joint, size in self.failed:
@@ -238,7 +238,7 @@ class Search:
         return np.sqrt(seen)
 
     def _at_best_shapes(self, rated: Sequence[Rated]) -> list[Rated]:
-        """Explanations beside the model that was rated last, the shapes of names near the best of their joint searched.
+        """Rate explanations beside the last rated model, shapes of names near their joint's best searched.
 
         A spline adapts itself; a formula is compared with it at its best shape.
         """
@@ -292,7 +292,7 @@ class Search:
         self.fresh.clear()
 
     def _spilled(self, score: Score) -> bool:
-        """Whether a gain is what a joint with an unconfirmed law bends of the parameters that joints share.
+        """Return whether a gain comes from shared parameters bent by a joint with an unconfirmed law.
 
         A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
         that were fitted, a term of another joint still has to gain what one has to.
@@ -305,7 +305,7 @@ class Search:
         return not left or left[0].gain < least_gain(score.live)
 
     def _at_best_shape(self, score: Score) -> Score:
-        """A name at its best shape; a law with as many functions as it takes, of two signals where that is better."""
+        """Score a name at its best shape; a law with as many functions as needed, of two signals where better."""
         if not isinstance(score.term.content, Law):
             name = refined(self.model, score)
             held = tuple(np.flatnonzero((np.asarray(name.values) == 0.0) & (np.asarray(name.free) != 0.0)).tolist())
@@ -347,7 +347,7 @@ class Search:
             self.open = self._open(self._rated(self.model))
 
     def _without_improbable(self) -> None:
-        """Drop what the posterior calls improbable; what speaks for it stays an open question."""
+        """Drop what the posterior calls improbable; what favours it remains an open question."""
         for number in reversed(range(len(self.slots))):
             if self.slots[number].improbable:
                 item = self.accepted.pop(self.known + number)
@@ -369,7 +369,7 @@ class Search:
             self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _slot(self, number: int, final: bool = False) -> Slot:
-        """What could stand in one term's place; unless it is final, the term is dropped or replaced if it is beaten."""
+        """Rate what could be in one term's place; unless final, the term is dropped or replaced if it is beaten."""
         item = self.accepted[number]
         others = [a for n, a in enumerate(self.accepted) if n != number]
         rest = [a.score.term for a in others]
@@ -400,7 +400,7 @@ class Search:
         return replace(slot, moved=True)
 
     def result(self) -> Attribution:
-        """What was found."""
+        """Return the findings."""
         accepted = list(self.accepted[: self.known])
         for item, slot in zip(self.accepted[self.known :], self.slots, strict=True):
             rivals = slot.rivals(priors.SAID)
@@ -429,20 +429,20 @@ class Search:
         )
 
     def _places(self) -> tuple[Place, ...]:
-        """What was asked: of each term that was added, of what was dropped, or of everything where nothing was."""
+        """List the questions: of each added term, of what was dropped, or of everything where nothing was added."""
         dropped = {slot.item.score.term.family for slot in self.dropped}
         left = [tuple((t, p) for t, p in s.place if t is None or t.family not in dropped) for s in self.dropped]
         asked = [slot.place for slot in self.slots]
         return (*asked, *left) if asked or left else (open_place(self.open),)
 
     def rate_nothing(self) -> float:
-        """Rate all candidates beside the model: the probability that nothing more is missing than is there."""
+        """Rate all candidates beside the model: the probability that nothing more is missing."""
         self.settled = True
         self.open = self._open(self._rated(self.model))
         return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
 
     def _open_questions(self) -> tuple[Unconfirmed, ...]:
-        """Unconfirmed laws of joints where nothing else was found, and something certainly is.
+        """List unconfirmed laws of joints without findings where something is certainly missing.
 
         It holds on blocks that were left out of the fit, or two runs of one motion leave the same.
         """
@@ -460,7 +460,7 @@ class Search:
         return tuple(best.values())
 
     def _record(self, rated: Sequence[Rated]) -> None:
-        """Note what each family could do, unless it already has its say."""
+        """Note each family's status, unless it already has one."""
         for r in rated:
             place = r.term.family
             if not isinstance(r.term.content, Effect):
@@ -486,19 +486,19 @@ def _gains_at(score: Score, joint: int | None) -> bool:
 
 
 def _contending(rated: Sequence[Rated]) -> list[Rated]:
-    """Explanations whose odds noise in the regressors may decide.
+    """List explanations whose odds noise in the regressors may decide.
 
-    They contend with nothing, and with the best of all: what is far below it stays there unless it falls.
+    They contend with nothing, and with the best of all: what is far below it remains there unless it falls.
     """
     least = max(rated[0].log_odds, 0.0) - priors.SAID_ODDS if rated else 0.0
     return [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
 
 
 def best_scores(rated: Sequence[Rated]) -> list[Score]:
-    """Scores of the catalogue's effects."""
+    """Score the catalogue's effects at their best."""
     return [r.score for r in rated if isinstance(r.term.content, Effect)]
 
 
 def _log_total(rated: Sequence[Rated]) -> float:
-    """Log odds of anything more against nothing more."""
+    """Compute log odds of anything more against nothing more."""
     return float(np.logaddexp.reduce([r.log_odds for r in rated])) if rated else -np.inf

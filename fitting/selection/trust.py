@@ -31,11 +31,11 @@ class Trust:
         self._shares: dict[int, float] = {}
 
     def of(self, number: int) -> float:
-        """The share of one candidate."""
+        """Return the share of one candidate."""
         return self._shares.get(number, 1.0)
 
     def weigh(self, names: Iterable[Sequence[int]], laws: Iterable[Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """Work the shares out anew, of names and of the laws of each joint."""
+        """Compute the shares anew, of names and of the laws of each joint."""
         names, laws = tuple(names), tuple(laws)
         self._shares = {}
         for own in (*names, *laws):
@@ -51,7 +51,7 @@ class Trust:
         self._share_bias(known, others, scores)
 
     def inflations(self, heads: Mapping[int, tuple[int, Score]]) -> dict[int, float]:
-        """How much noisier the rows are, joint by joint, that show what is most probable there: number and score."""
+        """Compute the noise inflation, by joint, of the rows that show the most probable there: number and score."""
         result = {}
         for joint, (number, score) in heads.items():
             shown = self._candidates.shown(self._model, number, score.values)
@@ -72,10 +72,10 @@ class Trust:
             )
 
     def _share_scatter(self, names: Sequence[Sequence[int]], scores: Mapping[int, Score]) -> None:
-        """Names that tell the same have the same scatter in replicas, whatever the few that were drawn show of each.
+        """Share scatter among alike names in replicas, whatever the few that were drawn show of each.
 
         Each name's inflation is the mean of those of all names, weighted by how alike they are: times a large gain, a
-        tenth more or less would decide between two that the data hardly tells apart.
+        tenth more or less would decide between two that the data hardly separates.
         """
         numbers = [own[0] for own in names]
         inflation = np.array([scatter(scores[n]) for n in numbers])
@@ -91,9 +91,9 @@ class Trust:
     def _share_bias(
         self, names: Sequence[Sequence[int]], others: Sequence[Sequence[int]], scores: Mapping[int, Score]
     ) -> None:
-        """What noise in the regressors makes of a name it makes of whatever is like it.
+        """Share the regressor noise's bias of a name with whatever is like it.
 
-        Replicas are few, and their scatter, times a large gain, would decide between two that tell the same. So a
+        Replicas are few, and their scatter, times a large gain, would decide between two alike. So a
         law's own replicas count for that part of it only which the most similar name does not share; and a name of
         which none were drawn has, as far as it is alike, the share of one of which some were.
         """
@@ -106,7 +106,7 @@ class Trust:
             self._shares |= {n: float(share * trust[most] + (1.0 - share) * self._shares[n]) for n in own}
 
     def _overlap(self, names: Sequence[int], others: Sequence[int], scores: Mapping[int, Score]) -> FloatArray:
-        """How alike names and others are (N, L): the share of either's contribution that the other could make.
+        """Compute the overlap of names and others (N, L): either's contribution that the other could make.
 
         Those of different joints are not.
         """
@@ -123,7 +123,7 @@ class Trust:
 
 
 def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | None, list[int]]:
-    """Where in a list those of each joint are, and under None those that act everywhere."""
+    """Return each joint's places in a list, and under None those acting everywhere."""
     result: dict[int | None, list[int]] = {}
     for at, n in enumerate(numbers):
         result.setdefault(scores[n].term.place, []).append(at)
@@ -131,8 +131,8 @@ def _places(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int | N
 
 
 def _explained(own: Sequence[Score], others: Sequence[Score], cross: FloatArray) -> FloatArray:
-    """Share of what each candidate contributes that each other could (N, M), by the products of columns of the others,
-    one after the other, with the candidates' own.
+    """Compute the share of each candidate's contribution that each other could make (N, M), by products of the others'
+    columns in turn with the candidates' own.
     """
     made = cross @ block_diag(*(np.reshape(score.values, (-1, 1)) for score in own))
     whole = [float(np.asarray(score.values) @ score.information @ score.values) for score in own]

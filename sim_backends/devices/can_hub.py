@@ -128,7 +128,7 @@ class Hub:
                 key.data()
 
     def close(self) -> None:
-        """Let go of everybody, and of the port."""
+        """Close all connections, and the port."""
         for client in list(self._clients.values()):
             self._drop(client)
         for selector in (self._everything, self._arrivals):
@@ -275,7 +275,7 @@ class Hub:
     # Devices
 
     def _packet(self, end: socket.socket, packet: bytes) -> None:
-        """To a device process; never blocks, because that process may be waiting for the hub."""
+        """Send to a device process; never block, because that process may be waiting for the hub."""
         backlog = self._backlog[end]
         if not backlog:
             try:
@@ -298,7 +298,7 @@ class Hub:
         self._everything.modify(end, selectors.EVENT_READ, self._everything.get_key(end).data)
 
     def _from_nodes(self) -> None:
-        """What the nodes have sent, more of it than one look at the clients can make them send."""
+        """Read what the nodes have sent, more of it than one look at the clients can make them send."""
         for _ in range(PACKETS):
             try:
                 packet = self._nodes.recv(backplane.PACKET)
@@ -343,22 +343,22 @@ class Hub:
         return len(clients)
 
     def _error_frame(self, order: Order) -> None:
-        """An error frame, as a disturbed cable gives; its identifier says what is wrong (linux/can/error.h)."""
+        """Make an error frame, as a disturbed cable gives; its identifier names the error (linux/can/error.h)."""
         self._tell_error(int(order["identifier"]))
 
     def _inject(self, order: Order) -> None:
-        """A frame of a stranger, to the clients only."""
+        """Inject a frame of a stranger, to the clients only."""
         name = f"{int(order['identifier']):0{8 if order['extended'] else 3}X}"
         self._broadcast(f"< frame {name} {self._stamp()} {order['data']} >".encode(), None)
 
     def _set_bus_off(self, order: Order) -> None:
-        """The controller is bus-off, and is so again after each restart as long as this lasts."""
+        """Set the controller bus-off, and again after each restart as long as this lasts."""
         self._bus_off = bool(order["on"])
         if self._bus_off:
             self._tell_error(BUS_OFF)
 
     def _set_half_open(self, order: Order) -> None:
-        """The gateway loses power, its connections stay; when it is back it knows none of them."""
+        """Cut the gateway's power; its connections remain; when it is back it knows none of them."""
         if self._half_open == bool(order["on"]):
             return
         if not self._half_open:
@@ -399,7 +399,7 @@ def _parse(words: list[bytes]) -> tuple[int, bool, bytes] | None:
 
 
 def main() -> None:
-    """Entry of the hub's process."""
+    """Run the hub's process."""
     orders = Orders()
     configuration: dict[str, Any] = orders.configuration()
     ends = [backplane.adopt(configuration[name]) for name in ("plant", "nodes", "modbus")]

@@ -58,7 +58,7 @@ class _Tpdo:
         self.last = b""
 
     def data(self) -> bytes:
-        """The bytes for the latched values; integers are rounded and saturate."""
+        """Pack the bytes for the latched values; integers are rounded and saturate."""
         pairs = zip(self.data_types, self.sources, strict=True)
         return b"".join([packed(data_type, source(), "little") for data_type, source in pairs])
 
@@ -130,7 +130,7 @@ class SimulatedNode:
         self._rebuild()
 
     def on_nmt(self, command: int, now: float) -> None:
-        """NMT command (CiA 301, 7.2.8.3.1)."""
+        """Obey an NMT command (CiA 301, 7.2.8.3.1)."""
         if command in (0x81, 0x82):  # reset node, reset communication: what was written is forgotten
             self._defaults()
             self._boot(now)
@@ -142,7 +142,7 @@ class SimulatedNode:
                 tpdo.due = 0
 
     def on_frame(self, cob_id: int, data: bytes, now: float) -> None:
-        """A frame from the bus that concerns this node."""
+        """Handle a frame from the bus that concerns this node."""
         if not self.alive:
             return
         if cob_id == 0:
@@ -163,7 +163,7 @@ class SimulatedNode:
             self.heartbeat_due = max(self.heartbeat_due + period, now + 0.5 * period)
 
     def emergency(self, code: int, register: int, vendor: bytes = b"") -> None:
-        """An EMCY message; code 0 says that the error is gone (CiA 301, 7.2.7)."""
+        """Send an EMCY message; code 0 means that the error is gone (CiA 301, 7.2.7)."""
         self._store[0x1001, 0] = bytes([register])
         self._errors = [code, *self._errors][:4] if code else []
         if not self.number(0x1014) & NOT_VALID:
@@ -172,7 +172,7 @@ class SimulatedNode:
     # Process values
 
     def latch(self, values: tuple[float, ...]) -> None:
-        """Values of this SYNC, for TPDOs and for SDO reads."""
+        """Latch values of this SYNC, for TPDOs and for SDO reads."""
         if not self.frozen:
             self._before = self._values or values
             self._values = values
@@ -229,7 +229,7 @@ class SimulatedNode:
         return step * self._rate
 
     def _calibration(self, setting: Callable[[int, int], float]) -> dict[tuple[int, int], float]:
-        """Raw units per physical unit of the process values, by what units and steps are set to."""
+        """Compute raw units per physical unit of the process values from units and steps set."""
         if self.plan.kind == "pressure_transducer":
             return {(0x6130, channel): 1.0 / PRESSURE_UNITS[int(setting(0x6131, channel))] for channel in (1, 2)}
         if self.plan.kind == "rotary_encoder":
@@ -241,7 +241,7 @@ class SimulatedNode:
         return {}
 
     def _declared_calibration(self) -> dict[tuple[int, int], float]:
-        """The calibration that the machine file's scaling is for: its settings, else the device's defaults."""
+        """Return the calibration that the machine file's scaling is for: its settings, else defaults."""
         wanted = {_object(key): value for key, value in self.plan.settings.items()}
         return self._calibration(lambda index, subindex: wanted.get((index, subindex), self._default(index, subindex)))
 
@@ -257,7 +257,7 @@ class SimulatedNode:
         return float(variable.default or 0)
 
     def number(self, index: int, subindex: int = 0) -> int:
-        """An unsigned value of the store (0 if it is not there)."""
+        """Read an unsigned value of the store (0 if it is not there)."""
         return int.from_bytes(self._store.get((index, subindex), b""), "little")
 
     def _find(self, index: int, subindex: int) -> Any:
@@ -273,7 +273,7 @@ class SimulatedNode:
         return entry[subindex]
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
-        """Bytes of an object, as canopen's SDO server asks for them."""
+        """Return the bytes of an object, as canopen's SDO server asks for them."""
         variable = self._find(index, subindex)
         if check_readable and not variable.readable:
             raise SdoAbortedError(0x06010001)
@@ -350,7 +350,7 @@ class SimulatedNode:
             self._mapped(value)
 
     def _mapped(self, entry: int) -> tuple[int, int, str]:
-        """Index, subindex and data type of a mapping entry ``index << 16 | subindex << 8 | bits``."""
+        """Split a mapping entry ``index << 16 | subindex << 8 | bits`` into index, subindex and data type."""
         index, subindex, bits = entry >> 16, entry >> 8 & 0xFF, entry & 0xFF
         try:
             variable = self._find(index, subindex)
@@ -363,7 +363,7 @@ class SimulatedNode:
         return index, subindex, data_type
 
     def _rebuild(self) -> None:
-        """TPDOs that are valid, ready to send."""
+        """Rebuild the TPDOs that are valid, ready to send."""
         self._tpdos = []
         for number in range(TPDOS):
             cob_id, count = self.number(0x1800 + number, 1), self.number(0x1A00 + number, 0)

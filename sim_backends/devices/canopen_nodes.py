@@ -56,7 +56,7 @@ class Nodes:
         self._send()
 
     def on_packet(self, packet: bytes) -> None:
-        """A SYNC with its state, or another frame from the bus."""
+        """Handle a SYNC with its state, or another frame from the bus."""
         now = self._wake()
         if packet[:1] == backplane.SYNC:
             _, values = backplane.unpack_state(packet[1:])
@@ -79,7 +79,7 @@ class Nodes:
         self._send()
 
     def on_time(self) -> float | None:
-        """Heartbeats that are due; seconds until the next one."""
+        """Send heartbeats that are due; return seconds until the next one."""
         now = self._wake()
         next_due = None
         for node in self.nodes.values():
@@ -92,7 +92,7 @@ class Nodes:
     # Faults
 
     def fault(self, order: Order) -> Any:
-        """One of the faults that :mod:`sim_backends.faults.fault_runner` and tests order, on one node."""
+        """Order one of the faults of :mod:`sim_backends.faults.fault_runner` and of tests, on one node."""
         now = self._wake()
         node = self.nodes[int(order["node"])]
         kind = order["kind"]
@@ -125,7 +125,7 @@ class Nodes:
         return None
 
     def jump(self, order: Order) -> None:
-        """Time stamps are wrong by so many seconds from now on."""
+        """Make time stamps wrong by so many seconds from now on."""
         self._clock_jump = float(order["seconds"])
 
     def run(self, orders: Orders) -> None:
@@ -148,7 +148,7 @@ class Nodes:
 
 
 def main() -> None:
-    """Entry of the nodes' process."""
+    """Run the nodes' process."""
     orders = Orders()
     configuration = orders.configuration()
     nodes = Nodes(

@@ -16,12 +16,12 @@ _FLOATS = {"float32": "f", "float64": "d"}
 
 
 def width(data_type: str) -> int:
-    """Bytes that one number takes."""
+    """Return the bytes that one number takes."""
     return int("".join(filter(str.isdigit, data_type))) // 8
 
 
 def whole_limits(data_type: str) -> tuple[int, int] | None:
-    """Smallest and largest number of an integer type; None for a floating one."""
+    """Return smallest and largest number of an integer type; None for a floating one."""
     if data_type in _FLOATS:
         return None
     bits = 8 * width(data_type)
@@ -29,7 +29,7 @@ def whole_limits(data_type: str) -> tuple[int, int] | None:
 
 
 def packed(data_type: str, value: float, order: Literal["little", "big"]) -> bytes:
-    """Bytes of a number; integers are rounded and saturate, and NaN is their smallest."""
+    """Pack a number; integers are rounded and saturate, and NaN is their smallest."""
     limits = whole_limits(data_type)
     if limits is None:
         return struct.pack(("<" if order == "little" else ">") + _FLOATS[data_type], value)
@@ -57,7 +57,7 @@ class Signal:
     decimals: tuple[int, int] | None = None  # where it says how many it has: object and subindex, or register and table
 
     def raw(self, state: tuple[float, ...]) -> float:
-        """The raw value, not yet rounded where it is the whole number."""
+        """Compute the raw value, not yet rounded where it is the whole number."""
         value = self.factor * state[self.column] + self.offset
         if self.turn:
             value = round(value + self.zero) % self.turn
@@ -113,12 +113,12 @@ class UnitPlan:
 
 
 def nodes_to_dict(nodes: tuple[NodePlan, ...]) -> list[dict[str, Any]]:
-    """Plans as JSON can carry them."""
+    """Convert plans to what JSON can carry."""
     return [asdict(node) for node in nodes]
 
 
 def nodes_from_dict(content: list[dict[str, Any]]) -> tuple[NodePlan, ...]:
-    """The inverse of :func:`nodes_to_dict`."""
+    """Invert :func:`nodes_to_dict`."""
     return tuple(
         NodePlan(
             **{key: value for key, value in node.items() if key != "objects"},
@@ -131,12 +131,12 @@ def nodes_from_dict(content: list[dict[str, Any]]) -> tuple[NodePlan, ...]:
 
 
 def units_to_dict(units: tuple[UnitPlan, ...]) -> list[dict[str, Any]]:
-    """Plans as JSON can carry them."""
+    """Convert plans to what JSON can carry."""
     return [asdict(unit) for unit in units]
 
 
 def units_from_dict(content: list[dict[str, Any]]) -> tuple[UnitPlan, ...]:
-    """The inverse of :func:`units_to_dict`."""
+    """Invert :func:`units_to_dict`."""
     return tuple(
         UnitPlan(
             unit["unit"],

@@ -39,7 +39,7 @@ class Latch:
         self.barriers = 0
 
     async def state(self) -> State:
-        """The state latched at the last SYNC before now."""
+        """Return the state latched at the last SYNC before now."""
         future: asyncio.Future[State] = asyncio.get_running_loop().create_future()
         self._waiting.append(future)
         if self._asking is None or self._asking.done():
@@ -79,7 +79,7 @@ class Unit:
         self._random = random.Random(plan.unit)
 
     def device(self) -> SimDevice:
-        """What pymodbus serves for it; holding and input registers are the same."""
+        """Build what pymodbus serves for it; holding and input registers are the same."""
         registers = SimData(0, count=self.size, values=0, datatype=DataType.REGISTERS)
         return SimDevice(id=self._plan.unit, simdata=[registers], action=self._access)
 
@@ -116,11 +116,11 @@ class Unit:
             registers[item.register : item.register + len(words)] = words
 
     def garbled(self) -> bool:
-        """Whether its next answer is garbled on its way."""
+        """Test whether its next answer is garbled on its way."""
         return bool(self.corrupt) and self._random.random() < self.corrupt
 
     def fault(self, order: Order) -> None:
-        """One of the faults that :mod:`sim_backends.faults.fault_runner` and tests order."""
+        """Order one of the faults of :mod:`sim_backends.faults.fault_runner` and of tests."""
         kind = order["kind"]
         if kind == "silence":
             self.silent = bool(order["on"])
@@ -141,7 +141,7 @@ class Unit:
 
 
 def _words(item: RegisterSignal, raw: float) -> list[int]:
-    """Registers of a raw value: bytes in a register big endian, words in the unit's order; integers saturate."""
+    """Split a raw value into registers: bytes big endian, words in the unit's order; integers saturate."""
     data = packed(item.signal.data_type, raw, "big")
     if len(data) % 2:
         data = (b"\xff" if data[0] > 127 and not item.signal.data_type.startswith("u") else b"\x00") + data
@@ -202,7 +202,7 @@ async def _serve(configuration: dict[str, Any], orders: Orders) -> None:
 
 
 def main() -> None:
-    """Entry of the Modbus devices' process."""
+    """Run the Modbus devices' process."""
     orders = Orders()
     asyncio.run(_serve(orders.configuration(), orders))
 

@@ -45,7 +45,7 @@ class Wire(ModbusTcpServer):
         self.half_open = False
 
     def callback_new_connection(self) -> Any:
-        """The handler of a connection, which sends through :meth:`_send`."""
+        """Return the handler of a connection, which sends through :meth:`_send`."""
         handler: Any = super().callback_new_connection()  # type: ignore[no-untyped-call]
         send = handler.low_level_send
         handler.low_level_send = lambda data, addr=None: self._send(send, data)
@@ -68,7 +68,7 @@ class Wire(ModbusTcpServer):
                 self.loop.call_later(self.slow * piece / (PIECES - 1), send, part)
 
     def set_half_open(self, on: bool) -> None:
-        """The gateway loses power, its connections stay; when it is back it knows none of them."""
+        """Cut the gateway's power; its connections remain; when it is back it knows none of them."""
         self.half_open = on
         if not on:
             for handler in list(self.active_connections.values()):
@@ -105,7 +105,7 @@ class SerialLine:
         self._handler.data_received(data)
 
     def write(self, data: bytes) -> None:
-        """As an asyncio transport's; called by pymodbus with an answer. What is written later leaves later."""
+        """Write like an asyncio transport; called by pymodbus with an answer. What is written later leaves later."""
         self._sent = max(self._loop.time(), self._sent) + self._seconds_per_byte * len(data)
         self._loop.call_at(self._sent, self._put, data)
 
@@ -116,7 +116,7 @@ class SerialLine:
             return
 
     def close(self) -> None:
-        """As an asyncio transport's."""
+        """Close like an asyncio transport."""
         self._loop.remove_reader(self._master)
         os.close(self._master)
         os.close(self._slave)

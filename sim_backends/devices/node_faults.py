@@ -41,14 +41,14 @@ class FaultyLine:
         self.doubled = self.garbled = False
 
     def on_sync(self) -> None:
-        """A SYNC: what was delayed until now goes out."""
+        """Send at a SYNC what was delayed until now."""
         self._syncs += 1
         while self._delayed and (not self.lag or self._delayed[0][0] <= self._syncs):
             _, cob_id, data = self._delayed.popleft()
             self._emit(cob_id, data)
 
     def emit(self, cob_id: int, data: bytes) -> None:
-        """A frame from the node."""
+        """Send a frame from the node."""
         function = cob_id - self._node
         if function == 0x580:
             data = data[:2] if self.garbled else data
@@ -59,7 +59,7 @@ class FaultyLine:
             self._emit(cob_id, data[:-1] + bytes([data[-1] ^ 0x01]) if data else data)
 
     def _spoilt(self, cob_id: int, data: bytes) -> bool:
-        """Whether a TPDO does not get through now."""
+        """Test whether a TPDO does not get through now."""
         if self.lose:
             self.lose -= 1
             return True

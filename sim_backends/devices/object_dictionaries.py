@@ -25,12 +25,12 @@ _NAMES = {number: name for name, number in _TYPES.items()}
 
 
 def type_name(data_type: int) -> str | None:
-    """Name of a number's data type (CiA 301, 7.4.7); None for what is no number."""
+    """Return the name of a number's data type (CiA 301, 7.4.7); None for what is no number."""
     return _NAMES.get(data_type)
 
 
 def object_dictionary(plan: NodePlan) -> Any:
-    """The device's EDS, with the objects and the identity that the machine file expects."""
+    """Load the device's EDS, with the objects and the identity that the machine file expects."""
     path = Path(__file__).parent / "eds" / f"{plan.kind}.eds"
     dictionary = canopen.import_od(str(path), plan.node)
     if plan.device_type is not None:
@@ -58,7 +58,7 @@ def object_dictionary(plan: NodePlan) -> Any:
 
 
 def _variable(dictionary: Any, name: str, index: int, subindex: int) -> Any:
-    """An object of the dictionary, made if it is not there."""
+    """Return an object of the dictionary, made if it is not there."""
     entry = dictionary.get(index)
     variable = entry if isinstance(entry, ODVariable) else (entry or {}).get(subindex)
     if variable is not None:

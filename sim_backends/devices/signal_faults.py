@@ -35,7 +35,7 @@ class SignalFaults:
             del self._faults[channel]
 
     def apply(self, channel: str, raw: float) -> float:
-        """What the sensor says where ``raw`` is right."""
+        """Compute what the sensor reads where ``raw`` is right."""
         faults = self._faults.get(channel)
         if faults is None:
             return raw

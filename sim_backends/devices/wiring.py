@@ -22,7 +22,7 @@ class Wiring:
 
 
 def wire(machine: Machine) -> Wiring:
-    """Plans for all channels of ``machine`` that have a source.
+    """Plan all channels of ``machine`` that have a source.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def wire(machine: Machine) -> Wiring:
 
 
 def channel_signal(machine: Machine, channel: Channel, column: int) -> Signal:
-    """How a channel's SI value becomes what its device sends."""
+    """Return the conversion of a channel's SI value to what its device sends."""
     source = channel.source
     assert isinstance(source, CanSource | ModbusSource)
     # value = (SI - conversion.offset) / conversion.factor and raw = (value - source.offset) / source.scale

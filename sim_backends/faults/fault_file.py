@@ -239,7 +239,7 @@ def load_faults(path: str | Path, machine: Machine) -> FaultScript:
 
 
 def read_faults(path: str | Path, machine: Machine) -> tuple[FaultScript | None, list[str]]:
-    """The script of a fault file, or None and one line for every mistake in it."""
+    """Read the script of a fault file, or None and one line for every mistake in it."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -252,7 +252,7 @@ def read_faults(path: str | Path, machine: Machine) -> tuple[FaultScript | None,
 
 
 def fault_problems(text: str, machine: Machine, name: str = "fault file") -> tuple[FaultScript | None, list[Problem]]:
-    """The script of a text, or None and everything that is wrong with it."""
+    """Parse the script of a text, or None and everything that is wrong with it."""
     try:
         tree, content = safe_yaml.read(text)
     except yaml.YAMLError as error:
@@ -277,7 +277,7 @@ def fault_problems(text: str, machine: Machine, name: str = "fault file") -> tup
 
 
 def _unknown_faults(tree: yaml.Node | None, content: dict[str, Any]) -> Iterator[Problem]:
-    """Entries whose fault does not exist; what else stands in them cannot be judged before that is known."""
+    """Yield entries whose fault does not exist; their other keys cannot be judged before that is known."""
     listed = content.get("faults")
     for number, entry in enumerate(listed if isinstance(listed, list) else ()):
         name = entry.get("fault") if isinstance(entry, dict) else None
@@ -289,7 +289,7 @@ def _unknown_faults(tree: yaml.Node | None, content: dict[str, Any]) -> Iterator
 
 
 def _misfits(fault: Fault, machine: Machine) -> Iterator[tuple[str, str]]:
-    """Keys of a fault that this machine has nothing for, and what is wrong with each."""
+    """Yield keys of a fault that this machine has nothing for, and what is wrong with each."""
     if isinstance(fault, SignalFault):
         yield from _channel_misfits(fault, machine)
         return
@@ -341,7 +341,7 @@ def _number(source: Any) -> int:
 
 
 def targets(faults: Sequence[Fault], machine: Machine) -> tuple[frozenset[str], ...]:
-    """For each fault, the channels that it may cost something."""
+    """Return, for each fault, the channels that it may cost something."""
     return tuple(_targets(fault, machine) for fault in faults)
 
 

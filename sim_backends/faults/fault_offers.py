@@ -15,7 +15,7 @@ SIZE = 0.05  # of a channel's range, for what is added to its value
 
 
 def fault_offers(machine: Machine) -> list[dict[str, Any]]:
-    """Offers as ``{"fault", "target", "entry"}``: its name, what it is of in words, and its keys of a fault file.
+    """List offers as ``{"fault", "target", "entry"}``: name, what it is of in words, keys of a fault file.
 
     ``entry`` lacks ``at`` and ``for``; sizes are such that the fault is seen.
     """

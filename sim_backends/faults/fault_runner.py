@@ -75,7 +75,7 @@ class FaultRunner:
         self._thread.start()
 
     def stop(self) -> None:
-        """No more faults; those that have begun stay."""
+        """Begin no more faults; those that have begun remain."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -29,13 +29,13 @@ STROKE = 0.30  # m
 
 
 def default_machine() -> tuple[Machine, Truth]:
-    """The demonstration's folding arm with its buses, and what it really is."""
+    """Return the demonstration's folding arm with its buses, and its truth."""
     folder = Path(__file__).parent
     return load_machine(folder / "folding_arm.yaml"), load_truth(folder / "folding_arm.truth.yaml")
 
 
 def folding_arm(seed: int) -> tuple[Machine, Truth]:
-    """Six parallel horizontal axes that fold in one vertical plane, six cylinders; sizes drawn with ``seed``."""
+    """Make six parallel horizontal axes that fold in a vertical plane, six cylinders; sizes by ``seed``."""
     rng = np.random.default_rng([seed, 1])
     lengths = np.array([0.95, 0.78, 0.58, 0.45, 0.36, 0.27]) * rng.uniform(0.88, 1.12, 6)
     rows = [{"a": float(a), "alpha": 0.0, "d": 0.0, "theta": 0.0} for a in lengths]
@@ -47,7 +47,7 @@ def folding_arm(seed: int) -> tuple[Machine, Truth]:
 
 
 def slewing_arm(seed: int) -> tuple[Machine, Truth]:
-    """A vertical slewing axis, a boom of two parallel axes and a wrist; sizes drawn with ``seed``."""
+    """Make a vertical slewing axis, a boom of two parallel axes and a wrist; sizes drawn with ``seed``."""
     rng = np.random.default_rng([seed, 2])
     half = float(np.pi / 2)
     column, boom, stick, wrist = np.array([0.16, 1.15, 0.88, 0.33]) * rng.uniform(0.9, 1.1, 4)
@@ -81,7 +81,7 @@ def _machine(
 
 
 def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dict[str, Any], CylinderTruth]:
-    """A cylinder of ``bore`` m with a linkage that its stroke can serve, and its friction."""
+    """Make a cylinder of ``bore`` m with a linkage that its stroke can serve, and its friction."""
     usual = usual_cylinder(bore)
 
     def around(value: float) -> float:

@@ -60,7 +60,7 @@ def excavator_front(seed: int) -> tuple[Machine, Truth]:
 
 
 def telescopic_crane(seed: int) -> tuple[Machine, Truth]:
-    """Slewing column, boom, knuckle and a telescope, some 1.2 to 4.5 t in all; sizes drawn with ``seed``.
+    """Make slewing column, boom, knuckle and telescope, some 1.2 to 4.5 t in all; sizes by ``seed``.
 
     The column is slewed by racks. The telescope is a sliding joint that a cylinder moves directly, with a grapple
     rigidly at its end; it rubs on slide pads as well as in its seals.
@@ -96,7 +96,7 @@ def telescopic_crane(seed: int) -> tuple[Machine, Truth]:
 
 
 def _scattered(rng: np.random.Generator, size: float) -> Callable[..., float]:
-    """Draws lengths about their values at this size of arm, ``spread`` to either side."""
+    """Draw lengths about their values at this size of arm, ``spread`` to either side."""
 
     def near(value: float, spread: float = 0.05) -> float:
         return float(value * size * rng.uniform(1 - spread, 1 + spread))
@@ -123,7 +123,7 @@ def _joint(
 
 
 def _piston_range(joint: Joint, q: np.ndarray) -> tuple[float, float]:
-    """Pin to pin lengths (or piston positions, where there are no pins) over the travel, from geometry of its own."""
+    """Compute pin to pin lengths (or piston positions without pins) over the travel, from geometry of its own."""
     linkage = joint["cylinder"]["linkage"]
     if linkage["type"] == "direct":
         x = q
@@ -177,7 +177,7 @@ _BETWEEN_PINS = ("three_pin", "four_bar")
 
 
 def _hydraulics(scale: float) -> Hydraulics:
-    """Load-sensing supply of 340 bar with the flow of its size; meter-out edges that keep some 12 bar."""
+    """Make a load-sensing supply of 340 bar with its size's flow; meter-out edges keep some 12 bar."""
     return Hydraulics(
         supply=34.0e6, tank=0.5e6, preload=1.2e6, head_floor=0.6e6, loss=4.0e7, droop=1.0e9 / scale**2,
         ambient=300.0, heating=25.0, warm_up=1500.0,

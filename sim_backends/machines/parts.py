@@ -13,7 +13,7 @@ from sim_backends.plant.truth import CylinderTruth, Hydraulics, LinkTruth, Truth
 
 
 def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:
-    """A box of edge lengths ``shape`` (m), a little askew and off ``centre``, about its distal frame's origin."""
+    """Make a box of edge lengths ``shape`` (m), a little askew, off ``centre``, in its distal frame."""
     size = np.array(shape) * rng.uniform(0.85, 1.15, 3)
     c = np.array(centre) * rng.uniform(0.9, 1.1, 3) + rng.normal(0.0, 0.025, 3)
     tilt, _ = np.linalg.qr(np.eye(3) + rng.normal(0.0, 0.04, (3, 3)))
@@ -29,7 +29,7 @@ def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], s
 
 
 def usual_cylinder(bore: float) -> CylinderTruth:
-    """What a cylinder of ``bore`` m usually has: seals rub with the bore's area."""
+    """Return what a cylinder of ``bore`` m usually has: seals rub with the bore's area."""
     area = float(np.pi * bore**2 / 4)
     f_c = 2.2e4 * area
     return CylinderTruth(m=0.9 + 1150.0 * area, K=1.1e5 * area, f_c=f_c, f_v=2.1e5 * area, f_s=0.7 * f_c)
@@ -43,7 +43,7 @@ def measured_machine(
     links: Sequence[LinkTruth],
     hydraulics: Hydraulics | None = None,
 ) -> tuple[Machine, Truth]:
-    """The machine of these joints (as a machine file has them) with both positions and both pressures of each."""
+    """Build the machine of these joints (as in a machine file), both positions and both pressures of each."""
     channels: list[dict[str, Any]] = []
     for joint in joints:
         own = str(joint["name"])

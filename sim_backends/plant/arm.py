@@ -49,7 +49,7 @@ class ArmDesign:
 
     @property
     def gravity(self) -> FloatArray:
-        """Gravity in the coordinates of the base as it stands, m/s^2."""
+        """Gravity in the coordinates of the base as mounted, m/s^2."""
         return Rotation.from_rotvec(self.tilt).inv().apply(np.asarray(self.machine.gravity))
 
 
@@ -79,7 +79,7 @@ def _tensor(values: tuple[float, ...]) -> FloatArray:
 
 
 def _inertial(body: ET.Element, link: LinkTruth, tail_position: FloatArray, tail: FloatArray) -> None:
-    """Mass, centre and central tensor in body coordinates, from the tensor about the distal frame's origin."""
+    """Add mass, centre, central tensor in body coordinates, from the tensor about the distal origin."""
     centre = np.asarray(link.moment) / link.mass
     central = _tensor(link.inertia) - link.mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     rotated = tail @ central @ tail.T
@@ -120,7 +120,7 @@ def _tendon(tendons: ET.Element, joint: Joint, carrying: ET.Element, driven: ET.
 
 
 def arm_xml(design: ArmDesign, payload: float = 0.0) -> str:
-    """The MuJoCo model (MJCF) of the arm, with ``payload`` kg at its tip."""
+    """Write the MuJoCo model (MJCF) of the arm, with ``payload`` kg at its tip."""
     machine = design.machine
     root = ET.Element("mujoco", model=machine.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", balanceinertia="false")
@@ -184,7 +184,7 @@ class Arm:
         )
 
     def lengths(self, index: int, q: FloatArray) -> FloatArray:
-        """Piston positions at joint positions ``q`` (n,), from the tendon's length at each of them."""
+        """Compute piston positions at joint positions ``q`` (n,), from the tendon's length there."""
         joint = self.machine.joints[index]
         if joint.cylinder is None:
             return q.copy()
@@ -205,12 +205,12 @@ class Arm:
         return x - linkage.radius * linkage.zero if isinstance(linkage, Rack) else x
 
     def piston(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> tuple[FloatArray, ...]:
-        """Piston position, speed, acceleration and lever arm ``r = dx/dq`` of every joint; arrays (n, J)."""
+        """Compute piston position, speed, acceleration, lever arm ``r = dx/dq`` of all joints; arrays (n, J)."""
         x, r, bend = self._laws(q)
         return x, r * qd, r * qdd + bend * qd**2, r
 
     def effort(self, q: FloatArray, qd: FloatArray, qdd: FloatArray, carried: FloatArray | None = None) -> FloatArray:
-        """Joint efforts (n, J) that the motion needs, without any friction.
+        """Compute the joint efforts (n, J) of the motion, without any friction.
 
         Tendon and joint armatures (moving masses of pistons, drive inertia) are included. ``carried`` (n,) is the
         fraction 0 to 1 of the payload that the arm holds.

@@ -42,7 +42,7 @@ class CasePlan:
     def record(
         self, stem: str, undeclared: Sequence[EffectSpec] = (), quality: SensorQuality | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-        """One recording, measured and ideal (see :func:`sim_backends.plant.plant.record_beside_ideal`)."""
+        """Record one motion, measured and ideal (see :func:`sim_backends.plant.plant.record_beside_ideal`)."""
         return record_beside_ideal(
             self.machine, self.truth, self.motions[stem], undeclared=undeclared, quality=quality,
             rng=np.random.default_rng([self.seed, 12, STEMS.index(stem)]),
@@ -63,7 +63,7 @@ class Case:
 
 
 def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0) -> CasePlan:
-    """The machine and the motions of a case, before anything is recorded."""
+    """Plan machine and motions of a case, before anything is recorded."""
     machine, truth = arm if isinstance(arm, tuple) else ARMS[arm](seed)
     rng = np.random.default_rng([seed, 11])
     motions: dict[str, Motion] = {"unloaded": random_motion(machine, rng, seconds, rods="unpinned")}
@@ -92,7 +92,7 @@ def simulate_case(
 
 
 def write_table(file: Path, machine: Machine, role: str, table: Mapping[str, FloatArray]) -> Path:
-    """A table of the machine's channels and their time as a recording."""
+    """Write a table of the machine's channels and their time as a recording."""
     values = {name: column for name, column in table.items() if name != "time"}
     return write_recording(file, machine, role, table["time"], values)
 
@@ -100,7 +100,7 @@ def write_table(file: Path, machine: Machine, role: str, table: Mapping[str, Flo
 def write_tables(
     folder: Path, machine: Machine, tables: Mapping[str, Mapping[str, FloatArray]], suffix: str = ".parquet"
 ) -> list[tuple[str, Path]]:
-    """``machine.yaml`` and a recording for each table, by the stem of its file; roles and files of the recordings."""
+    """Write ``machine.yaml`` and a recording per table, by file stem; return roles and files of the recordings."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "machine.yaml").write_text(machine_to_yaml(machine), encoding="utf-8")
     roles = {stem: stem.partition("-")[0] for stem in tables}
@@ -118,7 +118,7 @@ def make_case(
     quality: SensorQuality | None = None,
     seconds: float = 60.0,
 ) -> Case:
-    """As :func:`simulate_case`, written to ``folder``: ``machine.yaml``, one Parquet file each, ``truth.yaml``."""
+    """Simulate as :func:`simulate_case` into ``folder``: ``machine.yaml``, Parquet files, ``truth.yaml``."""
     case = simulate_case(arm, seed, undeclared, quality, seconds)
     folder = Path(folder)
     write_tables(folder, case.machine, case.recordings)

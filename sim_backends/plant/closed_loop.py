@@ -94,7 +94,7 @@ class ClosedLoop:
         self._mass = np.zeros((n, n))
 
     def gains(self, integral: bool = True) -> Gains:
-        """The arm's controller: each loop as fast as that of the simulated machine, for the mass at mid-range.
+        """Tune the controller: each loop as fast as the simulated machine's, for the mass at mid-range.
 
         A loop on little mass is made stiffer: so that neither dry friction nor what the load changes over the arm's
         poses leaves more than :data:`LOAD_ERROR` before the integrator has taken it.
@@ -109,17 +109,17 @@ class ClosedLoop:
         return Gains(stiffness, 2 * LOOP_DAMPING * w * mass, 0.3 * w * stiffness * float(integral))
 
     def lever(self, q: FloatArray) -> FloatArray:
-        """Lever arms (J,) at a pose."""
+        """Compute lever arms (J,) at a pose."""
         return self._piston(q, np.zeros_like(q))[2]
 
     def holding(self, q: FloatArray) -> FloatArray:
-        """Forces of the chambers (J,) in N that hold a pose, without friction."""
+        """Compute forces of the chambers (J,) in N that hold a pose, without friction."""
         still = np.zeros_like(q)
         x, _, lever = self._piston(q, still)
         return np.asarray(self.arm.effort(q[None], still[None], still[None])[0] / lever + self.bank.K * x)
 
     def tip_efforts(self, q: FloatArray, force: FloatArray) -> FloatArray:
-        """Joint efforts (J,) that a force (3,) in N on the tip makes, in the axes of the base."""
+        """Compute joint efforts (J,) of a force (3,) in N on the tip, in the axes of the base."""
         model, data = self.arm.model, self.arm.data
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
@@ -131,7 +131,7 @@ class ClosedLoop:
         return np.asarray(jacobian.T @ force)
 
     def record(self, run: Run, quality: SensorQuality, rng: np.random.Generator) -> dict[str, FloatArray]:
-        """What the transducers say of a run, at the machine's rate: time in s and a value (n,) per channel, SI."""
+        """Record the transducers in a run, at the machine's rate: time in s and a value (n,) per channel, SI."""
         step = round(1.0 / self.machine.rate_hz / STEP)
         part, bank, names = slice(step - 1, None, step), self.bank, [joint.name for joint in self.machine.joints]
         v = self.arm.piston(run.q, run.qd, np.zeros_like(run.q))[1]
@@ -164,7 +164,7 @@ class ClosedLoop:
         return x[0], v[0], lever[0]
 
     def _dynamics(self, q: FloatArray, qd: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Inertia (J, J), pistons included, and forces of speed and gravity (J,)."""
+        """Compute inertia (J, J), pistons included, and forces of speed and gravity (J,)."""
         model, data = self.arm.model, self.arm.data
         data.qpos[:], data.qvel[:] = q, qd
         mujoco.mj_fwdPosition(model, data)

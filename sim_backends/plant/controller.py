@@ -140,7 +140,7 @@ class Controller:
         return [names.index(name) for name in motion.joints]
 
     def _after_queue(self) -> tuple[bool, FloatArray, FloatArray]:
-        """Pinned or not, joint and piston positions when all that is queued is done."""
+        """Return pinned or not, joint and piston positions once all that is queued is done."""
         pinned, joints, pistons = self.pinned, self.joints, self.pistons
         for segment in self._queue:
             end = segment.path(np.array([segment.path.duration]))[0][0]
@@ -153,7 +153,7 @@ class Controller:
         self._queue.append(_Segment(rods, path, steps, phase, name))
 
     def _move(self, rods: Rods, start: FloatArray, end: FloatArray, name: str) -> None:
-        """Minimum-jerk move: peak speed 15/8 and peak acceleration 10/sqrt(3) of the mean ones."""
+        """Plan a minimum-jerk move: peak speed 15/8, peak acceleration 10/sqrt(3) of the mean."""
         distance = np.abs(end - start)
         speed, acceleration = self._speed, self._acceleration
         if rods == "unpinned":
@@ -173,7 +173,7 @@ class Controller:
         return self._queue[0].steps - self._queue[0].done if self._queue else 0
 
     def advance(self, n: int) -> Reference:
-        """The next ``n`` steps; they must not reach beyond the current segment (see :attr:`remaining`)."""
+        """Advance ``n`` steps; they must not reach beyond the current segment (see :attr:`remaining`)."""
         if self._queue:
             segment = self._queue[0]
             if n > self.remaining:
@@ -205,7 +205,7 @@ class Controller:
 
 
 def output_std() -> float:
-    """Stationary standard deviation of the loop's output for unit coloured noise (continuous Lyapunov equation)."""
+    """Compute the loop output's stationary deviation for unit coloured noise (continuous Lyapunov equation)."""
     w = 2 * np.pi * LOOP_FREQUENCY
     rate = 1.0 / VALVE_NOISE_TIME
     A = np.array([[0.0, 1.0, 0.0], [-(w**2), -2 * LOOP_DAMPING * w, w**2], [0.0, 0.0, -rate]])

@@ -36,7 +36,7 @@ _HEAD = """\
 
 
 def guessed_truth(machine: Machine, seed: int = 0) -> Truth:
-    """A plausible plant for this machine file: steel boxes between the joints, friction of usual cylinders.
+    """Guess a plausible plant for this machine file: steel boxes between joints, usual cylinders' friction.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def guessed_truth(machine: Machine, seed: int = 0) -> Truth:
 
 
 def guessed_truth_yaml(machine: Machine, seed: int = 0) -> str:
-    """The same as a file for ``hilfit simulate --truth``, with a comment on what each number is."""
+    """Write the same as a file for ``hilfit simulate --truth``, with a comment on each number."""
     tree = guessed_truth(machine, seed).to_dict()
     parts = {key: tree[key] for key in ("cylinders", "drives", "hydraulics")}
     rounded = {
@@ -70,7 +70,7 @@ def guessed_truth_yaml(machine: Machine, seed: int = 0) -> str:
 
 
 def _link(rng: np.random.Generator, machine: Machine, number: int) -> LinkTruth:
-    """A box from the frame's origin to the joint at its other end."""
+    """Make a box from the frame's origin to the joint at its other end."""
     joint = machine.joints[number]
     away = _other_end(machine, number)
     length = max(float(np.linalg.norm(away)), _SHORT)
@@ -80,7 +80,7 @@ def _link(rng: np.random.Generator, machine: Machine, number: int) -> LinkTruth:
 
 
 def _other_end(machine: Machine, number: int) -> npt.NDArray[np.float64]:
-    """Where the link's other joint is in the link's own frame, m; a sliding joint stands in mid-range."""
+    """Locate the link's other joint in the link's own frame, m; a sliding joint is in mid-range."""
     joints = machine.joints
     if machine.convention == "modified":  # the frame is at the link's own joint, the next row leads to its far end
         if number + 1 == len(joints):
@@ -96,7 +96,7 @@ def _mid(joint: Joint) -> float:
 
 
 def _drive(joint: Joint, link: LinkTruth) -> DriveTruth:
-    """A motor and its gear: friction of a twentieth of the link's weight, a tenth of its inertia."""
+    """Guess a motor and its gear: friction a twentieth of the link's weight, inertia a tenth of its."""
     reach = float(np.linalg.norm(link.moment)) / link.mass if joint.type == "revolute" else 1.0
     weight = 9.81 * link.mass * max(reach, 0.1)
     inertia = link.mass if joint.type == "prismatic" else max(link.inertia[5], 0.01)
@@ -104,7 +104,7 @@ def _drive(joint: Joint, link: LinkTruth) -> DriveTruth:
 
 
 def _rounded(value: object) -> object:
-    """Numbers to five digits, in mappings too."""
+    """Round numbers to five digits, in mappings too."""
     if isinstance(value, dict):
         return {key: _rounded(own) for key, own in value.items()}
     return float(f"{value:.5g}") if isinstance(value, float) else value

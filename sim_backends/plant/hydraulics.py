@@ -18,7 +18,7 @@ REVERSAL_SPEED = 1.0e-5
 
 
 def direction(v: FloatArray, width: float = REVERSAL_SPEED) -> FloatArray:
-    """Sign of the speed ``v`` (m/s), smoothed over ``width`` so that force has no jump between two samples."""
+    """Smooth the sign of the speed ``v`` (m/s) over ``width``: no jump of force between two samples."""
     return np.tanh(v / width)
 
 
@@ -38,7 +38,7 @@ class CylinderBank:
 
     @classmethod
     def of(cls, machine: Machine, truth: Truth) -> CylinderBank:
-        """Declared sizes and dampings, true laws."""
+        """Combine declared sizes and dampings with true laws."""
         none = CylinderTruth(0.0, 0.0, 0.0, 0.0, 0.0)
         cylinders = [joint.cylinder for joint in machine.joints]
         laws = [truth.cylinders[j.name] if j.cylinder is not None else none for j in machine.joints]
@@ -52,7 +52,7 @@ class CylinderBank:
         )
 
     def resistance(self, x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """``m x'' + c x' + K x + F_d(x')`` in N for piston motions (n, J); zero for driven joints.
+        """Compute ``m x'' + c x' + K x + F_d(x')`` in N of piston motions (n, J); zero for drives.
 
         ``F_d(v) = f_c sgn v + f_v v + f_s |v|^(1/3) sgn v``.
         """
@@ -63,11 +63,11 @@ class CylinderBank:
 def chamber_pressures(
     force: FloatArray, v: FloatArray, head_area: npt.ArrayLike, rod_area: npt.ArrayLike, hydraulics: Hydraulics
 ) -> tuple[FloatArray, FloatArray]:
-    """Chamber pressures that give ``force = p1 A1 - p2 A2``.
+    """Compute chamber pressures that give ``force = p1 A1 - p2 A2``.
 
     The valve meters out: the chamber that empties keeps a preload above tank plus the loss of its edge, quadratic
     in flow; the chamber that fills never falls below the anti-cavitation floor. Whichever chamber carries the load
-    takes the rest of the force, so both stay positive and the force is met exactly.
+    takes the rest of the force, so both remain positive and the force is met exactly.
 
     Parameters
     ----------
@@ -99,10 +99,10 @@ def chamber_pressures(
 
 
 def supply_pressure(flow: FloatArray, hydraulics: Hydraulics) -> FloatArray:
-    """Pressure of the supply line in Pa at a total inflow of ``flow`` m^3/s."""
+    """Compute the supply line's pressure in Pa at a total inflow of ``flow`` m^3/s."""
     return np.maximum(hydraulics.supply - hydraulics.droop * flow, hydraulics.tank)
 
 
 def oil_temperature(time: FloatArray, hydraulics: Hydraulics) -> FloatArray:
-    """Oil temperature in K, ``time`` seconds after a cold start."""
+    """Compute the oil temperature in K, ``time`` seconds after a cold start."""
     return hydraulics.ambient + hydraulics.heating * (1.0 - np.exp(-np.maximum(time, 0.0) / hydraulics.warm_up))

@@ -41,7 +41,7 @@ class LinearFilter:
         self._states = [np.zeros((order, columns)) for _ in self._numerators]
 
     def __call__(self, u: FloatArray) -> list[FloatArray]:
-        """Outputs for the input block ``u`` of shape (n, columns): one array of that shape per row of ``C``."""
+        """Filter the input block ``u`` of shape (n, columns): one array of that shape per row of ``C``."""
         outputs = []
         for i, numerator in enumerate(self._numerators):
             y, self._states[i] = lfilter(numerator, self._denominator, u, axis=0, zi=self._states[i])
@@ -50,7 +50,7 @@ class LinearFilter:
 
 
 def second_order(frequency: float, damping: float, dt: float, columns: int = 1) -> LinearFilter:
-    """``y'' + 2 z w y' + w^2 y = w^2 u`` with outputs ``y, y', y''``; ``frequency`` in Hz."""
+    """Build ``y'' + 2 z w y' + w^2 y = w^2 u``, outputs ``y, y', y''``; ``frequency`` in Hz."""
     w = 2 * np.pi * frequency
     spring = [-(w**2), -2 * damping * w]
     A = [[0.0, 1.0], spring]
@@ -68,7 +68,7 @@ class ColouredNoise:
         self._columns = columns
 
     def __call__(self, n: int) -> FloatArray:
-        """The next ``n`` values, shape (n, columns)."""
+        """Draw the next ``n`` values, shape (n, columns)."""
         white = self._rng.standard_normal((n, self._columns))
         y, self._state = lfilter([np.sqrt(1 - self._a**2)], [1.0, -self._a], white, axis=0, zi=self._state)
         return np.asarray(y)

@@ -69,7 +69,7 @@ class SplinePath:
         self._laws += [self._laws[0].derivative(order) for order in (1, 2)]
 
     def __call__(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Position, speed and acceleration at ``time`` (n,), each (n, columns)."""
+        """Compute position, speed and acceleration at ``time`` (n,), each (n, columns)."""
         inside = np.clip(time, 0.0, self.duration)
         position, speed, acceleration = (np.asarray(law(inside), dtype=np.float64) for law in self._laws)
         outside = (time < 0.0) | (time > self.duration)
@@ -89,10 +89,10 @@ def random_motion(
     *,
     rods: Rods = "pinned",
 ) -> Motion:
-    """A smooth multi-sine for all joints (or all pistons), inside position, speed and acceleration limits.
+    """Draw a smooth multi-sine for all joints (or pistons), inside position, speed, acceleration limits.
 
     Each axis is a sum of five sines at random frequencies from some 0.05 Hz up, scaled until 92 % of the tightest limit
-    is reached, faded in and out over 2 s. Pistons stay where the joint's limits would keep them.
+    is reached, faded in and out over 2 s. Pistons remain where the joint's limits would keep them.
     """
     names, columns = [], []
     time = np.arange(round(seconds * _RATE_HZ) + 1) / _RATE_HZ

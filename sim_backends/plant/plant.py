@@ -46,7 +46,7 @@ class StepSizes:
 
     @classmethod
     def of(cls, rate_hz: float) -> StepSizes:
-        """Steps for an acquisition at ``rate_hz``."""
+        """Compute steps for an acquisition at ``rate_hz``."""
         rigid = max(1, int(np.ceil(RIGID_RATE / rate_hz - 1e-9)))
         stride = max(1, int(np.ceil(PHYSICS_RATE / (rate_hz * rigid) - 1e-9)))
         return cls(1.0 / (rate_hz * rigid * stride), rigid * stride, stride)
@@ -122,11 +122,11 @@ class Plant:
         return self._elapsed * self.steps.dt
 
     def set_clock(self, periods: int) -> None:
-        """Machine time is now ``periods`` acquisition periods; slow effects (warming, creeping) start at 0."""
+        """Set machine time to ``periods`` acquisition periods; slow effects (warming, creeping) start at 0."""
         self._elapsed = periods * self.steps.per_period
 
     def coming(self, ahead: int) -> int:
-        """How many acquisition periods, at most ``ahead``, are left of the controller's segment; all at rest."""
+        """Count acquisition periods, at most ``ahead``, left of the controller's segment; all at rest."""
         return min(ahead, self.controller.remaining // self.steps.per_period) or ahead
 
     def advance(self, periods: int) -> FloatArray:
@@ -134,7 +134,7 @@ class Plant:
         return self.measured(self.sample(periods))
 
     def sample(self, periods: int) -> FloatArray:
-        """As :meth:`advance`, but what ideal transducers would say: no noise, no steps, no saturation."""
+        """Advance like :meth:`advance`, ideal transducers: no noise, no steps, no saturation."""
         rows, left = [], periods * self.steps.per_period
         while left > 0:
             n = min(left, self.controller.remaining or left)
@@ -143,7 +143,7 @@ class Plant:
         return np.concatenate(rows)
 
     def measured(self, ideal: FloatArray) -> FloatArray:
-        """What the transducers make of ideal values (periods, channels)."""
+        """Measure ideal values (periods, channels) with the transducers."""
         return self._chain(ideal)
 
     def _ideal(self, n: int) -> FloatArray:
@@ -184,7 +184,7 @@ class Plant:
         return block, force, effort
 
     def _effort(self, block: Block) -> FloatArray:
-        """Joint efforts (n, J) that the arm asks for, without the pistons' masses; sets ``block.load``."""
+        """Compute joint efforts (n, J) of the arm, without pistons' masses; set ``block.load``."""
         effort = self._rigid("rigid", block, block.q, block.qd, block.qdd)
         bent = [(e, d) for e in self.effects if (d := e.deflection(effort[:, e.joint])) is not None]
         if bent:
@@ -202,7 +202,7 @@ class Plant:
         return effort
 
     def _rigid(self, memory: str, block: Block, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
-        """MuJoCo's inverse dynamics at every ``stride``-th step, linear in between, less the tendons' masses."""
+        """Interpolate MuJoCo's inverse dynamics between every ``stride``-th step, less the tendons' masses."""
         n, stride = len(q), self.steps.stride
         at = np.arange(stride - 1, n, stride)
         carried = np.clip((block.motion_time[at] - self.design.payload_from) / GRIP_TIME, 0.0, 1.0)
@@ -217,7 +217,7 @@ class Plant:
         return np.stack([np.interp(steps, knots, values[:, j]) for j in range(values.shape[1])], axis=1)
 
     def _forces(self, block: Block, effort: FloatArray) -> FloatArray:
-        """Hydraulic forces (n, J) in N; sets the chamber pressures, completes ``effort`` of driven joints."""
+        """Compute hydraulic forces (n, J) in N; set chamber pressures, complete drives' ``effort``."""
         bank = self._bank
         n = len(block.time)
         force = block.load + self._restlessness * self._disturbance(n) + self._knocks(n)
@@ -248,7 +248,7 @@ class Plant:
         return hydraulics.supply_pressure(flow, self.design.truth.hydraulics)
 
     def _channels(self, block: Block, readings: Readings) -> FloatArray:
-        """Ideal values (n, channels) in the machine file's order."""
+        """Return ideal values (n, channels) in the machine file's order."""
         n = len(block.time)
         out = np.empty((n, len(self._columns)))
         for k, (quantity, j) in enumerate(self._columns):
@@ -334,7 +334,7 @@ def record(
     shapes: np.random.Generator | None = None,
     rods: Rods | None = None,
 ) -> dict[str, FloatArray]:
-    """One recording of ``motion``, without buses.
+    """Record ``motion`` once, without buses.
 
     The machine is switched on at rest in the motion's first pose, settles, and time 0 is where the motion starts.
 
@@ -368,7 +368,7 @@ def record_beside_ideal(
     rng: np.random.Generator,
     shapes: np.random.Generator | None = None,
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """A recording as :func:`record` makes it, and what ideal transducers would have said of the same run.
+    """Record as :func:`record` does, and with ideal transducers in the same run.
 
     Disturbances, knocks and tracking errors are in both; the transducers' noise, steps and saturation only in the
     first. The difference of two ideal tables, with an effect and without, is that effect's waveform and nothing else.

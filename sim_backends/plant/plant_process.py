@@ -67,11 +67,11 @@ class Served(Protocol):
         ...
 
     def coming(self, ahead: int) -> int:
-        """How many periods, at most ``ahead``, end with the controller doing what it does at their end."""
+        """Count the periods, at most ``ahead``, that end with the controller doing what it does then."""
         ...
 
     def advance(self, periods: int) -> Any:
-        """Measured values (periods, channels) in SI."""
+        """Measure values (periods, channels) in SI."""
         ...
 
 
@@ -107,7 +107,7 @@ class PlantServer:
         return bytes(np.ascontiguousarray(row, dtype="<f8").tobytes())
 
     def _compute(self) -> None:
-        """The next periods, at most to the end of the controller's current segment."""
+        """Compute the next periods, at most to the end of the controller's current segment."""
         self._look_into_inbox()
         rows = self._plant.advance(self._plant.coming(AHEAD))
         controller = self._plant.controller

@@ -43,7 +43,7 @@ class SensorChain:
         self._low, self._high = np.array(lows), np.array(highs)
 
     def __call__(self, ideal: FloatArray) -> FloatArray:
-        """Measured values for ideal ones, both (n, channels) in the machine file's order and in SI units."""
+        """Measure ideal values, both (n, channels) in the machine file's order and in SI units."""
         measured = ideal + self._std * self._rng.standard_normal(ideal.shape)
         coarse = self._step > 0
         measured[:, coarse] = np.round(measured[:, coarse] / self._step[coarse]) * self._step[coarse]

@@ -52,12 +52,12 @@ class LinkTruth:
     inertia: tuple[float, float, float, float, float, float]  # kg m^2
 
     def as_list(self) -> list[float]:
-        """The ten numbers: mass, first moments, tensor."""
+        """List the ten numbers: mass, first moments, tensor."""
         return [self.mass, *self.moment, *self.inertia]
 
     @classmethod
     def from_list(cls, values: list[float]) -> LinkTruth:
-        """The inverse of :meth:`as_list`."""
+        """Invert :meth:`as_list`."""
         mass, mx, my, mz, xx, xy, xz, yy, yz, zz = values
         return cls(mass, (mx, my, mz), (xx, xy, xz, yy, yz, zz))
 
@@ -87,7 +87,7 @@ class Truth:
     hydraulics: Hydraulics = field(default_factory=Hydraulics)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain lists and mappings, for YAML or JSON."""
+        """Convert to plain lists and mappings, for YAML or JSON."""
         return {
             "cylinders": {name: asdict(cylinder) for name, cylinder in self.cylinders.items()},
             "drives": {name: asdict(drive) for name, drive in self.drives.items()},
@@ -97,7 +97,7 @@ class Truth:
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> Truth:
-        """The inverse of :meth:`to_dict`; keys that are not the plant's (name, effects) are left alone."""
+        """Invert :meth:`to_dict`; leave alone keys that are not the plant's (name, effects)."""
         return cls(
             links=tuple(LinkTruth.from_list([float(v) for v in link]) for link in content["links"]),
             cylinders={name: CylinderTruth(**c) for name, c in (content.get("cylinders") or {}).items()},
@@ -128,7 +128,7 @@ def load_truth(path: str | Path) -> Truth:
 
 
 def truth_to_yaml(truth: Truth) -> str:
-    """The truth as YAML; :func:`load_truth` reads it back unchanged."""
+    """Write the truth as YAML; :func:`load_truth` reads it back unchanged."""
     return yaml.safe_dump(truth.to_dict(), sort_keys=False)
 
 
@@ -157,5 +157,5 @@ class SensorQuality:
 
     @classmethod
     def perfect(cls) -> SensorQuality:
-        """No noise, no steps, no disturbance, no tracking error: for checks against theory."""
+        """Return a chain without noise, steps, disturbance or tracking error: for checks against theory."""
         return cls(**{name: 0.0 for name in cls.__dataclass_fields__ if name != "disturbance_time"})

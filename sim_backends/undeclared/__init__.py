@@ -69,7 +69,7 @@ def parse_spec(text: str, machine: Machine) -> EffectSpec:
 
 
 def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
-    """The same spec, if ``machine`` can have it.
+    """Return the same spec, if ``machine`` can have it.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
 
 
 def obstacle(effect: type[UndeclaredEffect], joint: Joint) -> str | None:
-    """Why ``joint`` cannot have the effect, as the end of a sentence about it; None if it can."""
+    """Explain why ``joint`` cannot have the effect, as the end of a sentence; None if it can."""
     cylinder = joint.cylinder
     if effect.needs_cylinder and cylinder is None:
         return "has no cylinder; choose a joint that has one"

@@ -96,26 +96,26 @@ class UndeclaredEffect:
         """Draw the hidden shape."""
 
     def redesign(self, design: ArmDesign) -> ArmDesign:
-        """The arm as it really is."""
+        """Return the arm as it really is."""
         return design
 
     def joint_effort(self, block: Block) -> FloatArray | None:
-        """Effort (n,) in N m or N that the joint needs beside the rigid body's."""
+        """Compute the effort (n,) in N m or N that the joint needs beside the rigid body's."""
         return None
 
     def deflection(self, effort: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-        """Angle (n,) by which the link lags its joint under ``effort`` (n,), with its two derivatives."""
+        """Compute the angle (n,) by which the link lags under ``effort`` (n,), with two derivatives."""
         return None
 
     def piston_force(self, block: Block) -> FloatArray | None:
-        """Force (n,) in N that the chambers have to overcome beside what the cylinder's own law asks."""
+        """Compute the force (n,) in N that the chambers overcome beside the cylinder's own law."""
         return None
 
     def sense(self, block: Block, readings: Readings) -> None:
         """Change what the transducers read."""
 
     def variables(self) -> tuple[str, ...]:
-        """Signals of a recording whose law shows the effect, where it stands in no catalogue; any of them is right.
+        """Name the recorded signals whose law shows the effect, where no catalogue has it; any is right.
 
         Names as in a report: ``piston_position`` of the joint itself, ``joint3.piston_speed`` of another.
         """
@@ -143,21 +143,21 @@ class UndeclaredEffect:
         return float(x.min()), float(x.max())
 
     def stroke_fraction(self, block: Block) -> FloatArray:
-        """Piston position scaled to 0 .. 1 over :attr:`travel`."""
+        """Scale the piston position to 0 .. 1 over :attr:`travel`."""
         low, high = self.travel
         return (block.x[:, self.joint] - low) / (high - low)
 
     def neighbour(self, rng: np.random.Generator) -> int:
-        """Index of an adjacent joint."""
+        """Return the index of an adjacent joint."""
         others = [k for k in (self.joint - 1, self.joint + 1) if 0 <= k < len(self.place.machine.joints)]
         return int(rng.choice(others)) if others else self.joint
 
     def speed_scale(self) -> float:
-        """A typical fast piston speed in m/s: the joint's speed limit through its lever arm."""
+        """Return a typical fast piston speed in m/s: the joint's speed limit through its lever arm."""
         joint = self.place.machine.joints[self.joint]
         low, high = self.travel
         return joint.limits.velocity * (high - low) / (joint.limits.position[1] - joint.limits.position[0])
 
     def sign(self, block: Block) -> FloatArray:
-        """Smoothed direction of the piston's motion."""
+        """Smooth the direction of the piston's motion."""
         return direction(block.v[:, self.joint])

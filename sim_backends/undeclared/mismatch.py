@@ -21,7 +21,7 @@ class _Mismatch(UndeclaredEffect):
     """The piston's sensor reads more than the joint's position says, by :meth:`gap`."""
 
     def gap(self, block: Block) -> FloatArray:
-        """How much more (n,), m."""
+        """Compute the added gap (n,), m."""
         raise NotImplementedError
 
     def sense(self, block: Block, readings: Readings) -> None:
@@ -38,7 +38,7 @@ class _ForceDriven(_Mismatch):
         self.feels_friction = bool(rng.uniform() < 0.5)
 
     def bending(self, block: Block) -> FloatArray:
-        """What bends it (n,): the force at the piston, N, or the effort about the joint, N m."""
+        """Return what bends it (n,): the force at the piston, N, or the effort about the joint, N m."""
         cylinder = self.cylinder
         force = block.load[:, self.joint]
         if self.feels_friction:
@@ -46,11 +46,11 @@ class _ForceDriven(_Mismatch):
         return force * self.lever(block)
 
     def lever(self, block: Block) -> FloatArray:
-        """Length along the cylinder (n,) per unit of what gives way, and unit of what bends it per force."""
+        """Compute length along the cylinder (n,) per unit of yield, and unit of yield per force."""
         return block.lever[:, self.joint] if self.about_the_joint else np.ones(len(block.time))
 
     def typical(self) -> float:
-        """A usual size of what bends it: 2 bar over the head area, about the joint at its mean lever."""
+        """Return a usual size of what bends it: 2 bar over the head area, about the joint at its mean lever."""
         low, high = self.travel
         limits = self.place.machine.joints[self.joint].limits.position
         lever = (high - low) / (limits[1] - limits[0]) if self.about_the_joint else 1.0

@@ -160,7 +160,7 @@ class PilotLine(UndeclaredEffect):
 
 
 def first_of_group(machine: Machine, joint: int) -> int:
-    """The first of the joints before ``joint`` that turn about an axis parallel to its own."""
+    """Return the first joint before ``joint`` that turns about an axis parallel to its own."""
     first = joint
     while first > 0 and machine.joints[first - 1].dh.alpha == 0.0 and machine.joints[first - 1].type == "revolute":
         first -= 1
@@ -168,8 +168,8 @@ def first_of_group(machine: Machine, joint: int) -> int:
 
 
 def horizontal(machine: Machine, joint: int) -> bool:
-    """Whether the joint's axis is horizontal in every pose, and its link's angle counts from the horizontal: at the
-    base, or behind a vertical axis."""
+    """Test whether the joint's axis is horizontal in every pose, and its link's angle counts from the horizontal: at
+    the base, or behind a vertical axis."""
     down = np.asarray(machine.gravity) / max(float(np.linalg.norm(machine.gravity)), 1e-9)
     if joint == 0:
         return abs(float(down[1])) > 0.999

@@ -63,11 +63,11 @@ class Chambers:
         self._full, self._relief = full, stacked("relief")
 
     def capacity(self, x: FloatArray) -> FloatArray:
-        """``V(x) / E + hose`` in m^3/Pa at piston positions (J, P)."""
+        """Compute ``V(x) / E + hose`` in m^3/Pa at piston positions (J, P)."""
         return np.asarray(np.maximum(self._capacity + self._growth * x, 0.02 * self._capacity))
 
     def losses(self, p: FloatArray, stroke: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What leaves each chamber other than through a land, and the slopes.
+        """Compute what leaves each chamber other than through a land, and slopes.
 
         Returns
         -------
@@ -93,7 +93,7 @@ class Chambers:
         return out, own + across, across
 
     def resistance(self, x: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Friction, spring and end stops: force (J, P) in N against extension, and its slopes over ``v`` and ``x``."""
+        """Compute friction, spring, end stops: force (J, P) in N against extension; its slopes over ``v``, ``x``."""
         ratio = np.tanh(v / REVERSAL_SPEED)
         beyond = np.minimum(x, 0.0) + np.maximum(x - self.stroke, 0.0)
         end = self._end * (beyond != 0.0)
@@ -103,7 +103,7 @@ class Chambers:
 
 
 def _check_valve(s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A valve that opens softly, ``s^2 / (1 + s)`` above 0, and its slope."""
+    """Model a valve that opens softly, ``s^2 / (1 + s)`` above 0, and its slope."""
     s = np.maximum(s, 0.0)
     return s * s / (1.0 + s), s * (2.0 + s) / (1.0 + s) ** 2
 
@@ -123,12 +123,12 @@ class Pumps:
         self._flow_limit, self._power_limit = stacked("flow_limit"), stacked("power_limit")
 
     def wanted(self, p: FloatArray, active: npt.NDArray[np.bool_]) -> FloatArray:
-        """Pressure (P,) in Pa that the pump aims at, with chambers at ``p`` of which ``active`` are being filled."""
+        """Compute the pump's target pressure (P,) in Pa, with chambers at ``p`` of which ``active`` are filling."""
         load = np.where(active, p, 0.0).max(axis=(0, 1))
         return np.where(self.sensing, np.clip(load + self.margin, self.standby, self.pressure), self.pressure)
 
     def flow(self, supply: FloatArray, aim: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Flow in m^3/s at a supply pressure, and how fast it falls with that pressure in m^3/s/Pa, each (P,)."""
+        """Compute flow in m^3/s at a supply pressure, and its fall with that pressure in m^3/s/Pa, each (P,)."""
         limit = np.minimum(self._flow_limit, self._power_limit / np.maximum(supply, 1.0e5))
         asked = self._gain * (aim - supply)
         low = -SPILL * self._full

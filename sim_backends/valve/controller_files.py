@@ -15,7 +15,7 @@ from daq.valve_motions import VALVE_SCHEMA, Does, Step, ValveAxis, ValveMotion
 
 
 def is_valve_motion(path: str | Path) -> bool:
-    """Whether a file begins as a valve motion does; False as well for one that cannot be read."""
+    """Test whether a file begins as a valve motion does; False as well for an unreadable one."""
     try:
         with Path(path).open("rb") as file:
             return file.read(64).startswith(f"# {VALVE_SCHEMA}".encode())

@@ -67,7 +67,7 @@ def _spool(**fields: Callable[[Spool, float], float]) -> Change:
 
 
 def _slowed(spool: Spool, lag: float) -> float:
-    """Frequency over the healthy one at which the lag ``2 damping / w`` is ``lag`` s more."""
+    """Compute the frequency over the healthy one at which the lag ``2 damping / w`` is ``lag`` s more."""
     return 1.0 / (1.0 + lag * math.pi * spool.frequency / spool.damping)
 
 
@@ -84,12 +84,12 @@ def _with_valve(truth: ValvePlantTruth, joint: str, valve: ValveTruth) -> ValveP
 
 
 def _full(truth: ValvePlantTruth, joint: str) -> float:
-    """The largest flow in m^3/s that lets oil in at full stroke."""
+    """Return the largest flow in m^3/s that lets oil in at full stroke."""
     return max(truth.valves[joint].lands[name].flow for name in ("head_in", "rod_in"))
 
 
 def _leaking(key: str, turbulent: bool = False) -> Change:
-    """A leak of ``size`` of the full flow at 100 bar."""
+    """Leak ``size`` of the full flow at 100 bar."""
     drop = math.sqrt(1.0e7) if turbulent else 1.0e7
 
     def change(truth: ValvePlantTruth, joint: str, size: float) -> ValvePlantTruth:
@@ -183,7 +183,7 @@ VALVE_EFFECTS: dict[tuple[str, str], ValveEffect] = {(form.id, form.form): form 
 
 
 def valve_obstacle(effect: ValveEffect, machine: Machine, truth: ValvePlantTruth, joint: str | None) -> str | None:
-    """Why the effect cannot be there, as the end of a sentence; None if it can."""
+    """Explain why the effect cannot be there, as the end of a sentence; None if it can."""
     if effect.whole:
         return "belongs to the whole machine; leave the joint out" if joint is not None else None
     if joint is None or joint not in truth.valves:
@@ -211,7 +211,7 @@ def parse_valve_spec(text: str) -> ValveEffectSpec:
 
 
 def with_effect(machine: Machine, truth: ValvePlantTruth, spec: ValveEffectSpec) -> ValvePlantTruth:
-    """The truth with an undeclared effect.
+    """Apply an undeclared effect to the truth.
 
     Raises
     ------

@@ -59,7 +59,7 @@ class Lands:
         self._holds = bool(np.any(held > 0.0))
 
     def conductance(self, stroke: FloatArray, warmth: FloatArray) -> FloatArray:
-        """Flow in m^3/s of every land at its nominal drop, for strokes (J, P) and warmth (P,) 0 to 1."""
+        """Compute flows in m^3/s of lands at nominal drop, strokes (J, P), warmth (P,) 0 to 1."""
         over = (SIGNS * stroke - self._edge) / (1.0 - self._edge)
         if self._worn:
             width = np.where(self._rounding > 0.0, self._rounding, 1.0)
@@ -73,7 +73,7 @@ class Lands:
         return self._flow * over * (1.0 - self._cold * (1.0 - warmth))
 
     def flow(self, conductance: FloatArray, drop: FloatArray, held: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Flows in m^3/s and their slopes in m^3/s/Pa at drops in Pa; ``held`` (2, J, P) opens counterbalance valves.
+        """Compute flows in m^3/s and slopes in m^3/s/Pa at drops in Pa; ``held`` (2, J, P) opens counterbalances.
 
         ``Q = g d / (d^2 + w^2)^(1/4)`` of ``d = drop / nominal``: ``g sqrt(d)`` but for the laminar beginning. A
         compensator holds the drop over the land at ``m``: ``d / (1 + (d / m)^4)^((1 - softness) / 4)``. Throttles in

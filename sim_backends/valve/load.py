@@ -45,16 +45,16 @@ class Load(Protocol):
     """What the cylinders move."""
 
     def pose(self, q: FloatArray) -> Pose:
-        """The machines at joint positions (J, P)."""
+        """Compute the machines at joint positions (J, P)."""
         ...
 
     def joint(self, x: FloatArray) -> FloatArray:
-        """Joint positions (J, P) at piston positions (J, P) in m."""
+        """Compute joint positions (J, P) at piston positions (J, P) in m."""
         ...
 
 
 def load_of(plants: Plants) -> Load:
-    """The load of machines that all are of one kind.
+    """Build the load of machines that all are of one kind.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class PlanarArm:
         self._ab, self._squares = self._a * self._b, self._a**2 + self._b**2
 
     def pose(self, q: FloatArray) -> Pose:
-        """``M = L' M_phi L``, ``L`` the lower triangle of ones: sums over the links outside of both joints."""
+        """Compute ``M = L' M_phi L``, ``L`` lower triangular ones: sums over links outside of both joints."""
         phi = np.cumsum(q + self._theta, axis=0)
         cos, sin = np.cos(phi), np.sin(phi)
         c = cos[:, None] * cos + sin[:, None] * sin  # of phi_i - phi_j
@@ -131,7 +131,7 @@ class PlanarArm:
         weight = (self._mx * cos - self._my * sin) * gy - (self._mx * sin + self._my * cos) * gx
 
         def bias(qd: FloatArray) -> FloatArray:
-            """Lagrange's d/dt (M_ij phi_j') - dT/dphi_i leaves -S_ij phi_j'^2; weight helps the motion."""
+            """Compute Lagrange's d/dt (M_ij phi_j') - dT/dphi_i, which is -S_ij phi_j'^2; weight helps the motion."""
             rate = np.cumsum(qd, axis=0)
             return _outward(-(slope * rate**2).sum(axis=1) - weight, 0)
 
@@ -143,7 +143,7 @@ class PlanarArm:
         return Pose(mass, bias, length - self._retracted, lever, (across - lever**2) / length)
 
     def joint(self, x: FloatArray) -> FloatArray:
-        """The cosine law backwards, on the branch of the offset."""
+        """Invert the cosine law, on the branch of the offset."""
         length = x + self._retracted
         angle = np.arccos((self._squares - length**2) / (2 * self._ab))
         return np.asarray(np.sign(self._offset) * angle - self._offset)
@@ -164,16 +164,16 @@ class Gantry:
             self._weight[:, p] = axes @ np.asarray(machine.gravity) * beyond
 
     def pose(self, q: FloatArray) -> Pose:
-        """The same mass wherever the axes stand; weight along each."""
+        """Return the same mass wherever the axes are; weight along each."""
         return Pose(self._mass, lambda qd: -self._weight, q, np.ones_like(q), np.zeros_like(q))
 
     def joint(self, x: FloatArray) -> FloatArray:
-        """``q = x``."""
+        """Return ``q = x``."""
         return x
 
 
 def _axes(machine: Machine) -> FloatArray:
-    """Directions (J, 3) of the prismatic axes in the base frame: rotations only, standard or modified rows."""
+    """Compute directions (J, 3) of the prismatic axes in the base: rotations only, both row conventions."""
     rotation, axes = np.eye(3), []
     for joint in machine.joints:
         ct, st = np.cos(joint.dh.theta), np.sin(joint.dh.theta)
@@ -191,6 +191,6 @@ def _axes(machine: Machine) -> FloatArray:
 
 
 def _outward(values: FloatArray, axis: int) -> FloatArray:
-    """Sums from each joint to the tip."""
+    """Sum from each joint to the tip."""
     reverse = (slice(None),) * axis + (slice(None, None, -1),)
     return np.asarray(np.cumsum(values[reverse], axis=axis)[reverse])

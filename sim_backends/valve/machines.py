@@ -54,13 +54,13 @@ class _Axis:
 
 
 def default_crane() -> tuple[Machine, ValvePlantTruth]:
-    """The demonstration's crane with its buses, and what it really is."""
+    """Return the demonstration's crane with its buses, and its truth."""
     folder = Path(__file__).parent
     return load_machine(folder / "crane.yaml"), load_valve_truth(folder / "crane.truth.yaml")
 
 
 def compensated_bench(seed: int) -> tuple[Machine, ValvePlantTruth]:
-    """Two sliding axes, one horizontal against a spring and one that lifts, pressure-compensated valves."""
+    """Make two sliding axes, one horizontal on a spring, one that lifts, with compensated valves."""
     rng = np.random.default_rng([seed, 41])
     axes = []
     for name, alpha in (("slide", -np.pi / 2), ("lift", 0.0)):
@@ -89,7 +89,7 @@ def compensated_bench(seed: int) -> tuple[Machine, ValvePlantTruth]:
 
 
 def orifice_crane(seed: int) -> tuple[Machine, ValvePlantTruth]:
-    """Boom and jib of a loader crane, valves without compensators on a supply of constant pressure."""
+    """Make boom and jib of a loader crane, valves without compensators, constant supply pressure."""
     rng = np.random.default_rng([seed, 42])
     s = float(np.exp(rng.uniform(np.log(0.8), np.log(1.2))))
     near = _scattered(rng, s)
@@ -109,7 +109,7 @@ def orifice_crane(seed: int) -> tuple[Machine, ValvePlantTruth]:
 
 
 def one_pump_excavator(seed: int) -> tuple[Machine, ValvePlantTruth]:
-    """Boom, stick and bucket of a small excavator; one load-sensing pump feeds them and does not suffice for all."""
+    """Make boom, stick, bucket of a small excavator; its one load-sensing pump does not suffice for all."""
     rng = np.random.default_rng([seed, 43])
     s = float(np.exp(rng.uniform(np.log(0.45), np.log(0.7))))
     near = _scattered(rng, s)
@@ -163,7 +163,7 @@ def _turning(
     name: str, length: float, bearing: float, travel: float, pins: tuple[float, float, float], bore: float,
     speed: float, supported: Literal["head", "rod"] | None, rng: np.random.Generator,
 ) -> _Axis:  # fmt: skip
-    """A revolute axis with a three-pin cylinder whose stroke serves the travel; ``speed`` in rad/s at full stroke."""
+    """Make a revolute axis, three-pin cylinder with stroke for the travel; ``speed`` in rad/s at full stroke."""
     a, b, offset = pins
     q = np.linspace(-travel, travel, 201)
     lengths = np.sqrt(a**2 + b**2 - 2 * a * b * np.cos(q + offset))
@@ -182,7 +182,7 @@ def _machine(
     name: str, axes: Sequence[_Axis], links: Sequence[LinkTruth], springs: Sequence[float], supply: SupplyTruth,
     compensation: float, sent: tuple[str, float, float], rng: np.random.Generator,
 ) -> tuple[Machine, ValvePlantTruth]:  # fmt: skip
-    """The machine file and the truth; ``sent`` are unit, full and neutral of the commands."""
+    """Make machine file and truth; ``sent`` are unit, full and neutral of the commands."""
     unit, full, neutral = sent
     compensated = bool(np.isfinite(compensation))
     joints, channels = [], []
@@ -225,7 +225,7 @@ def _machine(
 def _load_pressures(
     machine: Machine, links: Sequence[LinkTruth], axes: Sequence[_Axis], springs: Sequence[float]
 ) -> list[float]:
-    """The largest pressure in Pa that each load asks of the smaller chamber over all poses at rest."""
+    """Find the largest pressure in Pa that each load asks of the smaller chamber, all poses at rest."""
     load = load_of([(machine, links)])
     grids = np.meshgrid(*[np.linspace(*joint.limits.position, 7) for joint in machine.joints], indexing="ij")
     largest = np.zeros(len(axes))
@@ -262,10 +262,10 @@ def _oil(axis: _Axis, spring: float, load: float, pressure: float, rng: np.rando
 
 
 def _valve(axis: _Axis, load: float, compensation: float, rng: np.random.Generator) -> ValveTruth:
-    """Meter-in lands for the axis' speed at the nominal drop (a compensator's).
+    """Size meter-in lands for the axis' speed at the nominal drop (a compensator's).
 
     Meter-out lands are 10 to 60 % larger where a counterbalance valve holds the load; else as small as it takes that
-    the load does not run ahead of the oil that comes in.
+    the load does not outrun the oil that comes in.
     """
     head, rod = axis.areas
     nominal = compensation if np.isfinite(compensation) else 2.0e6

@@ -36,7 +36,7 @@ class Guess:
     delay: float
 
     def command(self, speed: float) -> float:
-        """Command for a speed in m/s by a straight line beyond the dead band."""
+        """Compute the command for a speed in m/s by a straight line beyond the dead band."""
         if abs(speed) < 0.01 * self.speed:
             return 0.0
         return float(np.clip(np.sign(speed) * (self.edge + (1 - self.edge) * abs(speed) / self.speed), -1.0, 1.0))
@@ -46,7 +46,7 @@ class Phase:
     """One thing that all axes do; ``command`` is asked each cycle until it says None."""
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
-        """Commands of all axes ``time`` s into the phase with pistons at ``x`` m; None: it is over."""
+        """Return commands of all axes ``time`` s into the phase, pistons at ``x`` m; None: it is over."""
         raise NotImplementedError
 
 
@@ -58,7 +58,7 @@ class Hold(Phase):
     seconds: float
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
-        """The constants."""
+        """Return the constants."""
         return None if time >= self.seconds else list(self.commands)
 
 
@@ -70,7 +70,7 @@ class GoTo(Phase):
     patience: float = 8.0
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
-        """Proportional speed, the dead band added; over once all are there."""
+        """Compute proportional speed, the dead band added; None once all are there."""
         told = []
         for at, where, guess in zip(x, self.pose, guesses, strict=True):
             span = guess.high - guess.low
@@ -90,7 +90,7 @@ class Swing(Phase):
     cycles: float
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
-        """Begins upwards a quarter of a cycle before its peak: the rod swings about where it is."""
+        """Swing, upwards a quarter of a cycle before its peak: the rod swings about where it is."""
         if time * self.frequency >= self.cycles:
             return None
         return [a * float(np.cos(2 * np.pi * self.frequency * time)) for a in self.amplitudes]
@@ -104,7 +104,7 @@ class Follow(Phase):
     gain: float = 2.0  # 1/s
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
-        """Speed of the path and feedback on where it is."""
+        """Follow the speed of the path, with feedback on where it is."""
         row = round(time * 50.0)
         if row + 1 >= len(self.path):
             return None
@@ -125,7 +125,7 @@ class Operator:
         return self._number >= len(self._phases)
 
     def __call__(self, x: FloatArray) -> list[float]:
-        """Commands of this cycle for pistons at ``x`` (J,) in m."""
+        """Compute commands of this cycle for pistons at ``x`` (J,) in m."""
         while not self.done:
             told = self._phases[self._number].command(self._cycle * self._period, x, self._guesses)
             self._cycle += 1
@@ -141,7 +141,7 @@ class Operator:
 
 
 def valve_motion(axis: int, guesses: Sequence[Guess], poses: Sequence[tuple[float, ...]], levels: float) -> list[Phase]:
-    """The motion of one axis from which its valve can be identified.
+    """Plan the motion of one axis from which its valve can be identified.
 
     At each of ``poses`` (of all axes, fractions of the travel) a rest with the valve closed and a staircase of six
     levels of both signs up to ``levels`` of full, each held for three delays and 0.4 s and undone by its opposite; at
@@ -175,7 +175,7 @@ def valve_motion(axis: int, guesses: Sequence[Guess], poses: Sequence[tuple[floa
 
 
 def joint_motion(guesses: Sequence[Guess], rng: np.random.Generator, level: float) -> list[Phase]:
-    """All axes at once: levels of random sign and size up to ``level``, which ask the pump for what it has."""
+    """Move all axes at once: random levels up to ``level``, which ask the pump for what it has."""
     count = len(guesses)
     phases: list[Phase] = [GoTo((0.5,) * count)]
     for number in range(10):

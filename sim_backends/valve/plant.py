@@ -156,7 +156,7 @@ class ValvePlant:
         self.place(self._load.pose(limits.mean(axis=2).T).x)
 
     def place(self, x: npt.ArrayLike, speed: npt.ArrayLike = 0.0) -> None:
-        """Put pistons (J, P) somewhere (m), with pressures that hold the load there at rest; spools stay as they are.
+        """Put pistons (J, P) somewhere (m), with pressures that hold the load there at rest; spools are left as is.
 
         ``speed`` (J, P) is that of the joints at this moment, in rad/s or m/s.
         """
@@ -200,13 +200,13 @@ class ValvePlant:
                           self._chambers.tank, temperature)  # fmt: skip
 
     def flows(self) -> Flows:
-        """Where the oil goes now."""
+        """Compute where the oil goes now."""
         lands, _, _ = self._through(self._at, self._conductance)
         lost = self._chambers.losses(self._at.p, self._spools.stroke)[0]
         return Flows(lands, lost, self._pumps.flow(self._at.supply, self._at.aim)[0])
 
     def kinetic_energy(self) -> FloatArray:
-        """Of arm and pistons, (P,) in J."""
+        """Compute the energy of arm and pistons, (P,) in J."""
         qd = self._at.qd
         return np.asarray(0.5 * (qd * _times(self._mass(self._load.pose(self._at.q)), qd)).sum(axis=0))
 
@@ -214,7 +214,7 @@ class ValvePlant:
         return np.asarray(1.0 - np.exp(-np.maximum(self.time, 0.0) / self._warm_up))
 
     def _mass(self, pose: Pose) -> FloatArray:
-        """Mass matrices (J, J, P) with the pistons'."""
+        """Compute mass matrices (J, J, P) with the pistons'."""
         full = pose.mass.copy()
         for j in range(self.shape[0]):
             full[j, j] += self._chambers.mass[j] * pose.lever[j] ** 2
@@ -274,7 +274,7 @@ class _Counterbalances:
         return cls(setting, ratio, span, lag)
 
     def wanted(self, p: FloatArray) -> FloatArray:
-        """Openings 0 to 1 that the pressures ask for."""
+        """Compute the openings 0 to 1 that the pressures ask for."""
         return np.asarray(np.clip((p + self.ratio * p[::-1] - self.setting) / self.span, 0.0, 1.0))
 
 
@@ -313,7 +313,7 @@ class _Solver:
         return np.asarray((self._diagonal[::-1] * f + self._cross * f[::-1]) / self._determinant)
 
     def __call__(self, rates: _Point, effort: FloatArray) -> _Point:
-        """Slopes ``k`` for right-hand sides ``rates``, whose ``qd`` is given as ``effort = M q''``."""
+        """Solve slopes ``k`` for ``rates``, whose ``qd`` is given as ``effort = M q''``."""
         a, here = self._a, self._here
         alone = self._of_axis(rates.p)
         alpha = (rates.supply + (self._draw * alone).sum(axis=(0, 1))) / self._of_supply
@@ -332,7 +332,7 @@ class _Solver:
 
 
 def _times(matrix: FloatArray, vector: FloatArray) -> FloatArray:
-    """Matrices (J, J, P) times vectors (J, P)."""
+    """Multiply matrices (J, J, P) with vectors (J, P)."""
     return np.asarray((matrix * vector).sum(axis=1))
 
 

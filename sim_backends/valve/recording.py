@@ -68,7 +68,7 @@ class Course:
 
 
 def guesses_of(machine: Machine, truth: ValvePlantTruth, rng: np.random.Generator) -> list[Guess]:
-    """What somebody would guess of each axis: speed and delay to 15 %, the dead band to 2 % of full."""
+    """Guess each axis as a person would: speed and delay to 15 %, dead band to 2 % of full."""
     guesses = []
     for joint in machine.joints:
         assert joint.cylinder is not None
@@ -133,7 +133,7 @@ def _course(columns: Sequence[FloatArray], p: int, length: int, rate: float) -> 
 def recorded(
     machine: Machine, course: Course, quality: SensorQuality, rng: np.random.Generator
 ) -> dict[str, FloatArray]:
-    """What the transducers say, by channel in SI (commands as they are sent), and ``time``."""
+    """Measure a run, by channel in SI (commands as they are sent), and ``time``."""
     names = [joint.name for joint in machine.joints]
     ideal = np.empty((len(course.time), len(machine.channels)))
     for k, channel in enumerate(machine.channels):
@@ -144,7 +144,7 @@ def recorded(
 
 
 def channel_values(machine: Machine, course: Course, quantity: str, j: int) -> FloatArray:
-    """What an ideal transducer says of joint number ``j`` (of the machine: any), (N,) in SI; commands as sent."""
+    """Compute an ideal transducer's values of joint ``j`` (of the machine: any), (N,) in SI; commands as sent."""
     if quantity == "command":
         cylinder = machine.joints[j].cylinder
         assert cylinder is not None and cylinder.valve is not None
@@ -208,7 +208,7 @@ Order = tuple[
 
 
 def simulate_valve_cases(orders: Sequence[Order]) -> list[ValveCase]:
-    """Several cases of one kind of machine side by side, arguments as of :func:`simulate_valve_case`."""
+    """Simulate several cases of one kind side by side, arguments as of :func:`simulate_valve_case`."""
     runs, truths = [], []
     for machine, healthy, programmes, guesses, effects, _, seed in orders:
         truth = healthy
@@ -232,7 +232,7 @@ def simulate_valve_cases(orders: Sequence[Order]) -> list[ValveCase]:
 
 
 def write_valve_case(folder: str | Path, case: ValveCase, **more: Any) -> None:
-    """``machine.yaml``, one Parquet file per recording, and ``truth.yaml`` with the effects and ``more``."""
+    """Write ``machine.yaml``, a Parquet file per recording, ``truth.yaml`` with effects and ``more``."""
     folder = Path(folder)
     write_tables(folder, case.machine, case.tables)
     content = {"machine": case.machine.name, "effects": [asdict(e) for e in case.effects], **more}

@@ -93,7 +93,7 @@ class Spools:
             self.rate = np.where(self._stuck, 0.0, self.rate)
 
     def _wandered(self, rngs: Sequence[np.random.Generator]) -> FloatArray:
-        """The next value of AR(1) noise of unit variance."""
+        """Draw the next value of AR(1) noise of unit variance."""
         if self._used == len(self._drawn):
             drawn = [rng.standard_normal((_BLOCK, len(self._wander))) for rng in rngs]
             self._drawn, self._used = np.ascontiguousarray(np.stack(drawn, axis=2)), 0
@@ -102,14 +102,14 @@ class Spools:
         return self._wander
 
     def _behind(self, target: FloatArray) -> FloatArray:
-        """Play first, then the solenoid: what the spool is told after both."""
+        """Play first, then the solenoid: the spool's command after both."""
         plays, widths = self._plays, self._widths
         plays[0] = np.clip(plays[0], target - widths[0], target + widths[0])
         plays[1:] = np.clip(plays[1:], plays[0] - widths[1:], plays[0] + widths[1:])
         return np.asarray((self._weights[1:] * plays[1:]).sum(axis=0))
 
     def _let_go(self, target: FloatArray) -> FloatArray:
-        """Hold a spool that stands still until the target has left it by more than its stick."""
+        """Hold a spool at rest until the target has left it by more than its stick."""
         self._rested = np.where(self._stuck, self._rested + self._dt, 0.0)
         threshold = self._stick.copy()
         silting = self._silt > 0.0
@@ -122,7 +122,7 @@ class Spools:
 
 
 def _transition(w: FloatArray, damping: FloatArray, dt: float) -> FloatArray:
-    """``exp(A dt)`` of ``y'' + 2 damping w y' + w^2 y = 0``, shape (2, 2, J, P)."""
+    """Compute ``exp(A dt)`` of ``y'' + 2 damping w y' + w^2 y = 0``, shape (2, 2, J, P)."""
     matrices = np.zeros((*w.shape, 2, 2))
     matrices[..., 0, 1] = dt
     matrices[..., 1, 0] = -(w**2) * dt

@@ -81,7 +81,7 @@ class TrueInverse:
         self._quiet, self._moving = quiet, np.zeros(len(cylinders), dtype=bool)
 
     def __call__(self, speed: FloatArray, pressures: Pressures) -> FloatArray:
-        """Commands (J,) for speeds (J,)."""
+        """Compute commands (J,) for speeds (J,)."""
         told = np.zeros(len(speed))
         for j, valve in enumerate(self._valves):
             name, k, sign = ("head_in", 0, 1.0) if speed[j] > 0.0 else ("rod_in", 1, -1.0)
@@ -99,7 +99,7 @@ class TrueInverse:
 
 
 def lateness(truth: ValvePlantTruth) -> FloatArray:
-    """How late each axis is (J,) in s: delay, the spool's lag ``2 damping / w``, and half a cycle of 50 Hz."""
+    """Compute each axis' delay (J,) in s: delay, lag ``2 damping / w``, half a cycle of 50 Hz."""
     spools = [valve.spool for valve in truth.valves.values()]
     return np.array(
         [0.5 * (s.delay_extend + s.delay_retract) + s.damping / (np.pi * s.frequency) + 0.01 for s in spools]
@@ -107,7 +107,7 @@ def lateness(truth: ValvePlantTruth) -> FloatArray:
 
 
 def linear_inverse(guesses: Sequence[Guess]) -> Inverse:
-    """What a controller has without any identification: a straight line through 0 and the speed at full command."""
+    """Return a controller's inverse without identification: a line through 0 and speed at full command."""
     speeds = np.array([guess.speed for guess in guesses])
     return lambda speed, _: speed / speeds
 

@@ -154,14 +154,14 @@ class ValvePlantTruth:
     oil: OilTruth = field(default_factory=OilTruth)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain lists and mappings, for YAML or JSON."""
+        """Convert to plain lists and mappings, for YAML or JSON."""
         content = asdict(self)
         content["links"] = [link.as_list() for link in self.links]
         return content
 
     @classmethod
     def from_dict(cls, content: Mapping[str, Any]) -> ValvePlantTruth:
-        """The inverse of :meth:`to_dict`; keys that are not the plant's are left alone."""
+        """Invert :meth:`to_dict`; leave alone keys that are not the plant's."""
         return cls(
             links=tuple(LinkTruth.from_list([float(v) for v in link]) for link in content["links"]),
             valves={name: _valve(v) for name, v in content["valves"].items()},

@@ -42,7 +42,7 @@ DEMO = (ValveEffectSpec("spool_hysteresis", "play", "boom", 0.02),)
 
 
 def read_any_motion(path: Path, machine: Machine) -> Motion | ValveMotion:
-    """A valve motion, or a motion file with the rods pinned (InputError with one line else)."""
+    """Read a valve motion, or a motion file with rods pinned (InputError, one line, else)."""
     if is_valve_motion(path):
         return read_valve_motion(path, machine)
     motion = read_motion(path, machine)
@@ -92,7 +92,7 @@ class ValveController:
         return cylinder.linkage
 
     def commands(self, x: FloatArray) -> FloatArray:
-        """What it sends now (J,), fractions of full, positive extends, with pistons at ``x`` (J,) m."""
+        """Return what it sends now (J,), fractions of full, positive extends, pistons at ``x`` (J,) m."""
         while self._queue:
             name, state, operator, (most, rate) = self._queue[0]
             told = operator(x)
@@ -110,7 +110,7 @@ class ValveController:
 
 
 def played(motion: ValveMotion, machine: Machine, known: Sequence[Guess]) -> tuple[list[Phase], list[Guess]]:
-    """Phases of a valve motion, and what it says of its axes; other axes keep their valves closed."""
+    """Return phases of a valve motion, and what is known of its axes; other valves remain closed."""
     guesses, places, senses = list(known), list[int](), list[float]()
     names = [joint.name for joint in machine.joints]
     for own in motion.axes:
@@ -154,7 +154,7 @@ class ValveMachine:
         self.controller = ValveController(machine, guesses_of(machine, truth, guessing))
 
     def coming(self, ahead: int) -> int:
-        """How many periods are to be computed at once, of ``ahead``."""
+        """Count the periods to compute at once, of ``ahead``."""
         return 1 if self.controller.phase in ("following", "moving_to_start") else ahead
 
     def advance(self, periods: int) -> FloatArray:
@@ -176,7 +176,7 @@ class ValveMachine:
 
 
 def build(configuration: Mapping[str, Any], machine: Machine) -> ValveMachine:
-    """The machine of a process' configuration."""
+    """Build the machine of a process' configuration."""
     truth = ValvePlantTruth.from_dict(configuration["truth"])
     undeclared = configuration["undeclared"]
     for spec in DEMO if undeclared == "demo" else [ValveEffectSpec(*item) for item in undeclared]:

@@ -51,28 +51,28 @@ class Transport:
         self.etag: str | None = None
 
     def quoted(self, part: str) -> str:
-        """A part of a path."""
+        """Quote a part of a path."""
         return quote(part, safe="")
 
     def json(self, method: str, path: str, **sent: Any) -> Any:
-        """The JSON that is answered."""
+        """Return the JSON that is answered."""
         return json.loads(self.content(method, path, **sent))
 
     def text(self, method: str, path: str, **sent: Any) -> str:
-        """The text that is answered."""
+        """Return the text that is answered."""
         return self.content(method, path, **sent).decode()
 
     def content(self, method: str, path: str, **sent: Any) -> bytes:
-        """The bytes that are answered."""
+        """Return the bytes that are answered."""
         with self._open(method, path, **sent) as answer:
             return answer.read()
 
     def nothing(self, method: str, path: str, **sent: Any) -> None:
-        """A request whose answer says nothing."""
+        """Send a request with an empty answer."""
         self.content(method, path, **sent)
 
     def events(self, method: str, path: str, **sent: Any) -> Iterator[dict[str, Any]]:
-        """Server-sent events with JSON in them, until the service ends the stream."""
+        """Yield server-sent events with JSON in them, until the service ends the stream."""
         with self._open(method, path, **sent) as answer:
             for line in answer:
                 if line.startswith(b"data:"):
@@ -114,7 +114,7 @@ def _dumped(content: dict[str, Any]) -> bytes:
 
 
 def _document(content: bytes) -> dict[str, Any]:
-    """A problem document; what something between us and the service answered is one too."""
+    """Parse a problem document; one from between us and the service is one too."""
     try:
         found = json.loads(content)
     except ValueError:

@@ -64,7 +64,7 @@ class AreaRatio:
 
 
 def area_ratios(trial: Trial) -> list[AreaRatio]:
-    """Estimates of all joints with both pressures."""
+    """Estimate the ratios of areas of all joints with both pressures."""
     result = []
     for number, joint in enumerate(trial.machine.joints):
         block = trial.blocks[number]
@@ -99,6 +99,6 @@ def area_ratios(trial: Trial) -> list[AreaRatio]:
 
 
 def _explains_as_much(columns: FloatArray, before: FloatArray, left: FloatArray) -> bool:
-    """Whether an effect's columns leave less than the ratio of the areas, which has one parameter, does."""
+    """Return whether an effect's columns leave less than the ratio of the areas with its one parameter."""
     rest = before - columns @ np.linalg.lstsq(columns, before, rcond=None)[0]
     return bool(np.linalg.norm(rest) < np.linalg.norm(left))

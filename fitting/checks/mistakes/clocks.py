@@ -55,7 +55,7 @@ class Clock:
 
 
 def clock_of(trial: Trial) -> Clock | None:
-    """What all joints' efforts are late by; None if that is nothing that they share, or nothing much."""
+    """Find what all joints' efforts are late by; None if they share nothing, or nothing much."""
     samples = trial.samples
     keys = [key for key in samples.dense if key[0] in EFFORTS]
     since = samples.since
@@ -87,7 +87,7 @@ def _from(
     since: FloatArray,
     first: FloatArray,
 ) -> Clock | None:
-    """The clock that is found from an offset to begin with; None if the joints do not share one."""
+    """Find the clock from an initial offset; None if the joints do not share one."""
     offset, rate = start, 0.0
     moved = samples.moved(keys, offset) if start else samples
     estimates = bodies.estimates(moved, since) if start else first
@@ -115,7 +115,7 @@ def _middle(values: FloatArray, stds: FloatArray) -> float:
 
 
 def _shared(values: FloatArray, stds: FloatArray) -> bool:
-    """Whether all joints have the same number, within their errors, and it is not zero."""
+    """Return whether all joints have the same nonzero number, within their errors."""
     middle = float(np.median(values))
     near = np.abs(values - middle) < np.maximum(_AGREE * abs(middle), _SIGMAS * stds)
     sure = np.abs(values) > _OWN_SIGMAS * stds
@@ -138,7 +138,7 @@ class _Bodies:
             self._columns.append(columns[rows])
 
     def estimates(self, samples: Samples, since: FloatArray) -> FloatArray:
-        """Rows ``(d0, its error, d1, its error, misfit)`` of the joints that say something; ``d0`` at mid-time."""
+        """Estimate rows ``(d0, its error, d1, its error, misfit)`` of the joints that allow it; ``d0`` at mid-time."""
         result = []
         trial = replace(self._trial, samples=samples)
         for number in range(len(trial.machine.joints)):
@@ -177,7 +177,7 @@ _LEAST_ROWS = 60
 
 
 def inertia_findings(trial: Trial) -> list[Finding]:
-    """A finding where every joint's inertia is impossible beside the arm's weight, by about one factor."""
+    """Report where every joint's inertia is impossible beside the arm's weight, by about one factor."""
     ratios = inertia_ratios(trial)
     if not len(ratios):
         return []
@@ -194,7 +194,7 @@ def inertia_findings(trial: Trial) -> list[Finding]:
 
 
 def inertia_ratios(trial: Trial) -> FloatArray:
-    """Inertia of each joint that tells its own, over that of rods of the weight that the efforts carry, (k,)."""
+    """Compute each determined joint inertia over that of rods of the weight that the efforts carry, (k,)."""
     motion, samples, n = trial.motion, trial.samples, len(trial.machine.joints)
     links = standard_of_bodies(rods(geometry_of(trial.machine)))
     zero = np.zeros_like(motion.q)
@@ -229,7 +229,7 @@ def inertia_ratios(trial: Trial) -> FloatArray:
 
 
 def _inertia(trial: Trial, joint: int, static: FloatArray, links: FloatArray) -> float:
-    """Mean inertia at a joint of an arm of one kilogram of rods, kg m^2 (kg); ``static`` is its regressor at rest."""
+    """Compute an arm's mean joint inertia per kilogram of rods, kg m^2 (kg); ``static`` is its regressor at rest."""
     unit = np.zeros_like(trial.motion.q)
     unit[:, joint] = 1.0
     moved = rigid_body_regressor(trial.machine, trial.motion.q, np.zeros_like(unit), unit)

@@ -70,7 +70,7 @@ def efforts(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
 
 
 def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
-    """Channels of two joints exchanged: the whole effort, or one chamber."""
+    """Exchange channels of two joints: the whole effort, or one chamber."""
     machine, samples = trial.machine, trial.samples
     own, theirs = declared(machine, samples, j), declared(machine, samples, other)
     names = machine.joints[j].name, machine.joints[other].name
@@ -102,7 +102,7 @@ def _exchanges(trial: Trial, j: int, other: int) -> Iterator[Hypothesis]:
 
 
 def sizes(trial: Trial) -> Iterator[Hypothesis]:
-    """Another bore or rod: both areas estimated, with all other joints as the measure."""
+    """Try another bore or rod: both areas estimated, with all other joints as the measure."""
     for j, joint in enumerate(trial.machine.joints):
         block = trial.blocks[j]
         if block is None or joint.cylinder is None or f"head_pressure{j}" not in block.names:
@@ -126,7 +126,7 @@ SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.3,
 
 
 def scales(trial: Trial) -> Iterator[Hypothesis]:
-    """A joint's effort too large or too small as a whole, whatever the reason."""
+    """Try a joint's effort too large or too small as a whole, whatever the reason."""
     for j in range(len(trial.machine.joints)):
         if trial.blocks[j] is None or len(trial.machine.joints) < 2:
             continue

@@ -18,7 +18,7 @@ RARE = ("grad", "turn", "mrad", "um", "hPa (mbar)", "inch", "N cm")
 
 
 def gains(si_unit: str, declared: float) -> dict[float, str]:
-    """Numbers that SI values have to be multiplied with, if the values were in another unit than declared.
+    """Return the factors for SI values, by the unit they may have been in instead of the declared one.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from fitting.checks.mistakes.physical import Trial
 
 
 def changed_joint(machine: Machine, number: int, part: str, values: Mapping[str, float]) -> Machine:
-    """The machine with numbers of a joint's ``dh`` or ``linkage`` changed, unvalidated."""
+    """Return the machine with numbers of a joint's ``dh`` or ``linkage`` changed, unvalidated."""
     joint = machine.joints[number]
     if part == "dh":
         new = joint.model_copy(update={"dh": joint.dh.model_copy(update=dict(values))})
@@ -98,7 +98,7 @@ TILTS, ZEROS = (-0.15, -0.08, -0.03, 0.03, 0.08, 0.15), (-0.1, -0.05, 0.05, 0.1)
 
 
 def effects(trial: Trial) -> Iterator[Hypothesis]:
-    """Effects of the catalogue that resemble mistakes: tried too, taken back without a word; they accuse nobody."""
+    """Try the catalogue's effects that resemble mistakes: taken back without a report; they accuse nobody."""
     machine = trial.machine
     g = np.array(machine.gravity)
     for axis in np.eye(3):

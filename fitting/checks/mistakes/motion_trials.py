@@ -17,12 +17,12 @@ from fitting.checks.mistakes.samples import EFFORTS, PRESSURES, Samples, Signal
 
 
 def on_samples(change: Callable[[Samples], Samples]) -> Build:
-    """Builds a trial with other samples."""
+    """Build a trial with other samples."""
     return lambda trial, targets: (trial.with_samples(change(trial.samples)), targets)
 
 
 def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
-    """Builds a trial with a channel's values times ``gain``, and ``offset`` more."""
+    """Build a trial with a channel's values times ``gain``, and ``offset`` more."""
     return on_samples(lambda own: own.replaced({key: own.signals[key].mapped(gain, offset)}))
 
 
@@ -33,7 +33,7 @@ ZEROS = (-0.5, -0.33, -0.2, 0.2, 0.33, 0.5)
 
 
 def misread(machine: Machine, number: int, quantity: str) -> Iterator[tuple[tuple[str, str, str], float, float]]:
-    """What one position sensor of a joint may be misread as: words, and the gain and offset that put it right.
+    """List what a joint's position sensor may be misread as: words, and the gain and offset that correct it.
 
     It counts the other way (a piston's zero is at the other end then), has another unit, or another scale.
     """
@@ -50,18 +50,18 @@ def misread(machine: Machine, number: int, quantity: str) -> Iterator[tuple[tupl
 
 
 def exchanged(machine: Machine, quantity: str, first: int, second: int) -> tuple[str, str, str]:
-    """What is said of two joints' channels that look exchanged."""
+    """Word the finding on two joints' channels that look exchanged."""
     one, other = (machine.joints[number].name for number in (first, second))
     return worded("exchanged_channels", what=quantity.replace("_", " "), first=one, second=other)
 
 
 def late(delay: float) -> str:
-    """``late`` or ``early``."""
+    """Return ``late`` or ``early``."""
     return "late" if delay > 0 else "early"
 
 
 def fast(rate: float) -> str:
-    """``fast`` or ``slow``."""
+    """Return ``fast`` or ``slow``."""
     return "fast" if rate > 0 else "slow"
 
 
@@ -108,7 +108,7 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
 
 
 def _fits(trial: Trial, number: int, signal: Signal) -> bool:
-    """Whether a position stays within what the joint can do, half as much again."""
+    """Return whether a position is within one and a half times the joint's range."""
     joint = trial.machine.joints[number]
     low, high = joint.limits.position
     if trial.positions[number] == "piston_position" and joint.cylinder is not None:
@@ -155,7 +155,7 @@ def times(trial: Trial) -> Iterator[Hypothesis]:
 
 
 def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
-    """Builds a trial with some channels taken ``delay`` s later."""
+    """Build a trial with some channels taken ``delay`` s later."""
     return on_samples(lambda own: own.moved(keys, delay))
 
 
@@ -176,8 +176,8 @@ def stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
 
 
 def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
-    """What may have been wrong while one recording was made: chambers swapped, channels of two joints exchanged, a
-    position that counts the other way."""
+    """Try what may have been wrong in one recording: chambers swapped, channels of two joints exchanged, a position
+    that counts the other way."""
     machine, samples = trial.machine, trial.samples
     rows = samples.recording == number
 

@@ -20,7 +20,7 @@ _KNEES = (0.1, 0.3, 1.0)
 
 
 def with_payload(trial: Trial) -> Physical:
-    """The best arm that picks something up (or puts it down) in the course of each recording."""
+    """Fit the best arm with a payload picked up (or put down) in the course of each recording."""
     since = trial.samples.since
     best: tuple[float, Physical] | None = None
     for moment in np.linspace(0.0, float(since.max()), _MOMENTS + 2)[1:-1]:
@@ -34,7 +34,7 @@ def with_payload(trial: Trial) -> Physical:
 
 
 def with_couplings(trial: Trial, number: int) -> float:
-    """Misfit of one joint where the other joints' motion may push it; NaN if the joint says nothing."""
+    """Compute the misfit of one joint where the other joints' motion may push it; NaN if undetermined."""
     motion, samples, machine = trial.motion, trial.samples, trial.machine
     rows = motion.active[:, number] & samples.loaded & samples.used
     others = [k for k in range(len(machine.joints)) if k != number]

@@ -78,11 +78,11 @@ class Block:
     known: dict[bytes, float] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     def target(self, weights: Mapping[str, float]) -> FloatArray:
-        """(s,) coefficients of a target."""
+        """Return the (s,) coefficients of a target."""
         return np.array([weights.get(name, 0.0) for name in self.names])
 
     def alone(self, weights: FloatArray, size: float) -> float:
-        """What these rows by themselves leave of a target of that size, as a share of it; some thousandths at least."""
+        """Compute what these rows alone leave of a target of that size, as a share of it; some thousandths at least."""
         key = weights.tobytes()
         if key not in self.known:
             left = without(np.hstack([self.body, self.drive]), self.signals @ weights / size)
@@ -167,7 +167,7 @@ class Trial:
 
     @property
     def sides(self) -> tuple[Side | None, ...]:
-        """What stands beside the links in every joint's rows; None for one that says nothing."""
+        """Columns beside the links in every joint's rows; None for an uninformative one."""
         known = self.shared.sides
         if self.exchange not in known:
             known[self.exchange] = tuple(_side(self, number) for number in range(len(self.machine.joints)))
@@ -179,7 +179,7 @@ class Trial:
         return rigid_body_regressor(self.machine, self.motion.q, self.motion.qd, self.motion.qdd)
 
     def rows(self, number: int) -> BoolArray:
-        """Samples (T,) in which a joint moves and its effort tells something."""
+        """Return samples (T,) in which a joint moves and its effort is informative."""
         tells = self.samples.loaded | (self.machine.joints[number].cylinder is not None)
         return np.asarray(self.motion.active[:, number] & tells & self.samples.used)
 
@@ -195,15 +195,15 @@ class Trial:
 
     @cached_property
     def blocks(self) -> tuple[Block | None, ...]:
-        """Compressed rows of every joint; None for one that says nothing."""
+        """Compressed rows of every joint; None for an uninformative one."""
         return make_blocks(self)
 
     def with_machine(self, machine: Machine) -> Trial:
-        """The same samples on another machine file; where only links are others, with what their rows have beside."""
+        """Return the samples on another machine file; where only links change, with what their rows have beside."""
         return self._kept(replace(self, machine=machine))
 
     def exchanging(self, exchange: bool) -> Trial:
-        """The same with other joints' signals as targets, or without."""
+        """Return the same with other joints' signals as targets, or without."""
         return self._kept(replace(self, exchange=exchange))
 
     def _kept(self, other: Trial) -> Trial:
@@ -213,12 +213,12 @@ class Trial:
         return other
 
     def with_samples(self, samples: Samples) -> Trial:
-        """Other samples on the same machine file."""
+        """Return other samples on the same machine file."""
         return replace(self, samples=samples)
 
 
 def point_masses(geometry: Geometry) -> FloatArray:
-    """Standard parameters of unit point masses on a grid in every link's box, (10 n + 3 c, K), link by link.
+    """Compute standard parameters of unit point masses on a grid in each link's box, (10 n + 3 c, K), by link.
 
     The box spans the link's two axes, wider by half its own length and a third of the arm's mean link on every side.
     """
@@ -246,7 +246,7 @@ def point_masses(geometry: Geometry) -> FloatArray:
 
 
 def friction(v: FloatArray, noise: float) -> FloatArray:
-    """Columns (T, 5) of friction laws that brake at every speed: constant, cube root, viscous, square, Stribeck."""
+    """Compute columns (T, 5) of friction that brakes at every speed: constant, cube root, viscous, square, Stribeck."""
     top = max(float(np.percentile(np.abs(v), 99)), 1e-12)
     u = np.abs(v) / top
     sign = expected_sign(v, noise)
@@ -259,7 +259,7 @@ RIVALS = (slice(0, 4), slice(4, 6))
 
 
 def _rivals(trial: Trial, number: int, v: FloatArray) -> FloatArray:
-    """Columns (T, 6) of effects that resemble another ratio of areas.
+    """Compute columns (T, 6) of effects that resemble another ratio of areas.
 
     Four of a force that grows with speed while the cylinder extends (what valves hold back), two of friction that grows
     with the pressures (:data:`RIVALS`).
@@ -296,7 +296,7 @@ def _side(trial: Trial, number: int) -> Side | None:
 
 
 def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
-    """Rows of every joint in which it moves, compressed by QR."""
+    """Build the rows of every joint in which it moves, compressed by QR."""
     machine, motion = trial.machine, trial.motion
     n = len(machine.joints)
     body = trial.body
@@ -321,7 +321,7 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
 
 
 def _triangle(A: FloatArray) -> FloatArray:
-    """Upper triangle with the products of the columns of ``A``; a millionth of each column's size is lost.
+    """Compute the upper triangle with the products of the columns of ``A``; a millionth of each size is lost.
 
     By Cholesky's decomposition, ten times as fast as Householder's here, and misfits below a thousandth are alike.
     """
@@ -334,7 +334,7 @@ def _triangle(A: FloatArray) -> FloatArray:
 
 
 def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
-    """What a target of this joint may be put together from, in N at a cylinder, in the joint's unit elsewhere."""
+    """Return the signals a target of this joint may combine, in N at a cylinder, in the joint's unit elsewhere."""
     samples, machine, motion = trial.samples, trial.machine, trial.motion
     joint = machine.joints[number]
     result: dict[str, FloatArray] = {}
@@ -359,7 +359,7 @@ def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
 
 
 def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:
-    """Effort (T,) of a joint as the machine file has it, and its rate: N at a cylinder, the joint's unit elsewhere."""
+    """Compute a joint's effort (T,) by the machine file, and its rate: N at a cylinder, the joint's unit elsewhere."""
     samples = trial.samples
     value, rate = np.zeros(len(samples)), np.zeros(len(samples))
     weights = declared(trial.machine, samples, number)
@@ -373,7 +373,7 @@ def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:
 
 
 def declared(machine: Machine, samples: Samples, number: int) -> dict[str, float]:
-    """Weights of the signals that make a joint's effort by the machine file; empty where nothing is measured."""
+    """Return the weights of the signals that make a joint's effort by the machine file; empty if unmeasured."""
     joint = machine.joints[number]
     head, rod = samples.get("head_pressure", number), samples.get("rod_pressure", number)
     if joint.cylinder is not None and head is not None and rod is not None:
@@ -389,7 +389,7 @@ def declared(machine: Machine, samples: Samples, number: int) -> dict[str, float
 
 
 def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, *, bounded: bool = True) -> Physical:
-    """The best arm for targets; those of the machine file where nothing else is said.
+    """Fit the best arm for targets; by default those of the machine file.
 
     Parameters
     ----------
@@ -441,7 +441,7 @@ def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, 
 
 
 def without(A: FloatArray, b: FloatArray) -> FloatArray:
-    """What least squares leave of ``b``; by normal equations with a ridge of 1e-9, which is enough for a misfit."""
+    """Compute what least squares leave of ``b``; by normal equations with a ridge of 1e-9, enough for a misfit."""
     scale = np.linalg.norm(A, axis=0)
     used = scale > 1e-12 * scale.max(initial=0.0)
     unit = A[:, used] / scale[used]
@@ -452,7 +452,7 @@ def without(A: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _bounded(A: FloatArray, b: FloatArray) -> FloatArray:
-    """What least squares with coefficients that are not negative leave of ``b``."""
+    """Compute what nonnegative least squares leave of ``b``."""
     scale = np.linalg.norm(A, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     # Compressed once more: as many rows as columns at most.

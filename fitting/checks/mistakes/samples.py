@@ -47,7 +47,7 @@ class Signal:
     speed_noise: float = 0.0
 
     def mapped(self, gain: float, offset: float = 0.0) -> Signal:
-        """``gain * signal + offset``."""
+        """Return ``gain * signal + offset``."""
         size = abs(gain)
         return Signal(
             gain * self.value + offset,
@@ -58,7 +58,7 @@ class Signal:
         )
 
     def faster(self, factor: float) -> Signal:
-        """As the same values would be in a time that runs ``factor`` times as fast."""
+        """Return the same values in a time that runs ``factor`` times as fast."""
         speeds = factor * self.first, factor**2 * self.second
         return replace(self, first=speeds[0], second=speeds[1], speed_noise=factor * self.speed_noise)
 
@@ -105,15 +105,15 @@ class Samples:
         return np.asarray(self.time - begins[self.recording])
 
     def get(self, quantity: str, joint: int) -> Signal | None:
-        """A joint's signal of that quantity, or None."""
+        """Return a joint's signal of that quantity, or None."""
         return self.signals.get((quantity, joint))
 
     def replaced(self, changes: Mapping[tuple[str, int], Signal]) -> Samples:
-        """With some signals in place of others."""
+        """Return the samples with some signals in place of others."""
         return replace(self, signals={**self.signals, **changes})
 
     def moved(self, keys: Iterable[tuple[str, int]], seconds: FloatArray | float) -> Samples:
-        """With some signals taken ``seconds`` later, (T,) or one number: what a channel that is late so much has to be.
+        """Take some signals ``seconds`` later, (T,) or one number: what a channel that is late so much has to be.
 
         Samples for which that lies beyond the end of their stretch are not used.
         """
@@ -131,7 +131,7 @@ class Samples:
 
 
 def take_samples(machine: Machine, recordings: Sequence[Recording]) -> Samples | None:
-    """Samples of the stretches without a gap; None where there is none long enough.
+    """Take the samples of the stretches without a gap; None where none is long enough.
 
     Only channels that every recording has are used. A recording in which no joint moves adds what it has.
     """
@@ -197,7 +197,7 @@ def take_samples(machine: Machine, recordings: Sequence[Recording]) -> Samples |
 
 
 def _bank(machine: Machine, recordings: Sequence[Recording], names: Sequence[str]) -> FilterBank:
-    """Filters of five times the motion's own frequency, as an identification takes them."""
+    """Build filters of five times the motion's own frequency, as an identification takes them."""
     rate = machine.rate_hz
     smooth = filter_bank(rate, min(8.0, rate / 8))
     edges = []
@@ -217,7 +217,7 @@ def _bank(machine: Machine, recordings: Sequence[Recording], names: Sequence[str
 
 
 def moving(speed: FloatArray, noise: float) -> BoolArray:
-    """Where an element moves."""
+    """Return where an element moves."""
     size = np.abs(speed)
     top = float(np.percentile(size, 98)) if len(size) else 0.0
     return np.asarray(size > max(_MOVES * top, _OF_NOISE * noise))
@@ -239,7 +239,7 @@ class Motion:
 
 
 def positions_of(machine: Machine, samples: Samples) -> tuple[str, ...]:
-    """Which position sensor is used of each joint: the joint's own, else the piston's."""
+    """Return which position sensor is used of each joint: its own, else the piston's."""
     return tuple(
         "joint_position" if samples.get("joint_position", number) is not None else "piston_position"
         for number in range(len(machine.joints))
@@ -247,7 +247,7 @@ def positions_of(machine: Machine, samples: Samples) -> tuple[str, ...]:
 
 
 def motion_of(machine: Machine, samples: Samples, positions: Sequence[str]) -> Motion:
-    """Motion of all joints from the sensor chosen for each; in `unloaded` recordings the piston's own."""
+    """Compute all joints' motion from the sensor chosen for each; in `unloaded` the piston's own."""
     count = len(samples)
     columns: dict[str, list[FloatArray]] = {key: [] for key in ("q", "qd", "qdd", "x", "v", "a", "r")}
     noises, active = [], []

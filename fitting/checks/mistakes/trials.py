@@ -74,7 +74,7 @@ Found: TypeAlias = tuple[Accused, Trial, Targets]
 
 
 def score(before: Physical, after: Physical, *, free: bool = False) -> float:
-    """Sum over the joints of the logarithm of the misfit's fall."""
+    """Sum the logarithm of the misfit's fall over the joints."""
     first, second = before.misfits, (after.free if free else after.misfits)
     both = np.isfinite(first) & np.isfinite(second)
     a = np.hypot(first[both], LEAST_MISFIT)
@@ -83,17 +83,17 @@ def score(before: Physical, after: Physical, *, free: bool = False) -> float:
 
 
 def _apart(current: Physical) -> BoolArray:
-    """Joints that alone are explained well and among the others badly: their effort's scale is not the others'."""
+    """Find joints explained well alone and badly among the others: their effort's scale is not the others'."""
     return np.asarray((current.misfits > _ALONE_WELL * current.own) & (current.misfits > _LEAST_APART))
 
 
 def suspicious(current: Physical) -> BoolArray:
-    """Joints whose misfit is worth trials."""
+    """Find joints whose misfit is worth trials."""
     return np.asarray(((current.misfits > SUSPECT) | _apart(current)) & ~(current.shares < CARRIES))
 
 
 def _worth_trying(option: Hypothesis, current: Physical) -> bool:
-    """Whether one of the joints that a hypothesis is about is explained badly enough for it.
+    """Return whether a joint that a hypothesis is about is explained badly enough for it.
 
     An exact one may be about a joint of any misfit that can fall as far as it asks for.
     """
@@ -110,7 +110,7 @@ def _worth_trying(option: Hypothesis, current: Physical) -> bool:
 
 
 def badly_everywhere(current: Physical) -> bool:
-    """Whether most joints are explained worse than what filtering and thinning leave of a perfect fit."""
+    """Return whether most joints are explained worse than by filtering and thinning a perfect fit."""
     misfits = current.misfits[~(current.shares < CARRIES) & np.isfinite(current.misfits)]
     return bool(len(misfits)) and float(np.median(misfits)) > _BADLY * FINEST_MISFIT
 
@@ -126,7 +126,7 @@ class Searched:
 
 
 def search(trial: Trial) -> Searched:
-    """The fewest mistakes that explain the efforts.
+    """Find the fewest mistakes that explain the efforts.
 
     Greedy: the best hypothesis is taken back, then the next one is looked for beside it, three at most.
     """
@@ -151,7 +151,7 @@ def search(trial: Trial) -> Searched:
 
 
 def _odd_ones(trial: Trial, targets: Targets, current: Physical) -> list[int]:
-    """Recordings without which a joint is explained far better, however well it is: something may be wrong in them."""
+    """Find recordings without which a joint is explained far better, however good it is: they may hold a mistake."""
     found = []
     for option in recordings(trial):
         if option.code != "other_machine" or option.recording is None:
@@ -203,7 +203,7 @@ def _best(trial: Trial, targets: Targets, current: Physical, options: Sequence[H
 
 
 def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical) -> int | None:
-    """The joint that is explained now and was not; None if there is none, or another one is explained worse.
+    """Return the joint that is newly explained; None if there is none, or another is explained worse.
 
     A joint that carries next to nothing of the arm's effort (a wrist, whose cables weigh as much) accuses nobody.
     """
@@ -233,14 +233,14 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
 
 
 def _moves_in(trial: Trial, recording: int) -> BoolArray:
-    """Which joints move in enough samples of a recording to tell anything of it: one that is parked holds any load."""
+    """Return which joints move enough in a recording to be informative: a parked one holds any load."""
     mine = (trial.samples.recording == recording) & trial.samples.used
     part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
     return np.asarray(part >= max(_LEAST_SAMPLES, _LEAST_PART * np.count_nonzero(mine)))
 
 
 def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> Physical:
-    """Misfits in one recording alone: all that is explained afterwards was missing there, not in the other ones."""
+    """Compute misfits in one recording alone: all that is explained afterwards was missing in it, not in the others."""
     mine = (trial.samples.recording == recording) & trial.samples.used
     part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
     share = part / np.maximum(np.count_nonzero(trial.motion.active & trial.samples.used[:, None], axis=0), 1)
@@ -249,7 +249,7 @@ def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> 
 
 
 def everywhere(trial: Trial) -> Iterator[Hypothesis]:
-    """One mistake that was made at every joint: its sign, its chambers, the direction of gravity."""
+    """Try one mistake made at every joint: its sign, its chambers, the direction of gravity."""
     n = len(trial.machine.joints)
     if n < 2:
         return
@@ -279,7 +279,7 @@ def _one_after_another(members: Sequence[Hypothesis]) -> Build:
 
 
 def one_by_one(trial: Trial) -> Iterator[Hypothesis]:
-    """Mistakes of one channel, recording or number, and the effects that resemble them."""
+    """Try mistakes of one channel, recording or number, and the effects that resemble them."""
     yield from efforts(trial)
     yield from motions(trial)
     yield from recordings(trial)

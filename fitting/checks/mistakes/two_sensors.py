@@ -63,7 +63,7 @@ class Disagreement:
 
 
 def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
-    """Root mean square of ``x - L(q)`` less its median, over the larger of both spreads; that median in strokes."""
+    """Compute the RMS of ``x - L(q)`` less its median, over the larger of both spreads; that median in strokes."""
     cylinder = machine.joints[number].cylinder
     assert cylinder is not None
     with np.errstate(all="ignore"):
@@ -79,7 +79,7 @@ def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[fl
 
 
 def disagreements(trial: Trial) -> tuple[list[Disagreement], Trial]:
-    """Joints whose two sensors contradict each other, and the trial with what explains it taken back."""
+    """Find joints whose two sensors contradict each other, and the trial with the cause taken back."""
     machine, samples = trial.machine, trial.samples
     loaded = samples.loaded
     found: list[Disagreement] = []
@@ -124,7 +124,7 @@ def _explained(trial: Trial, number: int, misfit: float, off: float, bad: Mappin
 
 
 def _both(samples: Samples, number: int) -> tuple[FloatArray, FloatArray]:
-    """Joint and piston position of a joint, (T,) each."""
+    """Return joint and piston position of a joint, (T,) each."""
     return samples.signals["joint_position", number].value, samples.signals["piston_position", number].value
 
 
@@ -158,7 +158,7 @@ def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothes
 
 
 def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Hypothesis]:
-    """One length or the offset of the pins estimated from both sensors."""
+    """Estimate one length or the offset of the pins from both sensors."""
     loaded = samples.loaded
     q, x = _both(samples, number)
     for name in parameter_names(linkage):

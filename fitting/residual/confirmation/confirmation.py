@@ -30,7 +30,7 @@ def overall_change(
     rate_hz: float,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
-    """Root mean square over the joints of error over noise floor, before and after, and its change.
+    """Compute error over noise floor, RMS over the joints, before and after, and its change.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def overall_change(
 def error_change(
     before: Sequence[FloatArray], after: Sequence[FloatArray], rate_hz: float, rng: np.random.Generator
 ) -> tuple[float, float, float]:
-    """Change in percent of the root mean square error of some joints, means included, with its 95 % interval.
+    """Compute the change of some joints' RMS error, means included, in percent, with its 95 % interval.
 
     Each joint counts in units of its own error before; blocks and draws are those of :func:`overall_change`. Nothing
     changes (0, 0, 0) where the two have not the same rows.
@@ -82,7 +82,7 @@ def error_change(
 def _changed(
     pairs: Sequence[tuple[FloatArray, FloatArray]], rate_hz: float, rng: np.random.Generator
 ) -> tuple[float, float, float, float]:
-    """Root mean squares before and after over joints of equal weight, and the 95 % interval of the change in percent.
+    """Compute RMS before and after over joints of equal weight, and the 95 % interval of the change in percent.
 
     ``pairs`` are unit errors (M_j,) before and after; both have the same blocks, which each joint draws for itself.
     """
@@ -99,7 +99,7 @@ def _changed(
 
 
 def _percent(before: Any, after: Any) -> Any:
-    """Change in percent, of numbers or arrays."""
+    """Compute the change in percent, of numbers or arrays."""
     return 100 * (after / before - 1)
 
 
@@ -118,9 +118,9 @@ class Misfit:
 
 
 def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
-    """Pure-error test: half the sum of two runs' residuals holds structure and noise, half their difference noise only.
+    """Test the pure error: half the sum of two runs' residuals holds structure and noise, half their difference noise.
 
-    Without a repeated motion nothing is said (zero). Source: N. R. Draper and H. Smith, Applied Regression Analysis,
+    Without a repeated motion the result is zero. Source: N. R. Draper and H. Smith, Applied Regression Analysis,
     1998, ch. 2 (lack of fit and pure error).
     """
     together, apart, rows = 0.0, 0.0, 0
@@ -147,7 +147,7 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
 
 
 def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[int, float] | None:
-    """The joint whose error on the validation segments rises most, if by more than :data:`MOST_WORSE`, and by how much.
+    """Return the joint whose validation error rises most, if by more than :data:`MOST_WORSE`, and by how much.
 
     The rise has to be more than a right model allows (:class:`OnValidate`), with all joints looked at: a refit moves
     every joint's error, and a joint whose parameters were lucky loses that luck. An error that rises only because slow
@@ -213,7 +213,7 @@ class OnValidate:
 
 
 def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValidate:
-    """What the validation segments say of ``after`` beside ``before``, all joints together."""
+    """Compare ``after`` with ``before`` on the validation segments, all joints together."""
     return _on_validate(before, after, validate, range(len(before.design.machine.joints)))
 
 
@@ -260,7 +260,7 @@ class Density:
     squares: float = 0.0
 
     def with_rows(self, A: FloatArray, residual: FloatArray, scale: float) -> Density:
-        """The same of more rows: columns (M, p), what is left of them (M,), and ``s^2``."""
+        """Add more rows: columns (M, p), what is left of them (M,), and ``s^2``."""
         return Density(
             self.shadow + A.T @ residual / scale,
             self.own + A.T @ A / scale,
@@ -268,7 +268,7 @@ class Density:
         )
 
     def log(self, covariance: FloatArray, told: IntArray) -> float:
-        """Its logarithm, but for a constant, with the ``covariance`` (p, p) of the parameters that are ``told``."""
+        """Compute the logarithm, but for a constant, with the ``covariance`` (p, p) of the parameters ``told``."""
         std = np.sqrt(np.diag(covariance)[told])
         unit = covariance[np.ix_(told, told)] / np.outer(std, std)
         root = std[:, None] * np.linalg.cholesky(unit + 1e-12 * np.eye(len(told)))
@@ -278,7 +278,7 @@ class Density:
 
 
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
-    """Chi-square by which the whitened residual of the validation segments falls from one model to another."""
+    """Compute by how much the validation rows' whitened chi-square falls from one model to another."""
     joints = range(len(before.design.machine.joints))
     left = [
         sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)

@@ -64,7 +64,7 @@ class HeldOut:
 def held_out_gain(
     before: Sequence[WhiteRows], after: Sequence[WhiteRows], rate_hz: float, precision: FloatArray | None = None
 ) -> HeldOut:
-    """Return what left-out blocks say of the last columns of a model, beside the model without them.
+    """Compute the held-out gain of the last columns of a model beside the model without them.
 
     Which of the base's parameters are at zero belongs to each of the two, so that each has columns of its own.
 
@@ -113,7 +113,7 @@ def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray |
 
 
 def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
-    """Zellner's prior precision of the last columns: amplitude per direction as their fit to all rows has it."""
+    """Compute Zellner's prior precision of the last columns: amplitudes as their fit to all rows has them."""
     base = A[:, :-candidate]
     left = A[:, -candidate:] - base @ solve_gram(base.T @ base, base.T @ A[:, -candidate:])
     information = left.T @ left
@@ -123,7 +123,7 @@ def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
 
 
 def _log_density(gram: FloatArray, products: FloatArray, A: FloatArray, b: FloatArray) -> float:
-    """Log density of rows ``b ~ N(A theta, I + A gram^-1 A')`` but for a constant; ``gram theta = products``."""
+    """Compute log density of ``b ~ N(A theta, I + A gram^-1 A')`` but for a constant; ``gram theta = products``."""
     own = A.T @ A
     left = b - A @ np.linalg.solve(gram, products)
     shadow = A.T @ left
@@ -132,7 +132,7 @@ def _log_density(gram: FloatArray, products: FloatArray, A: FloatArray, b: Float
 
 
 def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]:
-    """Block number and position in its segment of every row; -1 for rows that are always fitted.
+    """Assign each row its block's number and its position in its segment; -1 for rows always fitted.
 
     Blocks are numbered alike for all joints, so a stretch of time is held out as a whole.
     """
@@ -155,13 +155,13 @@ def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]
 
 
 def unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
-    """Columns (R, p), scaled to unit norm, and target (R,) of the rows of all joints."""
+    """Scale columns (R, p) to unit norm; with the target (R,) of the rows of all joints."""
     A = np.vstack([r.A for r in rows])
     return A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), np.concatenate([r.b for r in rows])
 
 
 def solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
-    """Least squares from a Gram matrix of unit columns, (p,) or (p, k); directions below 1e-10 are left out."""
+    """Solve least squares by a Gram matrix of unit columns, (p,) or (p, k), without directions below 1e-10."""
     values, vectors = np.linalg.eigh(gram)
     live = values > 1e-10 * values[-1]
     return np.asarray((vectors[:, live] / values[live]) @ (vectors[:, live].T @ products))

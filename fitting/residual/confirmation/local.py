@@ -44,7 +44,7 @@ class Local:
 
     @property
     def known(self) -> FloatArray:
-        """What rows and prior tell of the parameters together, (p, p), times the noise."""
+        """Information of rows and prior on the parameters together, (p, p), times the noise."""
         return self.columns.T @ self.columns + self.precision
 
     @property
@@ -53,7 +53,7 @@ class Local:
         return np.asarray(self.noise * np.linalg.inv(self.known))
 
     def left_out(self, folds: Sequence[BoolArray]) -> tuple[FloatArray, FloatArray]:
-        """Of each part (M,) left out the sum of squares and the log determinant (folds,) of the module's text."""
+        """Compute sum of squares and log determinant (folds,) of the module's text of each part (M,) left out."""
         known, squares, open_ones = self.known, [], []
         for fold in folds:
             own, r = self.columns[fold], self.residual[fold]
@@ -66,7 +66,7 @@ class Local:
 def beside(
     before: Local, after: Local, folds: Sequence[BoolArray], blocks: Sequence[BoolArray]
 ) -> tuple[HeldOut, float, float]:
-    """What parts that are left out say of a model beside a simpler one, and its sum of squares and the simpler one's.
+    """Compare a model with a simpler one on held-out parts, with its sum of squares and the simpler one's.
 
     The gain is that of ``folds``; whether it hangs on a single part is asked of ``blocks``.
     """
@@ -86,7 +86,7 @@ def _gain(before: Local, after: Local, folds: Sequence[BoolArray]) -> tuple[floa
 
 
 def elsewhere(before: tuple[Local, Local], after: tuple[Local, Local]) -> OnValidate:
-    """What another motion says of a model beside a simpler one: of both the model, and the same on that motion."""
+    """Compare a model with a simpler one on another motion: of both the model, and the same on that motion."""
     (_, here), (new, there) = before, after
     shown, squares = here.residual - there.residual, [float(own.residual @ own.residual) for own in (here, there)]
     scale = max(min(squares), 1e-30) / here.rows

@@ -55,14 +55,14 @@ class Leftover:
 
     @classmethod
     def of(cls, model: Model, shown: Mapping[int, FloatArray] | None = None) -> Leftover:
-        """Of a fitted model, or of the same with a term that contributes this (R_j,) by joint, on these joints."""
+        """Return the leftover of a fitted model, or of it with a term of these (R_j,) by joint, on these joints."""
         residual = dict(enumerate(model.fit.residual))
         if shown is not None:
             residual = {joint: residual[joint] - own for joint, own in shown.items()}
         return cls(residual, {joint: [part for _, part in model.sections(joint)] for joint in residual})
 
     def inflation(self, shown: Mapping[int, FloatArray]) -> float:
-        """``phi`` of contributions (R_j,) by joint."""
+        """Compute ``phi`` of contributions (R_j,) by joint."""
         power, coloured, uneven, fourth, unsure = 0.0, 0.0, 0.0, 0.0, 0.0
         for joint, own in shown.items():
             squares, sums = self._squares[joint], np.zeros(4)
@@ -85,7 +85,7 @@ class Leftover:
 
 
 def _spectrum(residual: FloatArray, taps: FloatArray, part: slice) -> FloatArray:
-    """Power density of a joint's residual over its mean square, for a stretch that is padded to twice its length."""
+    """Compute a joint's residual power density over its mean square, padded to twice the length of the stretch."""
     size, points = float(np.mean(residual**2)), 2 * (part.stop - part.start)
     if len(taps) == 1 or points < len(taps):  # white, or too short a stretch to tell frequencies apart
         return np.ones(points)

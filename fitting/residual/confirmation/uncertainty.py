@@ -48,7 +48,7 @@ _INSIDE = 0.9
 
 
 def with_doubts(model: Model) -> Model:
-    """The model with a covariance that knows what was searched, what is unknown, and how well the noise is known.
+    """Return the model with a covariance that includes searched shapes, unknown laws and the noise's own uncertainty.
 
     Values do not change. Recordings that are too long for memory keep their covariance: shapes and spectra of hours
     are known well.
@@ -65,10 +65,10 @@ def with_doubts(model: Model) -> Model:
 
 
 def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
-    """Factors (p,), at least 1, that make deviations those of a sandwich on the joints that ask for it.
+    """Compute factors (p,), at least 1, that turn deviations into sandwich ones on joints that ask for it.
 
     The variance of a parameter is ``c' S c`` with ``c`` its row of the covariance and ``S`` the sum over the joints of
-    ``A_j'A_j`` (unit noise), or of the long-run covariance of ``A_j' e_j`` where the noise is refused.
+    ``A_j'A_j`` (unit noise), or of the long-run covariance of ``A_j' e_j`` where the noise is rejected.
     """
     named = {term.joint for term in model.terms if not term.everywhere}
     covariance = model.fit.covariance
@@ -87,7 +87,7 @@ def sandwich_factors(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
 
 
 def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
-    """Whether a joint's whitened residual is refused as white inside the band and normal.
+    """Return whether a joint's whitened residual is rejected as white in band and normal.
 
     White: the cumulated periodogram of frequencies below the bandwidth is a straight line (Kolmogorov and Smirnov's
     distance; M. S. Bartlett, *Stochastic Processes*, 1955, ch. 9); the filter leaves nothing beyond. Normal: skewness
@@ -119,7 +119,7 @@ def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
 
 
 def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
-    """Covariance (p, p) with the shapes of effects free to move."""
+    """Compute the covariance (p, p) with the shapes of effects free to move."""
     slopes = shape_columns(model)
     told = model.fit.told
     if slopes is None:
@@ -136,7 +136,7 @@ def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
 
 
 def shape_columns(model: Model) -> Extra | None:
-    """Full-rate columns of how terms change with the logarithm of each of their shapes; None without any shape."""
+    """Compute full-rate columns of terms' derivatives by the logarithm of each shape; None without any shape."""
     slopes = list[Extra]()
     for number, term in enumerate(model.terms):
         if not isinstance(term.content, Effect) or term.rebuilt:
@@ -153,7 +153,7 @@ def shape_columns(model: Model) -> Extra | None:
 
 
 def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
-    """Derivative of a term's contribution by the logarithm of one shape, per joint and segment (N, 1)."""
+    """Differentiate a term's contribution by the log of one shape, per joint and segment (N, 1)."""
     up, down = (
         extra_columns(
             model.design, model.views, [replace(term, shape={**term.shape, key: term.shape[key] * factor})]
@@ -170,7 +170,7 @@ def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[
 
 
 def _white(model: Model, extra: Extra) -> FloatArray:
-    """Whitened columns in the rows of all joints, in the order of the fit's (a prior's row is 0)."""
+    """Return whitened columns in the rows of all joints, in the fit's order (a prior's row is 0)."""
     parts, bank = [], model.design.bank
     for joint, residual in enumerate(model.fit.residual):
         rows = np.zeros((len(residual), len(extra.names)))
@@ -183,7 +183,7 @@ def _white(model: Model, extra: Extra) -> FloatArray:
 
 
 def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
-    """Variance (p,) that unknown laws add to the drive parameters of their joints."""
+    """Compute the variance (p,) that unknown laws add to their joints' drive parameters."""
     variances = np.zeros(len(model.fit.theta))
     count = len(model.design.parameters)
     if not any(isinstance(term.content, Law) for term in model.terms):

@@ -128,10 +128,10 @@ def witness(
 
 
 def _significance(values: FloatArray, covariance: FloatArray) -> float:
-    """Significance of values under a covariance: the normal deviate with the chance of their chi-square.
+    """Compute the significance of values under a covariance: the normal deviate of equal chance.
 
     For one coefficient it is the estimate over its standard deviation; for more by Wilson and Hilferty's cube root
-    (Proc. Nat. Acad. Sci. 17, 1931). Directions without variance are not told and do not count.
+    (Proc. Nat. Acad. Sci. 17, 1931). Directions without variance are undetermined and do not count.
     """
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     told = scale > 0
@@ -163,7 +163,7 @@ def _verdict(z_u: float, z_l: float, expected_u: float, expected_l: float, diffe
 
 
 def objection(level: Level, own: Witness) -> str:
-    """Why an effect of this level cannot be what is seen; empty if there is nothing against it.
+    """Return why an effect of this level cannot be what is seen; empty if there is no objection.
 
     Parameters
     ----------
