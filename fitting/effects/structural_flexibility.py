@@ -24,7 +24,7 @@ class StructuralFlexibility(Effect):
     dependence = "follows the load and its derivatives; resonance at 2 to 15 Hz"
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)
     stays_in_gap = True
-    discrete_shapes = frozenset({"about", "friction"})
+    discrete_shapes = frozenset({"about", "friction", "sensor"})
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"
     by_motion = False
@@ -57,5 +57,9 @@ class StructuralFlexibility(Effect):
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """Correct each sensor to its own side."""
-        return corrections.with_play(joint, "pin")
+        """Correct each sensor to its own side; see :meth:`places`."""
+        return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
+
+    def places(self, shape: Shape) -> Sequence[Shape]:
+        """Return the link between piston and joint, and the sensor's mount: friction follows the piston's speed."""
+        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0))

@@ -22,6 +22,7 @@ from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.loop.session import Described, Prepared, Session
+from fitting.regression.drive import drive_columns, known_effort
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis, combined
 from fitting.residual.kinematics import (
@@ -35,7 +36,7 @@ from fitting.residual.kinematics import (
     gap_rows,
     with_forces,
 )
-from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.terms import Model, Term
 from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import shares_believed
@@ -312,23 +313,41 @@ def _gaps(
 
 
 def _placed(session: Session, corrections: Corrections, score: GapScore) -> tuple[GapScore, Corrections]:
-    """Place what is left in the gap; play at the pin or the piston's sensor: where less is left of the efforts.
-
-    Friction jumps with the piston's own speed, so efforts show whether the piston made the jump that its sensor did.
-    """
-    tried, noise = list[tuple[float, GapScore, Corrections]](), None
+    """Place what is left in the gap before the piston's sensor or in it, where the efforts show which."""
     places = score.effect.places(score.shape)
-    for shape in places:
-        step = replace(score, shape=shape)
-        trial = corrected(corrections, step)
-        if len(places) == 1:
-            return step, trial
-        prepared = session.prepared(trial)
-        noise = noise or prepared.noise
-        fit = fit_model(prepared.design, noise, prepared.fitted, (), session.prior).fit
-        tried.append((fit.chi_square - sum(map(len, fit.residual)), step, trial))
-    _, step, corrections = min(tried, key=lambda place: place[0])
-    return step, corrections
+    if len(places) > 1:
+        reading_alone = session.fit(session.prepared(corrected(corrections, replace(score, shape=places[1]))))
+        odds = _log_odds_of_moving(reading_alone, score)
+        if abs(odds) > np.log(priors.SAID / (1.0 - priors.SAID)):
+            score = replace(score, shape=places[int(odds < 0)])
+    return score, corrected(corrections, score)
+
+
+def _log_odds_of_moving(model: Model, score: GapScore) -> float:
+    """Return the log odds that the piston moves by the gap, and not its reading alone, of a model of the latter.
+
+    Friction and inertia follow the piston's own motion: with a change ``D`` of the effort that is predicted for that,
+    what the model leaves is ``D`` and noise, or noise, as large as it is in these rows.
+    """
+    design, joint, rows = model.design, score.joint, list[FloatArray]()
+    theta = model.fit.theta[design.parameters.drive_slice(joint)]
+
+    def effort(x: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+        columns = drive_columns(design.parameters.drive[joint], x, v, a, design.noise[joint].speed)
+        return np.asarray(columns @ theta + known_effort(design.machine.joints[joint], v, a))
+
+    for index in model.fitted:
+        view, change = model.views[index][joint], None
+        if view.segment.loaded:
+            change = score.effect.gap_change(view, score.shape, score.values)
+        gap = np.zeros(len(view)) if change is None else change
+        rate = design.bank.rate(gap)
+        moved = effort(view.x + gap, view.v + rate, view.a + design.bank.rate(rate)) - effort(view.x, view.v, view.a)
+        rows.append(design.white(model.noise, joint, index, design.bank.reduce(moved)))
+    D = np.concatenate(rows)
+    left = model.fit.residual[joint][: len(D)]
+    taken = model.fit.orthonormal[joint][: len(D)].T @ D
+    return float(D @ left - 0.5 * (D @ D - taken @ taken)) / Leftover.of(model).inflation({joint: D})
 
 
 def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:

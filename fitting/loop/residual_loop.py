@@ -206,7 +206,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
             if margin(score) <= 0:
                 continue
             trial = signals.refit([*(item.score.term for item in accepted), term])
-            held_out = held_out_gain(trial.rows(), score.live, design.bank.reduced_rate_hz)
+            held_out = held_out_gain(before.rows(), trial.rows(), design.bank.reduced_rate_hz)
             gain = validate_gain(before, trial, prepared.validate) if prepared.validate else None
             accepted.append(Accepted(score, (), held_out, gain))
     return lines, tuple(accepted)

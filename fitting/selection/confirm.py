@@ -14,10 +14,9 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
-from fitting.regression.solving import WhiteRows
 from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate, worse_joint
 from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut, held_out_gain
-from fitting.residual.confirmation.robustness import inflation
+from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.witness import Witness, witness
 from fitting.residual.confirmation.witness import objection as of_the_load
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
@@ -128,10 +127,11 @@ class Gate:
 
         ``precision`` (k, k) is of what is expected of its parameters before any data.
         """
-        rows, columns = self._last_rows(trial)
-        held_out = held_out_gain(rows, columns, trial.design.bank.reduced_rate_hz, precision)
+        # A column of what was moved holds what is left of it: the signals before tell more.
+        plain = self._last[2] if self._last is not None and trial is self._last[3] else trial
+        held_out = held_out_gain(before.rows(), plain.rows(), trial.design.bank.reduced_rate_hz, precision)
         mirrored = self._signals.mirrored(before, trial) if trial.terms[-1].rebuilt else None
-        held_out = replace(held_out, inflation=inflation(rows, columns, trial.fit.residual))
+        held_out = replace(held_out, inflation=_inflation(before, plain, trial))
         if not self._validate:
             return held_out, None
         if mirrored is None:
@@ -141,13 +141,6 @@ class Gate:
         seen = on_validate(*mirrored, self._validate)
         quarter = [value / 4.0 for value in (seen.gain, seen.expected, seen.spread, seen.predicted)]
         return held_out, OnValidate(quarter[0], quarter[1], quarter[2], quarter[3], seen.entered)
-
-    def _last_rows(self, trial: Model) -> tuple[tuple[WhiteRows, ...], int]:
-        """Return whitened rows with the trial's last term in the last columns, and their number."""
-        part = trial.term_slice(len(trial.terms) - 1)
-        if self._last is not None and trial is self._last[3]:
-            trial = self._last[2]  # a column of what was moved holds what is left of it: the signals before tell more
-        return trial.rows(), part.stop - part.start
 
 
 def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
@@ -171,6 +164,16 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
         size = f"(log density {0.5 * min(validate.predicted, validate.gain):+.1f})"
         return f"it does not help on the validation motion {size}"
     return ""
+
+
+def _inflation(before: Model, plain: Model, trial: Model) -> float:
+    """Return how much noisier the rows are where the last term changes what is fitted, in what ``trial`` leaves."""
+    sections = {joint: [part for _, part in plain.sections(joint)] for joint in range(len(plain.fit.residual))}
+    shown = {}
+    for joint, parts in sections.items():
+        rows = slice(parts[-1].stop if parts else 0)
+        shown[joint] = before.fit.residual[joint][rows] - plain.fit.residual[joint][rows]
+    return Leftover(dict(enumerate(trial.fit.residual)), sections).inflation(shown)
 
 
 def silence(validate: OnValidate | None) -> str:

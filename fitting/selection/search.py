@@ -297,7 +297,7 @@ class Search:
         A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
         that were fitted, a term of another joint still has to gain what one has to.
         """
-        laws = [item.score.term for item in self.unconfirmed if item.score.term.joint != score.term.joint]
+        laws = [item.score.term for item in self.unconfirmed if not _gains_at(score, item.score.term.joint)]
         if not laws:
             return False
         # Fitted anew: which parameters are held at zero belongs to the set of terms.
@@ -446,11 +446,10 @@ class Search:
 
         It holds on blocks that were left out of the fit, or two runs of one motion leave the same.
         """
-        found = {item.score.term.joint for item in self.accepted}
         best: dict[int | None, Unconfirmed] = {}
         for item in self.unconfirmed:
             joint = item.score.term.joint
-            if joint is None or joint in found:
+            if joint is None or any(_gains_at(found.score, joint) for found in self.accepted):
                 continue
             left = self.signals.misfit(self.model, joint)
             shared = left.z > SHARED_Z and left.excess > NEAR * item.score.gain
@@ -479,6 +478,11 @@ class Search:
         """Write a candidate's line of the table."""
         family = score.term.family
         self.table[family] = Candidate(*family, margin(score), status, reason)
+
+
+def _gains_at(score: Score, joint: int | None) -> bool:
+    """Return whether most of what a term gains is of the effort of this joint."""
+    return score.places[joint] > 0.5 if score.places and joint is not None else score.term.joint == joint
 
 
 def _contending(rated: Sequence[Rated]) -> list[Rated]:

@@ -40,7 +40,7 @@ for folder in (mine, other):
         lambda: os.unlink(folder + "/key"),
         lambda: open(folder + "/read").close(),
     )))
-print(tried(lambda: os.rename(mine + "/moved", other + "/x")), tried(lambda: os.system("true")))
+print(tried(lambda: os.rename(mine + "/moved", other + "/x")), tried(lambda: os.system("true")), flush=True)
 os.execv(sys.executable, [sys.executable, "-c", "import sys; open(sys.argv[1], 'w')", other + "/after"])
 """
 VANDAL = """

@@ -77,7 +77,7 @@ def _found(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]], wor
     sizes = {
         "k1": {"value": 8123.4, "std": 96.2, "unit": "N/m"},
         **curve,
-        "place: in a pin": {"value": 0.0, "unit": "choice"},
+        "place: between piston and joint": {"value": 0.0, "unit": "choice"},
     }
     evidence: dict[str, Any] = dict.fromkeys(NAMES["evidence"], 0.5)
     evidence |= {"witness": filled("reasons")[0], "outside_band": True, "p": 1e-7}

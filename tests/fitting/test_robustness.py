@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import signal
 
 from fitting.regression.solving import WhiteRows
-from fitting.residual.confirmation.robustness import inflation
+from fitting.residual.confirmation.robustness import Leftover
 
 ROWS = 4000
 
@@ -26,8 +28,12 @@ def rows_with(noise: np.ndarray, candidate: np.ndarray, size: float = 1.0) -> li
 def found(rows: list[WhiteRows]) -> float:
     """Inflation of the last column, with what a fit of all columns leaves."""
     A, b = np.vstack([r.A for r in rows]), np.concatenate([r.b for r in rows])
-    left = b - A @ np.linalg.lstsq(A, b, rcond=None)[0]
-    return inflation(rows, 1, np.split(left, np.cumsum([len(r.b) for r in rows])[:-1]))
+    ends = np.cumsum([len(r.b) for r in rows])[:-1]
+    less, left = (np.split(b - C @ np.linalg.lstsq(C, b, rcond=None)[0], ends) for C in (A[:, :-1], A))
+    edges = [np.cumsum([0, *(len(kept) for _, kept in r.sections)]).tolist() for r in rows]
+    sections = {joint: [slice(*pair) for pair in pairwise(own)] for joint, own in enumerate(edges)}
+    shown = {joint: first - second for joint, (first, second) in enumerate(zip(less, left, strict=True))}
+    return Leftover(dict(enumerate(left)), sections).inflation(shown)
 
 
 def test_noise_as_the_model_says_inflates_nothing() -> None:

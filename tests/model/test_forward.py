@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from model_examples import model_with, session_of, term_of, true_model
 from synthetic_arm import truth
+from test_exports import needs_compiler
 from test_more_exports import needs_fmpy
 
-from benchmarks.exports.conformance import STRICT
+from benchmarks.exports.conformance import NEEDS, STRICT
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
@@ -48,9 +49,11 @@ MODELS: dict[str, Callable[[], ArmModel]] = {"exact": exact, "held by force": he
 
 
 class Compiled:
-    """The exported C of forward dynamics."""
+    """The exported C of forward dynamics; the test is skipped where there is no compiler."""
 
     def __init__(self, model: ArmModel, folder: Path, possible: bool = False) -> None:
+        if not NEEDS["c"][0]():
+            pytest.skip(NEEDS["c"][1])
         self.n, self.done = len(model.joints), export_model(model, "c", folder, possible=possible)
         self.name = f"{identifier(model.machine.name)}_forward"
         command = ["cc", *STRICT, "-fPIC", "-shared", "-o", "forward.so", f"{self.name}.c", "-lm"]
@@ -115,6 +118,7 @@ def test_the_c_moves_as_the_simulation_does(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@needs_compiler
 @needs_fmpy
 @pytest.mark.parametrize("version", [2, 3])
 def test_the_unit_moves_as_the_simulation_does(version: int, tmp_path: Path) -> None:

@@ -35,15 +35,15 @@ from fitting.residual.terms import Model, Term
 from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
 
-#: Where play is (shape ``sensor``), by the efforts; None of all other effects.
+#: Where play or a compliance is (shape ``sensor``), by the efforts; None of all other effects.
 _PLACES = {
     None: "",
-    0.0: "; the efforts follow the piston's own speed, so the play is in a pin",
-    1.0: "; the efforts follow the joint's speed, so the play is in the piston's sensor",
+    0.0: "; the efforts follow the piston's own speed, so it is between piston and joint",
+    1.0: "; the efforts follow the joint's speed, so it is between the piston and its sensor",
 }
 #: Shapes that are one of two, in words.
 _CHOICES = {
-    "sensor": ("place: in a pin", "place: in the piston sensor"),
+    "sensor": ("place: between piston and joint", "place: between piston and its sensor"),
     "about": ("place: along the cylinder", "place: about the joint"),
     "friction": ("bent by: the load alone", "bent by: load and friction"),
 }

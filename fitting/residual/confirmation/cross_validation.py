@@ -16,7 +16,7 @@ Source: S. Geisser and W. Eddy, "A predictive approach to model selection", J. A
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,28 +62,44 @@ class HeldOut:
 
 
 def held_out_gain(
-    rows: Sequence[WhiteRows], candidate: int, rate_hz: float, precision: FloatArray | None = None
+    before: Sequence[WhiteRows], after: Sequence[WhiteRows], rate_hz: float, precision: FloatArray | None = None
 ) -> HeldOut:
-    """Compute the held-out gain of the last ``candidate`` columns.
+    """Compute the held-out gain of the last columns of a model beside the model without them.
+
+    Which of the base's parameters are at zero belongs to each of the two, so that each has columns of its own.
 
     Parameters
     ----------
-    rows : whitened rows of every joint, candidate columns last (a prior's row at the end of a joint is always fitted)
-    candidate : number of its columns
+    before, after : whitened rows of every joint without and with the candidate, whose ``k`` columns are the last ones
+        (a prior's rows at the end of a joint are always fitted)
     rate_hz : rate of the rows
-    precision : (candidate, candidate) of what is expected of its parameters before any data, around zero (a curve is
-        smooth); None: sizes in any direction of what is seen of them, as large as in all rows
+    precision : (k, k) of what is expected of its parameters before any data, around zero (a curve is
+        smooth); None: sizes in any direction of what is seen of them, as large as all rows say
     """
+    candidate = after[0].A.shape[1] - before[0].A.shape[1]
+    A, b = unit_columns(after)
+    sizes = np.linalg.norm(np.vstack([r.A[:, -candidate:] for r in after]), axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)  # a column that no row shows stays zero
+    expected = np.zeros((A.shape[1], A.shape[1]))
+    own = slice(A.shape[1] - candidate, None)
+    expected[own, own] = _as_seen(A, b, candidate) if precision is None else precision / np.outer(sizes, sizes)
+    folds = zip(_densities(before, rate_hz), _densities(after, rate_hz, expected), strict=True)
+    values = np.array([2.0 * (with_it - without) for without, with_it in folds])
+    if len(values) < 2:
+        return HeldOut(0.0, 0.0, len(values), 0.0)
+    error = float(np.std(values, ddof=1) * np.sqrt(len(values)))
+    gain = float(values.sum())
+    return HeldOut(gain, gain / max(error, 1e-12), len(values), gain - float(values.max()))
+
+
+def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray | float = 0.0) -> Iterator[float]:
+    """Log density of each fold, fitted without it; ``expected`` (p, p) is a prior precision of unit columns."""
     length = max(1, min(BLOCK_ROWS, round(BLOCK_SECONDS * rate_hz)))
     guard = max(1, min(GUARD_ROWS, round(GUARD_SECONDS * rate_hz)))
     A, b = unit_columns(rows)
-    sizes = np.linalg.norm(np.vstack([r.A[:, -candidate:] for r in rows]), axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)  # a column that no row shows stays zero
-    expected = _as_seen(A, b, candidate) if precision is None else precision / np.outer(sizes, sizes)
     block, position = _blocks(rows, length)
     fold = np.where(block >= 0, block % FOLDS, -1)
     inside = np.mod(position, length)
-    gains = []
     for number in range(FOLDS):
         test = fold == number
         if not test.any():
@@ -92,14 +108,8 @@ def held_out_gain(
         before, after = np.isin(block + 1, block[test]), np.isin(block - 1, block[test])
         near = (before & (inside >= length - guard)) | (after & (inside < guard))
         train = ~test & ~(near & (block >= 0))
-        gram = A[train].T @ A[train] + _FLAT * np.eye(A.shape[1])
-        gains.append(_fold_gain(gram, A[train].T @ b[train], A[test], b[test], expected))
-    values = np.array(gains)
-    if len(values) < 2:
-        return HeldOut(0.0, 0.0, len(values), 0.0)
-    error = float(np.std(values, ddof=1) * np.sqrt(len(values)))
-    gain = float(values.sum())
-    return HeldOut(gain, gain / max(error, 1e-12), len(values), gain - float(values.max()))
+        gram = A[train].T @ A[train] + _FLAT * np.eye(A.shape[1]) + expected
+        yield _log_density(gram, A[train].T @ b[train], A[test], b[test])
 
 
 def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
@@ -110,18 +120,6 @@ def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
     values = solve_gram(information, left.T @ b)
     gain = float(values @ information @ values)
     return np.asarray(information * candidate / max(gain, float(candidate)) + _FLAT * np.eye(candidate))
-
-
-def _fold_gain(gram: FloatArray, products: FloatArray, A: FloatArray, b: FloatArray, expected: FloatArray) -> float:
-    """Compute one fold's gain: twice its rows' log density with a candidate, over that without.
-
-    ``gram`` and ``products`` are of the rows that were fitted, ``expected`` is the candidate's prior precision.
-    """
-    base = len(gram) - len(expected)
-    without = _log_density(gram[:base, :base], products[:base], A[:, :base], b)
-    whole = gram.copy()
-    whole[base:, base:] += expected
-    return 2.0 * (_log_density(whole, products, A, b) - without)
 
 
 def _log_density(gram: FloatArray, products: FloatArray, A: FloatArray, b: FloatArray) -> float:

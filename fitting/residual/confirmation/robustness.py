@@ -21,18 +21,15 @@ Sources: White, Econometrica 48 (1980) 817 (rows of unequal noise); Priestley, *
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
 
 import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.estimators.covariance import autoregression
-from fitting.regression.solving import WhiteRows
-from fitting.residual.confirmation.cross_validation import solve_gram, unit_columns
 from fitting.residual.terms import Model
 
-#: Squared share of a column's norm below which what the others leave of it is rounding.
-_DEAD = 1e-8
+#: Share of what is left, in squares, up to which a contribution is rounding.
+_ROUNDING = 1e-16
 #: Rows of a joint below which no autoregression is fitted.
 _SHORT = 40
 #: Largest factor by which noise may be off.
@@ -77,7 +74,8 @@ class Leftover:
                 power, uneven, fourth = power + sums[0], uneven + sums[2], fourth + sums[3]
                 coloured += sums[2] * sums[1] / sums[0]
                 unsure += sums[0] * 2.0 * (len(self._taps[joint]) - 1) / len(squares)
-        if not power > 0 or max(coloured, uneven) <= power:
+        left = sum(float(np.sum(self._squares[joint])) for joint in shown)
+        if not power > _ROUNDING * left or max(coloured, uneven) <= power:
             return 1.0
         seen = max(coloured, uneven) / power
         variance = 2.0 * fourth / power**2 + (unsure / power if coloured > uneven else 0.0)
@@ -93,27 +91,3 @@ def _spectrum(residual: FloatArray, taps: FloatArray, part: slice) -> FloatArray
         return np.ones(points)
     innovations = float(np.mean(np.convolve(residual, taps, mode="valid") ** 2))
     return np.asarray(innovations / size / np.abs(np.fft.fft(taps, points)) ** 2)
-
-
-def inflation(rows: Sequence[WhiteRows], candidate: int, residual: Sequence[FloatArray]) -> float:
-    """Compute ``phi`` of the last ``candidate`` columns.
-
-    Parameters
-    ----------
-    rows : whitened rows of every joint, candidate columns last (a prior's row at the end of a joint is no time)
-    candidate : number of its columns
-    residual : what is left with the effect, of each joint; of a delay with the effort moved, which the columns of the
-        rows only approximate
-    """
-    A, b = unit_columns(rows)
-    first = A.shape[1] - candidate
-    gram = A.T @ A
-    left = A[:, first:] - A[:, :first] @ solve_gram(gram[:first, :first], gram[:first, first:])
-    live = np.einsum("ij,ij->j", left, left) > _DEAD
-    shown = left[:, live] @ solve_gram(gram, A.T @ b)[first:][live]
-    ends = np.cumsum([len(own.b) for own in rows])[:-1]
-    sections = {}
-    for joint, own in enumerate(rows):
-        edges = np.cumsum([0, *(int(np.count_nonzero(kept)) for _, kept in own.sections)]).tolist()
-        sections[joint] = [slice(start, stop) for start, stop in pairwise(edges)]
-    return Leftover(dict(enumerate(residual)), sections).inflation(dict(enumerate(np.split(shown, ends))))
