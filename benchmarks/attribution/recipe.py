@@ -75,7 +75,7 @@ class CaseKey:
 
     @property
     def text(self) -> str:
-        """As ``--case`` takes it."""
+        """Text for ``--case``."""
         return f"{self.kind}:{self.number}"
 
 

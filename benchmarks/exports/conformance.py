@@ -110,7 +110,7 @@ class Conformance:
 
     @property
     def _functions(self) -> dict[str, list[str]]:
-        """What is asked of one moment, function by function: the names of its answers."""
+        """Questions on one moment, by function: the names of their answers."""
         return {
             name: ["head_pressures", "rod_pressures"] if name == "pressures" else [name]
             for name in self.arguments

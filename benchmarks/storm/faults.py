@@ -215,7 +215,7 @@ class Weather:
 
     @property
     def said(self) -> str:
-        """What there is now, behind a comma."""
+        """Present faults, behind a comma."""
         return "" if self._now is None else f", {self._now.name}"
 
     def go_on(self) -> None:

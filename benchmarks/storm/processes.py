@@ -125,7 +125,7 @@ class Herd:
 
     @property
     def total(self) -> int:
-        """How many were killed."""
+        """Number of processes killed."""
         return sum(self.killed.values())
 
     def revive(self) -> list[Host]:

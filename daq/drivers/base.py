@@ -63,7 +63,7 @@ class DriverContext:
 
     @property
     def late_ns(self) -> float:
-        """How long after its SYNC an answer may come: half a period; in lockstep no time passes, so nothing is late."""
+        """Longest time from SYNC to an answer, ns: half a period; in lockstep no time passes, so nothing is late."""
         return math.inf if self.patience_s > 0 else 0.5e9 * self.period_s
 
 

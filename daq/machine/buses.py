@@ -289,7 +289,7 @@ class CanSignalsBus(_CanBus):
 
     @property
     def listen_only(self) -> bool:
-        """It sends nothing, ever."""
+        """True: it sends nothing, ever."""
         return True
 
 
@@ -352,7 +352,7 @@ class OtherBus(AnyBus):
 
     @property
     def place(self) -> str:
-        """Its driver, who alone knows where it leads."""
+        """Name of the driver, which alone knows where it leads."""
         return f"driver:{self.type}"
 
 

@@ -57,7 +57,7 @@ class Listed:
 
     @property
     def name(self) -> str:
-        """As lines call it."""
+        """Name in lines."""
         identifier = self.message.frame_id
         if not self.j1939:
             return f"message '{self.message.name}' (0x{identifier:X})"

@@ -31,7 +31,7 @@ class Checked:
 
     @property
     def errors(self) -> tuple[Problem, ...]:
-        """What has to be corrected."""
+        """Problems that have to be corrected."""
         return tuple(f for f in self.findings if f.level == "error")
 
 

@@ -84,7 +84,7 @@ class BaseParameters:
 
     @property
     def inertial_columns(self) -> int:
-        """How many standard parameters are the links' (``10 n``), 0 where joints' own friction is among them."""
+        """Number of standard parameters of the links (``10 n``), 0 where joints' own friction is among them."""
         inertias = sum(name.startswith("ZZ") for name in self.standard_names)
         return 0 if "f_c1" in self.standard_names else 10 * inertias
 

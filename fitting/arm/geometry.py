@@ -83,7 +83,7 @@ class Geometry:
 
     @property
     def stretches(self) -> tuple[tuple[tuple[FloatArray, FloatArray], ...], ...]:
-        """Where the material of every link is: the ends (3,), (3,) of each of its stretches, in its own frame, m.
+        """Place of every link's material: the ends (3,), (3,) of each of its stretches, in its own frame, m.
 
         A link reaches from its own joint to the next. Along a sliding joint, at the middle of its travel, both links
         that it joins reach: what slides, and what guides it. The table does not show where the last link of a modified

@@ -147,7 +147,7 @@ class Separation:
 
     @property
     def share(self) -> float:
-        """What part of the effect is its own, ``1 - rho^2``, 0 to 1, of the worst pair."""
+        """Share of the effect that is its own, ``1 - rho^2``, 0 to 1, of the worst pair."""
         return self.chi_square / self.worst.size if self.worst.size > 0 else 0.0
 
     @property
@@ -157,7 +157,7 @@ class Separation:
 
     @property
     def margin(self) -> float:
-        """What a motion is judged by: mean margin over who may be right, each at most some standard deviations."""
+        """Criterion of a motion: mean margin over who may be right, each at most some standard deviations."""
         return sum(pair.chance * float(np.clip(pair.margin, -_ENOUGH, _ENOUGH)) for pair in self.pairs)
 
     @property

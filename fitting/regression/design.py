@@ -71,7 +71,7 @@ class Parameters:
 
     @property
     def base_slice(self) -> slice:
-        """Where the base parameters are."""
+        """Place of the base parameters."""
         return slice(self.drive_count, len(self))
 
     @property
@@ -149,7 +149,7 @@ class Design:
 
     @property
     def numbers(self) -> int:
-        """How many numbers all columns hold."""
+        """Count of numbers in all columns."""
         return sum(block.own.size + block.own_reduced.size for blocks in self.blocks for block in blocks)
 
     def indices(self, *roles: str) -> tuple[int, ...]:

@@ -89,7 +89,7 @@ class Factor:
 
     @property
     def condition_number(self) -> float:
-        """Of the determined columns, each at unit norm."""
+        """Condition of the determined columns, each at unit norm."""
         if not len(self.R):
             return 1.0
         singular = linalg.svdvals(self.R / np.linalg.norm(self.R, axis=0))

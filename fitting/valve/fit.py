@@ -151,7 +151,7 @@ class Fit:
         return names, S, moves * wide
 
     def spread(self, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute deviations and half 95 % intervals (k,) of what has ``slopes`` (k, p) over free parameters."""
+        """Compute standard deviations and half 95 % intervals (k,) by ``slopes`` (k, p) over free parameters."""
         _, S, moves = self.covariance
         std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, S, slopes), 0.0))
         return std, SIGMAS * coverage_factors(freedom_of(moves @ slopes.T)) * std

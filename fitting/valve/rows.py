@@ -77,7 +77,7 @@ class Signals:
 
     @cached_property
     def last_way(self) -> FloatArray:
-        """Which way (N,) it was last commanded to go, 1 or -1; 0 before the first command of a stretch."""
+        """Direction (N,) of the last command, 1 or -1; 0 before the first command of a stretch."""
         last = np.maximum.accumulate(np.where(self.u != 0.0, np.arange(len(self)), -1))
         return np.where(last >= self.first, np.sign(self.u[last]), 0.0)
 

@@ -63,7 +63,7 @@ class Served(Protocol):
 
     @property
     def controller(self) -> Any:
-        """What has ``follow(motion, name)``, ``phase``, ``motion`` and ``pinned``."""
+        """Object with ``follow(motion, name)``, ``phase``, ``motion`` and ``pinned``."""
         ...
 
     def coming(self, ahead: int) -> int:

@@ -192,7 +192,7 @@ class ValvePlant:
 
     @property
     def state(self) -> PlantState:
-        """What there is now."""
+        """Present state."""
         at = self._at
         pose = self._load.pose(at.q)
         temperature = self._ambient + self._heating * self._warmth()

@@ -46,7 +46,7 @@ class BusHealth:
 
     @property
     def line(self) -> str:
-        """What to do about it; empty while it is active."""
+        """Cure of its state; empty while it is active."""
         return f"bus '{self._bus}': {_ADVICE[self.state]}" if self.state in _ADVICE else ""
 
     def on_error_frame(self, identifier: int, data: bytes, now_ns: int) -> None:

@@ -47,7 +47,7 @@ class Block:
 
     @property
     def registers(self) -> str:
-        """What errors call it."""
+        """Name in errors."""
         return f"{self.table} registers {self.address} to {self.address + self.count - 1}"
 
     def parts(self) -> tuple[Block, ...]:

@@ -58,7 +58,7 @@ class Body:
 
     @property
     def origin(self) -> FloatArray:
-        """Where its joint is (3,), m."""
+        """Position of its joint (3,), m."""
         return self.place[:3, 3]
 
     @property

@@ -102,12 +102,12 @@ class Program:
 
     @property
     def joints(self) -> int:
-        """How many joints the machine has."""
+        """Number of the machine's joints."""
         return len(self.tracer.model.joints)
 
     @property
     def memory(self) -> int:
-        """How many numbers are kept from moment to moment."""
+        """Count of numbers kept from moment to moment."""
         return len(self.tracer.memory) if any("memory" in own.outputs for own in self.functions) else 0
 
     @cached_property

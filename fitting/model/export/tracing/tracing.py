@@ -134,7 +134,7 @@ class Tracer:
 
     @property
     def memory(self) -> tuple[Memory, ...]:
-        """What has to be kept from moment to moment."""
+        """Values to keep from moment to moment."""
         return tuple(own for number in self._terms for own in self._past(number).memory)
 
     def variables(self, mark: str = "") -> State:
