@@ -42,28 +42,28 @@ class Access:
         self._audit = audit
 
     def principal(self, token: str | None) -> Principal | None:
-        """Whom a token stands for; None if it is missing or not known."""
+        """Return the principal of a token; None if it is missing or not known."""
         if not self.required:
             return LOCAL
         holder = None if token is None else self.holders.of_token(token)
         return None if holder is None else holder.principal
 
     def known(self, token: str) -> Principal | None:
-        """Whom a token stands for if it was asked for before; never waits."""
+        """Return the principal of a token asked for before; never wait."""
         holder = self.holders.known(token)
         return None if holder is None else holder.principal
 
     def expires(self, token: str) -> str | None:
-        """When a token that is known expires; None if never."""
+        """Return when a token that is known expires; None if never."""
         holder = self.holders.known(token)
         return None if holder is None else holder.expires
 
     def now(self) -> str:
-        """The time as the store writes it."""
+        """Return the time as the store writes it."""
         return self._database.now()
 
     def open_code(self, role: Role, machines: Sequence[str] | None, by: Principal, days: int | None = None) -> Code:
-        """A pairing code for one device; InvalidError if a machine is not there."""
+        """Open a pairing code for one device; InvalidError if a machine is not there."""
         return self._codes.make(role, self._checked(machines), by.name, days or self._days)
 
     def pair(self, digits: str, name: str, address: str = "") -> tuple[Holder, str]:
@@ -95,11 +95,11 @@ class Access:
     def make_key(
         self, name: str, role: Role, machines: Sequence[str] | None, by: Principal, days: int | None = None
     ) -> tuple[Holder, str]:
-        """A new API key, which is shown this once."""
+        """Make a new API key, which is shown this once."""
         return self.holders.add("key", name, role, self._checked(machines), by.name, days or self._days)
 
     def first_admin(self) -> Code | None:
-        """A pairing code if access control is on and nobody could give one yet."""
+        """Open a pairing code if access control is on and nobody could give one yet."""
         if not self.required or self.holders.has_admin():
             return None
         self._codes.withdraw(FIRST_START)  # of a start before, which nobody used: they must not pile up

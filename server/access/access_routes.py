@@ -147,7 +147,7 @@ def make_pairing_code(
 
 @router.get("/me", dependencies=[require("read")])
 def me(service: ServiceDep, principal: PrincipalDep) -> PrincipalResource:
-    """Who asks."""
+    """Return who asks."""
     return PrincipalResource.of(principal, approves_own=service.settings.approves_own)
 
 

@@ -56,11 +56,11 @@ class Connections:
         self._gone: set[str] = set()
 
     def note(self, principal: str, now: str, address: str) -> None:
-        """A principal asked for something."""
+        """Note that a principal asked for something."""
         self._seen[principal] = now, address
 
     def of(self, principal: str) -> Presence:
-        """What is known of a principal."""
+        """Return what is known of a principal."""
         seen, address = self._seen.get(principal, (None, None))
         with self._lock:
             return Presence(seen, address, len(self._streams.get(principal, ())))

@@ -170,7 +170,7 @@ class Gate:
 
 
 def _network(address: str) -> str:
-    """What one stranger has: an IPv4 address, or the /64 of an IPv6 one (RFC 4291 section 2.5.4)."""
+    """Return a stranger's network: an IPv4 address, or the /64 of an IPv6 one (RFC 4291 section 2.5.4)."""
     try:
         found = ipaddress.ip_address(address)
     except ValueError:

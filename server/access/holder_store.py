@@ -39,7 +39,7 @@ class Holder(Stored, table="principals", label="name"):
 
     @property
     def principal(self) -> Principal:
-        """Whom its token stands for."""
+        """Principal of its token."""
         return Principal(self.id, self.name, self.role, self.machines, self.kind)
 
 
@@ -91,7 +91,7 @@ class Holders(Repository[Holder]):
         return holder, token
 
     def of_token(self, token: str) -> Holder | None:
-        """Who holds a token; None if nobody does, or it has expired."""
+        """Find who holds a token; None if nobody does, or it has expired."""
         hashed, changes = _hash(token), self._changes
         found = self.all(principals.c.secret_sha256 == hashed)
         if not found:
@@ -103,7 +103,7 @@ class Holders(Repository[Holder]):
         return self._valid(holder)
 
     def known(self, token: str) -> Holder | None:
-        """Who holds a token, as far as this process knows without asking the store; only the server changes holders."""
+        """Find who holds a token among those known without asking the store; only the server changes holders."""
         holder = self._known.get(_hash(token))
         return None if holder is None else self._valid(holder)
 
@@ -116,14 +116,14 @@ class Holders(Repository[Holder]):
             self._known = {}
 
     def known_as(self, kind: HolderKind, id: str) -> Holder:
-        """The device or key; NotFoundError if there is none."""
+        """Return the device or key; NotFoundError if there is none."""
         found = self.all(principals.c.id == id, principals.c.kind == kind)
         if not found:
             raise NotFoundError(f"there is no {kind} '{id}'")
         return found[0]
 
     def remove(self, id: str, kind: HolderKind) -> None:
-        """Its token is worth nothing from now on.
+        """Remove it; its token is worth nothing from now on.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Holders(Repository[Holder]):
         self._removed(id)
 
     def has_admin(self) -> bool:
-        """Whether anybody can pair others."""
+        """Test whether anybody can pair others."""
         with self._database.read() as connection:
             return self._admins(connection) > 0
 
@@ -155,7 +155,7 @@ class Holders(Repository[Holder]):
 
 
 def later(moment: str, by: timedelta) -> str:
-    """A time of the store, so much later."""
+    """Return a time of the store, so much later."""
     return as_stored(datetime.fromisoformat(moment) + by)
 
 

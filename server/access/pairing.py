@@ -82,7 +82,7 @@ class PairingCodes:
         self._digits = digits
 
     def make(self, role: Role, machines: tuple[str, ...] | None, created_by: str, days: int | None = None) -> Code:
-        """A new code for a device whose token is good for ``days``; TooManyError if :data:`MOST_OPEN` are open."""
+        """Make a code for a device with a token for ``days``; TooManyError if :data:`MOST_OPEN` are open."""
         digits, now = self._digits(), self._database.now()
         new = PairingCode(
             id=f"pair-{secrets.token_hex(8)}",
@@ -129,7 +129,7 @@ class PairingCodes:
 
 
 def pairing_url(base: str, digits: str, fingerprint: str | None = None) -> str:
-    """The address of the page that pairs with this code; behind ``#`` it reaches no server, log or referrer.
+    """Build the address of the page that pairs; the code, behind ``#``, reaches no server, log or referrer.
 
     Parameters
     ----------
@@ -139,14 +139,14 @@ def pairing_url(base: str, digits: str, fingerprint: str | None = None) -> str:
 
 
 def qr_svg(text: str) -> str:
-    """A QR code as an SVG element that a page can hold."""
+    """Draw a QR code as an SVG element that a page can hold."""
     buffer = io.BytesIO()
     segno.make(text, error="m").save(buffer, kind="svg", xmldecl=False, svgns=True, scale=4, border=4, light="white")
     return buffer.getvalue().decode()
 
 
 def qr_text(text: str) -> str:
-    """A QR code for a terminal."""
+    """Draw a QR code for a terminal."""
     buffer = io.StringIO()
     segno.make(text, error="m").terminal(buffer, compact=True)
     return buffer.getvalue()

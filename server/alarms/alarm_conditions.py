@@ -61,7 +61,7 @@ class Timer:
 
 
 def step(timer: Timer, kind: AlarmKind, condition: bool, now: float) -> Timer:
-    """The timer after a look at the condition at ``now`` (s, a clock that never jumps)."""
+    """Step the timer by a look at the condition at ``now`` (s, a clock that never jumps)."""
     if condition == timer.on:
         return timer if timer.since is None else replace(timer, since=None)
     since = now if timer.since is None else timer.since
@@ -84,7 +84,7 @@ class DeadBand:
 
 
 def beyond(value: float, limits: DeadBand, was: bool) -> bool:
-    """Whether the condition holds, given whether it did; a value that is not a number changes nothing."""
+    """Test whether the condition holds, given whether it did; a value that is not a number changes nothing."""
     rising = limits.goes <= limits.comes
     sign = 1.0 if rising else -1.0
     if sign * value >= sign * limits.comes:

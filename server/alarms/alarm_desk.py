@@ -44,7 +44,7 @@ class Alarms(Repository[Alarm]):
         self._timers = {(alarm.machine, alarm.kind): Timer(on=True) for alarm in self.active()}
 
     def report(self, machine: str | None, kind: str, text: str, severity: Severity, on: bool) -> None:
-        """Say whether something is wrong; say it again and again where the kind has a delay.
+        """Report whether something is wrong; again and again where the kind has a delay.
 
         Parameters
         ----------
@@ -110,20 +110,20 @@ class Alarms(Repository[Alarm]):
                 self._change(alarm.id, lifecycle.unshelve)
 
     def active(self) -> tuple[Alarm, ...]:
-        """All that are active."""
+        """List all that are active."""
         return self.all(_ACTIVE)
 
     def open(self) -> tuple[Alarm, ...]:
-        """All that are active, or that nobody acknowledged."""
+        """List all that are active, or that nobody acknowledged."""
         return self.all(sa.or_(_ACTIVE, alarms.c.acknowledged.is_(False)))
 
     def since(self, machine: str, since: str, limit: int) -> tuple[Alarm, ...]:
-        """Those of a machine that came, or went, at ``since`` (ISO 8601, UTC) or later, or are active; newest first."""
+        """List a machine's that came, or went, at ``since`` (ISO 8601, UTC) or later, or are active, newest first."""
         later = sa.or_(alarms.c.raised >= since, alarms.c.cleared >= since, _ACTIVE)
         return self.all(alarms.c.machine == machine, later, newest=limit)
 
     def acknowledge(self, id: str, who: str, tags: Tags = None) -> Alarm:
-        """Somebody has seen it; doing it twice changes nothing. For ``tags`` see :meth:`unshelve`."""
+        """Note that somebody has seen it; doing it twice changes nothing. For ``tags`` see :meth:`unshelve`."""
         return self._change(id, partial(lifecycle.acknowledge, who=who), tags)
 
     def shelve(self, id: str, who: str, reason: str, seconds: float, tags: Tags = None) -> Alarm:
@@ -134,7 +134,7 @@ class Alarms(Repository[Alarm]):
         )
 
     def unshelve(self, id: str, tags: Tags = None) -> Alarm:
-        """Take it off the shelf; one that is on none stays as it is.
+        """Take it off the shelf; one that is on none is left as it is.
 
         Raises
         ------

@@ -51,12 +51,12 @@ class Alarm(Stored, table="alarms", noun="alarm", created="raised", label="text"
 
 
 def tag(alarm: Alarm) -> str:
-    """What is another one after every change of the alarm: for ``ETag``."""
+    """Return a tag that changes with every change of the alarm: for ``ETag``."""
     return hashlib.sha256(repr(alarm).encode()).hexdigest()[:16]
 
 
 def raise_(last: Alarm | None, new: Alarm) -> Alarm:
-    """The alarm to store when the condition of ``new`` has come.
+    """Raise the condition of ``new``: return the alarm to store.
 
     Parameters
     ----------
@@ -78,12 +78,12 @@ def raise_(last: Alarm | None, new: Alarm) -> Alarm:
 
 
 def clear(alarm: Alarm, now: str) -> Alarm:
-    """The condition has gone."""
+    """Clear the condition."""
     return alarm if alarm.state == "cleared" else alarm.but(state="cleared", cleared=now)
 
 
 def acknowledge(alarm: Alarm, who: str) -> Alarm:
-    """Somebody has seen it; the first one stays named."""
+    """Note that somebody has seen it; the first one remains named."""
     return alarm if alarm.acknowledged else alarm.but(acknowledged=True, acknowledged_by=who)
 
 
@@ -99,7 +99,7 @@ def unshelve(alarm: Alarm) -> Alarm:
 
 
 def expired(alarm: Alarm, now: datetime) -> bool:
-    """Whether its shelf has ended.
+    """Test whether its shelf has ended.
 
     One that would end later than it could have been put there ends too: the clock was set back meanwhile.
     """

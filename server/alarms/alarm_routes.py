@@ -57,7 +57,7 @@ def get(id: str, response: Response, service: ServiceDep) -> AlarmResource:
 def acknowledge(
     id: str, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> AlarmResource:
-    """Say that somebody has seen it; the first who says so stays named."""
+    """Note that somebody has seen it; the first who does so remains named."""
     return _tagged(service[Alarms].acknowledge(id, principal.name, tags), response)
 
 
@@ -72,7 +72,7 @@ def shelve(
 
 @router.post("/{id}/unshelve", responses=problems(404, 412, 422), dependencies=[require("operate")])
 def unshelve(id: str, response: Response, service: ServiceDep, tags: KnownTags) -> AlarmResource:
-    """Let a shelved alarm be heard again."""
+    """End an alarm's shelf, so that it shows again."""
     return _tagged(service[Alarms].unshelve(id, tags), response)
 
 

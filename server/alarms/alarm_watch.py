@@ -30,12 +30,12 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 def stale_channels(frame: dict[str, Any]) -> tuple[str, ...]:
-    """Channels of a frame that hold no measurement of its cycle, nor of the one before."""
+    """List channels of a frame that hold no measurement of its cycle, nor of the one before."""
     return tuple(name for name, channel in frame["channels"].items() if channel["quality"] not in _MEASURED)
 
 
 def named(names: Iterable[str], most: int = 3) -> str:
-    """The first few names, and how many more."""
+    """Name the first few, and how many more."""
     listed = list(names)
     more = f" and {len(listed) - most} more" if len(listed) > most else ""
     return ", ".join(listed[:most]) + more
@@ -121,7 +121,7 @@ class Watch:
                 self._alarms.report(alarm.machine, alarm.kind, "", "info", False)
 
     def clock(self) -> None:
-        """Say so when the wall's clock was set: times of recordings before and after do not go together."""
+        """Alarm when the wall's clock was set: times of recordings before and after do not go together."""
         difference = self._wall() - self._monotonic()
         jump = difference - self._difference
         self._difference = difference

@@ -115,7 +115,7 @@ class Audit:
     def list(
         self, limit: int, after: int = 0, *, action: str | None = None, between: Between = ANY_TIME
     ) -> Page[EntryResource]:
-        """Newest first; ``action``: those that begin with it; ``between``: of a time, with a part of the subject."""
+        """List newest first; ``action``: those that begin with it; ``between``: of a time, with part of the subject."""
         query = between.narrowed(sa.select(audit_log), audit_log.c.time, audit_log.c.subject)
         if action is not None:
             query = query.where(audit_log.c.action.startswith(action, autoescape=True))
@@ -137,7 +137,7 @@ class Audit:
         return _verified(expected if cut else None, expected, before)
 
     def was_cut(self) -> bool:
-        """Whether the entry that the site's marker knows as the last is not there, or another."""
+        """Test whether the entry that the site's marker knows as the last is missing, or another."""
         noted = self._noted
         with self._database.read() as connection:
             query = sa.select(audit_log.c.hash).where(audit_log.c.number == noted.number)

@@ -133,7 +133,7 @@ class Backups:
         return copy_named(named, self._files.root, partial, self._content.unchanging)
 
     def list(self) -> tuple[Backup, ...]:
-        """Newest first."""
+        """List newest first."""
         found = (_backup(path) for path in sorted(self.directory.glob("*Z"), reverse=True))
         return tuple(backup for backup in found if backup is not None)
 
@@ -173,7 +173,7 @@ class DailyBackups:
 
 
 def manifest_of(backup: Path) -> dict[str, str]:
-    """SHA-256 of every file of a backup, by its path in there.
+    """Read SHA-256 of every file of a backup, by its path in there.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def manifest_of(backup: Path) -> dict[str, str]:
 def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str) -> int:
     """Put a backup in the place of what is there; the number of files.
 
-    The caller holds the lock of the data directory. Files that are there and not in the backup stay. Everything is
+    The caller holds the lock of the data directory. Files that are not in the backup remain. Everything is
     copied beside the data first, so what can go wrong does before anything is changed.
 
     Raises
@@ -243,7 +243,7 @@ def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str
 
 
 def _reason(error: OSError) -> str:
-    """What is wrong, and what to do about it; the end of a line."""
+    """Explain what is wrong, and what to do about it; the end of a line."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     return f"{error.strerror}); " + ("free some space" if full else "see that it is there and can be written")
 

@@ -35,7 +35,7 @@ class BackupContent:
 
     @classmethod
     def of(cls, resources: Iterable[Resource]) -> BackupContent:
-        """Of all resources."""
+        """Collect the content of all resources."""
         return cls(tuple(found for resource in resources if (found := resource.backed_up) is not None))
 
     @property
@@ -49,7 +49,7 @@ class BackupContent:
         return frozenset(part.folder for part in self.parts if part.unchanging)
 
     def named(self, url: str) -> NamedFiles:
-        """What the store at ``url`` names."""
+        """Read what the store at ``url`` names."""
         found = NamedFiles()
         with connected(url) as connection:
             for part in self.parts:
@@ -58,7 +58,7 @@ class BackupContent:
 
 
 def fetch_results(named: NamedFiles, files: DataDirectory, url: str) -> None:
-    """Bring what jobs left on other hosts here before it is copied; what cannot be brought will be missing."""
+    """Fetch what jobs left on other hosts before it is copied; what cannot be fetched will be missing."""
     away = [place for place in named.needed if place.count("/") == 2 and not (files.root / place).exists()]
     if not away or not files.storage.shared:
         return
@@ -86,7 +86,7 @@ def copy_named(named: NamedFiles, source: Path, target: Path, unchanging: Collec
 
 
 def _files_below(place: Path) -> Iterator[Path]:
-    """A file itself, or the whole files of a directory; whatever vanishes meanwhile is left out."""
+    """Yield a file itself, or the whole files of a directory; whatever vanishes meanwhile is left out."""
     if not place.is_dir():
         yield place
         return

@@ -20,7 +20,7 @@ class BusChecks:
         self._acquisition = acquisition
 
     def check(self, name: str, seconds: float, depressurised: bool) -> MachineCheck:
-        """The last ``seconds`` of a machine, or what there is of them; delays between its buses by the last minute.
+        """Check the last ``seconds`` of a machine, if so many; delays between its buses by the last minute.
 
         Raises
         ------

@@ -113,7 +113,7 @@ class BusCheck(Shown):
 
 
 def shown(check: MachineCheck) -> BusCheck:
-    """What is shown of a check."""
+    """Return what is shown of a check."""
     devices = [
         CheckedDevice.of(device, latency_ms=latency, jitter_ms=jitter)
         for device in check.devices

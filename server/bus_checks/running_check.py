@@ -25,13 +25,13 @@ def check_running(
 ) -> MachineCheck:
     """Check a machine that is being acquired, by frames of it; nothing is sent, and nothing waits.
 
-    Who devices are is what they said to the driver when they had been commissioned.
+    Who devices are is what they answered the driver when they had been commissioned.
 
     Parameters
     ----------
-    rows : (N,) frames, as the ring buffer has them; delays between buses are told by all of them
+    rows : (N,) frames, as the ring buffer has them; delays between buses come from all of them
     statistics : of the same acquisition, since its start
-    seconds : the newest ones are those in which the machine stands still
+    seconds : the newest ones are those in which the machine rests
     depressurised : as in :func:`check_machine_buses`
     """
     nodes = {
@@ -48,7 +48,7 @@ def check_running(
 
 
 def _told(device: Mapping[str, Any]) -> FoundNode | None:
-    """A node from what its driver asked it; None for a device that was not asked."""
+    """Describe a node from its driver's requests; None for a device that was not asked."""
     told = device.get("objects") or {}
     kind, _, number = str(device["name"]).rpartition(" ")
     return said(int(number), told) if kind == "node" and told and number.isdigit() else None

@@ -23,7 +23,7 @@ class ShiftResource(Shown):
 
 
 def compare_parameters(a: Sequence[Parameter], b: Sequence[Parameter]) -> list[ShiftResource]:
-    """Every parameter of both, in the order of ``a``, then what only ``b`` has.
+    """Compare every parameter of both, in the order of ``a``, then what only ``b`` has.
 
     ``sigmas = (b - a) / sqrt(std_a^2 + std_b^2)``: the two were estimated from different recordings, so their errors
     are independent. None where it is not known, or has no meaning because the units differ.
@@ -33,7 +33,7 @@ def compare_parameters(a: Sequence[Parameter], b: Sequence[Parameter]) -> list[S
 
 
 def compare_errors(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """Per joint the unit and the error after the fit on ``validate``, of both (None where one lacks it)."""
+    """Compare per joint unit and error after the fit on ``validate``, of both (None where one lacks it)."""
     joints: dict[str, dict[str, Any]] = {}
     for joint in {**a, **b}:
         entry = a.get(joint) or b[joint]

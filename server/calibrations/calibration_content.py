@@ -47,7 +47,7 @@ class Content:
 
 
 def content_of(report: Mapping[str, Any]) -> Content:
-    """The content that a report stands for; parts that it lacks are empty."""
+    """Extract the content that a report has; parts that it lacks are empty."""
     loop = report["loop"]
     model = {"schema": SUMMARY_SCHEMA} | {key: report[key] for key in _MODEL if key in report}
     model |= {key: loop[key] for key in _LOOP if key in loop}
@@ -73,7 +73,7 @@ def _parameters(report: Mapping[str, Any]) -> Iterator[Parameter]:
 
 
 def content_of_valves(report: Mapping[str, Any]) -> Content:
-    """The content that a report on valves stands for (schema ``hilfit/valve/1``), of all axes."""
+    """Extract the content of a report on valves (schema ``hilfit/valve/1``), of all axes."""
     axes: Mapping[str, Any] = report["axes"]
     verdicts = {own["verdict"] for own in axes.values()}
     return Content(

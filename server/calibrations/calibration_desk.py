@@ -52,7 +52,7 @@ class Calibrations(CalibrationStore):
         return self.add(self._results[of].get(source), label, content, by, of)
 
     def model_file(self, id: str) -> dict[str, Any]:
-        """``model.json`` of a calibration: that of its identification, with the calibration in its provenance.
+        """Return ``model.json`` of a calibration: its identification's, with the calibration in its provenance.
 
         Where the identification's files are gone, or are of a version that wrote none, what the calibration kept
         (schema ``hilfit/calibration/1``).
@@ -77,7 +77,7 @@ class ByPolicy:
         self._audit = audit
 
     def active(self, machine: str, of: Of = "identification") -> Calibration | None:
-        """The one in use."""
+        """Return the one in use."""
         return self._calibrations.active(machine, of)
 
     def propose(self, identification: str, label: str, by: tuple[str, str] | None = None) -> Calibration:

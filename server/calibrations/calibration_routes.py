@@ -78,7 +78,7 @@ class ComparisonResource(BaseModel):
 
     @classmethod
     def of(cls, a: Calibration, b: Calibration) -> ComparisonResource:
-        """Of two calibrations."""
+        """Compare two calibrations."""
         return cls(
             a=CalibrationResource.of(a),
             b=CalibrationResource.of(b),
@@ -119,7 +119,7 @@ def list_calibrations(
 
 @router.get("/compare", responses=problems(404, 409, 422), dependencies=READ)
 def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
-    """Two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
+    """Compare two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
     first, second = service[Calibrations].get(a), service[Calibrations].get(b)
     if first.machine != second.machine:
         raise ConflictError(f"'{a}' is of machine '{first.machine}', '{b}' of '{second.machine}'; take one machine")

@@ -132,7 +132,7 @@ class CalibrationStore(Repository[Calibration]):
             return self.found(connection, new.id), True
 
     def active(self, machine: str, of: Of = "identification") -> Calibration | None:
-        """The one in use; None if the machine has none."""
+        """Return the one in use; None if the machine has none."""
         found = self.all(*_in_use(machine, of))
         return found[0] if found else None
 
@@ -254,7 +254,7 @@ class CalibrationStore(Repository[Calibration]):
         self.update(connection, found.id, **values, revision=found.revision + 1)
 
     def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Calibration, ...]:
-        """What rows hold, each with what was done to it."""
+        """Return what rows hold, each with what was done to it."""
         steps: dict[str, list[StepResource]] = {row.id: [] for row in rows}
         query = sa.select(calibration_steps).where(calibration_steps.c.calibration.in_(steps))
         for step in connection.execute(query.order_by(calibration_steps.c.number)):
@@ -267,5 +267,5 @@ def _in_use(machine: str, of: Of) -> tuple[sa.ColumnElement[bool], ...]:
 
 
 def _is(found: Calibration) -> dict[str, str]:
-    """What a refusal says to programs: the state that forbids something."""
+    """Return a refusal's extension for programs: the state that forbids something."""
     return {"code": f"calibration_is_{found.state}", "calibration": found.id}

@@ -72,7 +72,7 @@ class CanSignalQuantity(BaseModel):
 
     @classmethod
     def all(cls) -> list[CanSignalQuantity]:
-        """Every one."""
+        """Return every one."""
         return [cls(name=name, of_a_joint=name in JOINT_QUANTITIES) for name in get_args(Quantity)]
 
 
@@ -98,7 +98,7 @@ class CanFileReplaced(BaseModel):
 
 
 def matching(buses: list[dict[str, Any]], search: str) -> list[dict[str, Any]]:
-    """Signals in which every word of a search is found: names, unit, identifier, PGN, channels; those in use first."""
+    """Search signals with every word: names, unit, identifier, PGN, channels; those in use first."""
     words = search.lower().split()
     every = (signal for bus in buses for signal in bus["signals"])
     found = [signal for signal in every if not words or all(word in _text(signal) for word in words)]

@@ -40,7 +40,7 @@ def look(machine_file: Path, target: Path, name: str | None = None, incoming: Pa
 
 
 def _replaced(machine: Machine, name: str | None, incoming: Path | None) -> Machine:
-    """The machine, with another file in the place of one."""
+    """Replace a file of the machine by another one."""
     if name is None or incoming is None:
         return machine
     buses = [

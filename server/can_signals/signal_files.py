@@ -61,7 +61,7 @@ class SignalFiles:
         self._replacing = threading.Lock()  # two uploads must not both be the next one
 
     def buses(self, machine: str) -> tuple[MachineRow, list[dict[str, Any]]]:
-        """A machine, and its buses of plain CAN or J1939 as :class:`.signal_listing.OfferedBus` has them.
+        """Return a machine, and its buses of plain CAN or J1939 as :class:`.signal_listing.OfferedBus`.
 
         Raises
         ------
@@ -81,12 +81,12 @@ class SignalFiles:
         return row, found
 
     def digest(self, machine: str, name: str) -> str | None:
-        """SHA-256 of a file, None if it is not there."""
+        """Compute SHA-256 of a file, None if it is not there."""
         path = self._files.machines / machine / name
         return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
 
     def path(self, machine: str, name: str) -> Path:
-        """Where a file is that the machine's file names; NotFoundError if it names no such file."""
+        """Locate a file that the machine's file names; NotFoundError if it names no such file."""
         row = self._machines.get(machine)
         if name not in self._names(row):
             raise NotFoundError(
@@ -95,7 +95,7 @@ class SignalFiles:
         return self._files.machines / machine / name
 
     def incoming(self, machine: str, name: str) -> Path:
-        """A new name for an upload that is to replace a file.
+        """Return a new name for an upload that is to replace a file.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class SignalFiles:
             incoming.unlink(missing_ok=True)
 
     def _refuse_unusable(self, row: MachineRow, name: str, incoming: Path) -> None:
-        """InvalidError if a file cannot be read, or takes signals from channels that had them."""
+        """Raise InvalidError if a file cannot be read, or takes signals from channels that had them."""
         path = self._files.machine_file(row.name, row.version)
         before = {line for bus in self.buses(row.name)[1] for line in bus["problems"]}
         for bus in self._read(path, (name, incoming)):
@@ -156,7 +156,7 @@ class SignalFiles:
                 raise InvalidError((errors or worse)[0])
 
     def _names(self, row: MachineRow) -> list[str]:
-        """DBC files that a machine's file names, each once."""
+        """List DBC files that a machine's file names, each once."""
         path = self._files.machine_file(row.name, row.version)
         if not path.is_file():
             raise NotFoundError(f"the file of machine '{row.name}' is gone; upload it again")
@@ -183,7 +183,7 @@ class SignalFiles:
 
 
 def _state(path: Path) -> tuple[str, int, int]:
-    """What changes when a file is replaced."""
+    """Return what changes when a file is replaced."""
     try:
         found = path.stat()
     except OSError:

@@ -45,7 +45,7 @@ class OfferedBus(BaseModel):
 
 
 def offered_signals(machine: Machine) -> list[OfferedBus]:
-    """Every signal of the machine's buses of plain CAN or J1939; a file that cannot be read says so in its place."""
+    """List every signal of the machine's buses of plain CAN or J1939; an unreadable file's entry is its error."""
     return [_bus(machine, bus) for bus in machine.buses if isinstance(bus, CanSignalsBus)]
 
 
@@ -72,7 +72,7 @@ def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
 def _used(
     machine: Machine, databases: Sequence[Database], channels: Sequence[Channel], offered: OfferedBus
 ) -> dict[tuple[str, str], list[str]]:
-    """Channels by message and signal; what is wrong with them goes into ``offered``."""
+    """Map message and signal to channels; what is wrong with them goes into ``offered``."""
     if len(databases) < len(offered.files):  # a channel's message may be in the file that cannot be read
         offered.problems += [file.error for file in offered.files if file.error is not None]
     listed, problems = listed_in(databases, channels)
@@ -127,7 +127,7 @@ def _every(databases: Sequence[tuple[str, Database]]) -> Iterator[tuple[str, Mes
 def _source(
     message: Message, signal: Signal, named: Counter[tuple[str, str]], grouped: Counter[tuple[int, str]]
 ) -> tuple[dict[str, Any] | None, str | None]:
-    """Keys that mean a signal and no other, or why there are none."""
+    """Return keys that mean a signal and no other, or why there are none."""
     source = SignalSource(bus="any", signal=signal.name, message=message.name)
     try:
         j1939 = is_j1939(message, source)
@@ -142,5 +142,5 @@ def _source(
 
 
 def _finite(value: float | None) -> float | None:
-    """As JSON can say it."""
+    """Convert it to what JSON can hold."""
     return None if value is None or not math.isfinite(value) else float(value)

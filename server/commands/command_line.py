@@ -112,7 +112,7 @@ class _Commands(TyperGroup):
 
 
 def all_parts() -> tuple[Part, ...]:
-    """The parts of hilfit, then those of other distributions, whose summary is the line in the help.
+    """List the parts of hilfit, then those of other distributions, with their summary as help.
 
     A name that hilfit has cannot be taken.
     """
@@ -135,7 +135,7 @@ def load_commands(part: Part) -> dict[str, Any]:
 
 
 def every_command() -> Iterator[tuple[str, Any]]:
-    """Every command with its words after ``hilfit``, as the help orders them, but for those that lack an extra."""
+    """Yield every command with its words after ``hilfit``, in the help's order, but for those without an extra."""
     for part in all_parts():
         try:
             loaded = load_commands(part)
@@ -146,7 +146,7 @@ def every_command() -> Iterator[tuple[str, Any]]:
 
 
 def build() -> typer.Typer:
-    """The command with a line for each of its commands."""
+    """Build the command with a line for each of its commands."""
     app = typer.Typer(
         name="hilfit",
         cls=_Commands,
@@ -203,7 +203,7 @@ def _root(
         bool, typer.Option("-V", "--version", help="Print the version and exit.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Options of the command itself."""
+    """Take options of the command itself."""
 
 
 def _not_loaded() -> NoReturn:

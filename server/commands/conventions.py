@@ -93,7 +93,7 @@ class Parameter:
 
 
 def walk(command: Any, words: str = "") -> Iterator[tuple[str, Any]]:
-    """Every command below one that can be run, with its words after ``hilfit``."""
+    """Yield every command below one that can be run, with its words after ``hilfit``."""
     subcommands: Mapping[str, Any] = getattr(command, "commands", {})
     if not subcommands or (command.callback is not None and getattr(command, "invoke_without_command", False)):
         yield words, command
@@ -119,7 +119,7 @@ def apply(command: Any) -> None:
 
 
 def environment_name(command: str, option: str) -> str:
-    """``HILFIT_EXCITE_SEED`` for ``--seed`` of ``excite``; ``HILFIT_PORT`` for a setting of the service."""
+    """Return ``HILFIT_EXCITE_SEED`` for ``--seed`` of ``excite``; ``HILFIT_PORT`` for a service setting."""
     name = option[2:].replace("-", "_")
     shared = name in COMMON_OPTIONS or (command in SERVICE_COMMANDS and name in SERVICE_OPTIONS)
     before = "" if shared else f"{command} "
@@ -127,7 +127,7 @@ def environment_name(command: str, option: str) -> str:
 
 
 def metavar(parameter: Parameter) -> str | None:
-    """The word for a parameter's value; None for a switch and for a choice, which lists its values."""
+    """Return the word for a parameter's value; None for a switch, and a choice, which lists its values."""
     own, name, command = parameter.own, str(parameter.own.name), parameter.command.removeprefix("bench ")
     described = own.type_descriptor
     kind = next(iter(get_args(described.annotation)), described.annotation)
@@ -141,7 +141,7 @@ def metavar(parameter: Parameter) -> str | None:
 
 
 def refuse_old_names(command: str, own: Any) -> None:
-    """Say so where the environment has ``HILFIT_SEED``, which several commands once read.
+    """Refuse an environment with ``HILFIT_SEED``, which several commands once read.
 
     Raises
     ------

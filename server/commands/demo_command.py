@@ -59,14 +59,14 @@ class Acquired:
 
     @classmethod
     def of(cls, recorded: Sequence[tuple[str, Path, RecordingSummary]], rate_hz: float) -> Acquired:
-        """What was recorded: role, file, and the recorder's counts of each."""
+        """Collect what was recorded: role, file, and the recorder's counts of each."""
         counts = [summary for _, _, summary in recorded]
         not_fresh = sum(sum(own.values()) for summary in counts for own in summary.quality.values())
         files = tuple((role, path) for role, path, _ in recorded)
         return cls(files, rate_hz, sum(own.rows for own in counts), sum(own.missed_cycles for own in counts), not_fresh)
 
     def text(self, started: float) -> str:
-        """In a line, with the time since ``started`` (:func:`time.monotonic`)."""
+        """Describe it in a line, with the time since ``started`` (:func:`time.monotonic`)."""
         return (
             f"acquired {self.rows} cycles of {1000 / self.rate_hz:g} ms machine time ({self.rate_hz:.1f} Hz), "
             f"{self.missed_cycles} missing, {self.not_fresh} values not fresh; "
@@ -144,7 +144,7 @@ def _print_valves(report: Mapping[str, Any], tests: Sequence[str], output: Path)
 
 
 def _asked_of_the_machine(loop: Mapping[str, Any]) -> str:
-    """What ``--resolve`` achieved, in a line."""
+    """Describe what ``--resolve`` achieved, in a line."""
     made, hypotheses = len(loop["resolution"]), loop["hypotheses"]
     motions = {0: "no motion was", 1: "one motion was"}.get(made, f"{made} motions were") + " recorded to resolve it"
     if not loop["effects"] and not loop["unexplained"]:
@@ -209,9 +209,9 @@ def run_demo(
 
 @contextmanager
 def alone_in(output: Path) -> Iterator[None]:
-    """Be the only demo in a folder, without what an earlier one left, by the names that demos use.
+    """Reserve a folder for one demo, without what an earlier one left, by the names that demos use.
 
-    So no old report stands beside new recordings. A demo that was interrupted left a journal, which would be refused,
+    So no old report is beside new recordings. A demo that was interrupted left a journal, which would be refused,
     and perhaps a motion for the arm's controller.
     """
     from fitting.model.codec import MODEL_FILE
@@ -249,7 +249,7 @@ def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: i
 
 
 def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
-    """One signal for all free cylinders, two complementary motions for training, and another for validation."""
+    """Design one signal for all free cylinders, two complementary training motions, one for validation."""
     from daq.machine.machine_file import load_machine
     from fitting.arm.base_parameters import reduce_parameters
     from fitting.excitation import (
@@ -317,9 +317,9 @@ def record_motion(
 
 
 def _record_asked(simulated: SimulatedMachine, output: Path, asked: Asked, number: int) -> Recording:
-    """Let the arm make a motion that the identification asks for (a :class:`fitting.loop.closing.Recorder`).
+    """Let the arm make a motion that the identification needs (a :class:`fitting.loop.closing.Recorder`).
 
-    Acquisition runs while it is recorded and not in between, so machine time stands still meanwhile.
+    Acquisition runs while it is recorded and not in between, so machine time is halted meanwhile.
     """
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.recordings.recording import read_recording

@@ -33,7 +33,7 @@ def doctor(
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Say whether this computer is ready: libraries, permissions, scheduling, CAN, time. Exit code 1 on a problem."""
+    """Check that this computer is ready: libraries, permissions, scheduling, CAN, time. Exit code 1 on a problem."""
     found = list(_look(machine, data_dir, config))
     problems = sum(line.level == "problem" for line in found)
     if json:
@@ -71,7 +71,7 @@ def _look(machine: Path | None, data_dir: Path, config: Path | None) -> Iterator
 
 
 def _interfaces(machine: Path) -> dict[str, str]:
-    """Name of the bus by network interface, for buses that are one."""
+    """Map network interface to name of the bus, for buses that are one."""
     from daq.machine.buses import CanopenBus, CanSignalsBus
     from daq.machine.machine_file import load_machine
 
@@ -80,7 +80,7 @@ def _interfaces(machine: Path) -> dict[str, str]:
 
 
 def _known_variables() -> dict[str, str]:
-    """What reads a variable of the environment, by its name."""
+    """Return what reads a variable of the environment, by its name."""
     from server.commands.command_line import every_command
     from server.commands.conventions import Parameter
     from server.platform.settings import Settings

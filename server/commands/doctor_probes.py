@@ -55,7 +55,7 @@ class Line:
 
 
 def program() -> Line:
-    """Versions and the computer."""
+    """Report versions and the computer."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     text = f"hilfit {version('hilfit')}, Python {platform.python_version()}, {platform.system()} "
     text += f"{platform.release()}, {cores} core{'s' if cores != 1 else ''}"
@@ -67,7 +67,7 @@ def program() -> Line:
 
 
 def libraries() -> Iterator[Line]:
-    """Whether what hilfit needs is there in a version that it was made for; then the extras."""
+    """Check that what hilfit needs is there in a version that it was made for; then the extras."""
     from packaging.requirements import Requirement
 
     own = [Requirement(text) for text in distribution("hilfit").requires or ()]
@@ -87,7 +87,7 @@ def libraries() -> Iterator[Line]:
 
 
 def _missing(need: object) -> str:
-    """Why a requirement is not met; empty if it is."""
+    """Explain why a requirement is not met; empty if it is."""
     name, specifier = need.name, need.specifier  # type: ignore[attr-defined]
     try:
         found = version(name)
@@ -97,7 +97,7 @@ def _missing(need: object) -> str:
 
 
 def environment(variables: Mapping[str, str], known: Mapping[str, str]) -> Iterator[Line]:
-    """Variables that begin with ``HILFIT_``, and whether anything reads them.
+    """Report variables that begin with ``HILFIT_``, and whether anything reads them.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def environment(variables: Mapping[str, str], known: Mapping[str, str]) -> Itera
 
 
 def data_directory(path: Path) -> Line:
-    """Whether the service can write there, who else can read it, and how much room is left."""
+    """Check that the service can write there, who else can read it, and how much room is left."""
     topic = "data directory"
     place = path
     while not place.exists() and place != place.parent:
@@ -140,7 +140,7 @@ def data_directory(path: Path) -> Line:
 
 
 def shared_memory(place: Path = Path("/dev/shm")) -> Line:
-    """Room for the ring buffers."""
+    """Check the room for the ring buffers."""
     topic = "shared memory"
     if not place.is_dir():
         return Line(topic, "problem", f"{place} is not there", "mount a tmpfs at /dev/shm; the ring buffer lives there")
@@ -152,7 +152,7 @@ def shared_memory(place: Path = Path("/dev/shm")) -> Line:
 
 
 def scheduling() -> Line:
-    """Whether acquisition may have the real-time class; tried in a thread of its own, which ends at once."""
+    """Check that acquisition may have the real-time class; tried in a thread that ends at once."""
     from daq.acquisition.acquisition_child import FIFO_PRIORITY, request_fifo
 
     got: list[bool] = []
@@ -171,7 +171,7 @@ def scheduling() -> Line:
 
 
 def precedence() -> Line:
-    """Whether the service may stand above ordinary work; tried as :func:`scheduling` is."""
+    """Check that the service may precede ordinary work; tried as :func:`scheduling` is."""
     from server.platform.processes.precedence import NICENESS, take_niceness
 
     got: list[bool] = []
@@ -186,7 +186,7 @@ def precedence() -> Line:
 
 
 def can_interfaces(root: Path = Path("/sys/class/net"), wanted: Mapping[str, str] | None = None) -> Iterator[Line]:
-    """CAN interfaces of this computer.
+    """Report CAN interfaces of this computer.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def can_interfaces(root: Path = Path("/sys/class/net"), wanted: Mapping[str, str
 
 
 def serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:
-    """Serial adapters, for Modbus RTU."""
+    """Report serial adapters, for Modbus RTU."""
     for path in sorted([*root.glob("ttyUSB*"), *root.glob("ttyACM*")]):
         if os.access(path, os.R_OK | os.W_OK):
             yield Line("serial", "ok", f"{path} can be used")
@@ -222,7 +222,7 @@ def serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:
 
 
 def confinement() -> Line:
-    """Whether the kernel keeps children of the service away from its store."""
+    """Check that the kernel keeps children of the service away from its store."""
     if landlock_version() > 0:
         return Line("confinement", "ok", "acquisition and numerical children cannot write to the store (Landlock)")
     do = "use a kernel from 5.13 on with Landlock; without it run children as another user, or let nobody upload files"
@@ -230,7 +230,7 @@ def confinement() -> Line:
 
 
 def bus_places(places: Collection[str]) -> Line:
-    """Where uploaded machines may be acquired from."""
+    """Report where uploaded machines may be acquired from."""
     if places:
         return Line("bus places", "ok", f"uploaded machines may be acquired from {', '.join(places)}")
     do = "list places in the file of --config to acquire them: bus_places: [can:socketcan:can0]"
@@ -238,12 +238,12 @@ def bus_places(places: Collection[str]) -> Line:
 
 
 def webhook_places(places: Collection[str]) -> Line:
-    """Where webhooks may be delivered to."""
+    """Report where webhooks may be delivered to."""
     return Line("webhook places", "ok", f"webhooks may be delivered to {', '.join(places) or 'nowhere'}")
 
 
 def time_is_synchronised() -> Line:
-    """What the kernel knows of the clock (adjtimex(2)): recordings and audit carry UTC."""
+    """Check the kernel's clock state (adjtimex(2)): recordings and audit carry UTC."""
     if sys.platform != "linux":
         return Line("time", "note", "cannot be told on this system", "")
     asked = ctypes.create_string_buffer(512)  # struct timex, modes 0: only reads
@@ -255,7 +255,7 @@ def time_is_synchronised() -> Line:
 
 
 def clock_source(path: Path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")) -> Line:
-    """How the kernel reads time: a slow way makes every cycle dearer."""
+    """Report how the kernel reads time: a slow way makes every cycle dearer."""
     found = _read(path)
     if not found or found in _RESIDENT_CLOCKS:
         return Line("clock", "ok", found or "not said by the kernel")

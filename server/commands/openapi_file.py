@@ -23,7 +23,7 @@ PLACE = Path(__file__).parents[2] / "docs" / "openapi.json"
 
 
 def describe() -> dict[str, Any]:
-    """The description of a service with default settings; nothing of it is started."""
+    """Describe a service with default settings; nothing of it is started."""
     with tempfile.TemporaryDirectory() as directory:
         service = Service(Settings(data_dir=Path(directory)), RESOURCES)
         try:
@@ -33,7 +33,7 @@ def describe() -> dict[str, Any]:
 
 
 def text_of(description: dict[str, Any]) -> str:
-    """The file's text: sorted, so that a difference is a change."""
+    """Write the file's text: sorted, so that a difference is a change."""
     return json.dumps(description, indent=1, sort_keys=True) + "\n"
 
 

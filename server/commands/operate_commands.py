@@ -14,7 +14,7 @@ from daq.console import print_json, working
 
 
 def no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
-    """The value of an option that may hold a URL.
+    """Return the value of an option that may hold a URL.
 
     Secrets come by files and the environment: every user of a computer can read a command line.
 
@@ -133,7 +133,7 @@ def restore(
 
 
 def settings_of(config: Path | None, **given: Any) -> Any:
-    """Settings of a service, with those options that were given; what this process makes is its user's alone."""
+    """Load a service's settings, with the options given; what this process makes is its user's alone."""
     from server.platform.files import private_files
     from server.platform.settings import load_settings
 

@@ -77,7 +77,7 @@ def serve(
 
 
 def _simulated(settings: Settings, stack: ExitStack) -> dict[Key, Any]:
-    """What a simulated machine gives; it stops with the stack."""
+    """Return what a simulated machine gives; it stops with the stack."""
     from server.machines.simulation import Simulation
 
     simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
@@ -102,6 +102,6 @@ def _check_faults(settings: Settings) -> None:
 
 
 def _was_given(context: typer.Context, name: str) -> bool:
-    """Whether an option was given, here or in the environment: only then it counts more than a configuration file."""
+    """Test whether an option was given, here or in the environment: then it counts more than a configuration file."""
     source = context.get_parameter_source(name)
     return source is not None and not source.name.startswith("DEFAULT")

@@ -33,7 +33,7 @@ def run_valve_demo(
     seed: int = 1,
     progress: Progress = lambda share, text: None,
 ) -> tuple[dict[str, Any], Acquired, list[str]]:
-    """Run the demo; returns the report, what was acquired, and what the exported inverses' self-tests said.
+    """Run the demo; return the report, what was acquired, and results of the exported inverses' self-tests.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def record_played(
     path: Path,
     shown: Callable[[float], None] = lambda seconds: None,
 ) -> RecordingSummary:
-    """Hand a file to the controller, and record from when it begins until it is over."""
+    """Play a file on the controller, and record from when it begins until it is over."""
     from daq.acquisition.recorder import Recorder
 
     write_whole(simulated.inbox / motion.name, motion.read_bytes())
@@ -114,7 +114,7 @@ def record_played(
 
 
 def self_tested(source: Path) -> str:
-    """What an exported self-test says, compiled and run; a line for people."""
+    """Compile and run an exported self-test; return its line for people."""
     compiler = shutil.which("cc")
     if compiler is None:
         return f"self-test {source}: not run, there is no C compiler (cc) here"

@@ -47,7 +47,7 @@ class _Application(FastAPI):
     """Describes problem documents once for all routes."""
 
     def openapi(self) -> dict[str, Any]:
-        """The OpenAPI description."""
+        """Build the OpenAPI description."""
         description = super().openapi()
         description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
         base = self.state.service.settings.base_path
@@ -67,13 +67,13 @@ class _Application(FastAPI):
 
 
 def _operation_name(route: APIRoute) -> str:
-    """``recordings.upload``: the resource whose route it is, and what its function is called."""
+    """Return ``recordings.upload``: the route's resource, and its function's name."""
     resource = route.endpoint.__module__.split(".")[1]
     return f"{'health' if resource == 'composition' else resource}.{route.name}"
 
 
 def create_app(service: Service) -> FastAPI:
-    """The application in front of ``service``, which whoever calls starts before and stops afterwards."""
+    """Create the application in front of ``service``, which the caller starts before and stops afterwards."""
     app = _Application(
         title="hilfit",
         summary="Acquisition and fitting for hydraulically driven arms",
@@ -108,7 +108,7 @@ def check_declaration(resource: Resource, collections: Collection[str]) -> None:
     Raises
     ------
     TypeError
-        If a route has another class than :class:`TypedRoute`, no resource says to which machine the things in its path
+        If a route has another class than :class:`TypedRoute`, no resource names to which machine the things in its path
         belong, or a list is declared that no route answers.
     """
     routes = [route for router in resource.routers for route in router.routes if isinstance(route, APIRoute)]
@@ -129,17 +129,17 @@ def check_declaration(resource: Resource, collections: Collection[str]) -> None:
 
 
 def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
-    """What those ask who see to it that the service runs."""
+    """Add what those ask who see to it that the service runs."""
 
     @app.get("/livez", tags=["health"])
     async def livez() -> Health:
-        """Whether the process answers: if not, restart it."""
+        """Check that the process answers: if not, restart it."""
         return Health(status="ok")
 
     @app.get("/readyz", tags=["health"], operation_id="health.readyz", responses=problem_responses(503))
     @app.get("/healthz", tags=["health"], responses=problem_responses(503))
     def healthz() -> Health:
-        """Whether requests can be served: the store can be read, and the data directory be written."""
+        """Check that requests can be served: the store is readable, the data directory writable."""
         service.check()
         return Health(status="ok")
 
@@ -151,12 +151,12 @@ def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
         responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
     )
     def read_metrics() -> Response:
-        """What is counted, for Prometheus."""
+        """Return what is counted, for Prometheus."""
         return Response(metrics.text(), media_type=MEDIA_TYPE)
 
 
 def actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
-    """What a call of each endpoint is called in the audit log: ``recordings.start``."""
+    """Return the audit log's name of each endpoint's call: ``recordings.start``."""
     return {
         route.endpoint: f"{resource.name}.{route.endpoint.__name__}"
         for resource in resources
@@ -167,7 +167,7 @@ def actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
 
 
 def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
-    """What a request passes before it comes to a route; the last one is the outermost."""
+    """Add what a request passes before it comes to a route; the last one is the outermost."""
     settings, access = service.settings, service[Access]
 
     large = frozenset(API + path for resource in service.resources for path in resource.large_uploads)

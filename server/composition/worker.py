@@ -107,7 +107,7 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
 
 
 def other_version(database: Database) -> str | None:
-    """Why the server is not one to work for; None if it is."""
+    """Explain why the server is not one to work for; None if it is."""
     with database.read() as connection:
         found = connection.execute(sa.select(hosts.c.version).where(hosts.c.id == EXECUTOR)).scalar()
     if found == version("hilfit"):
@@ -120,7 +120,7 @@ def other_version(database: Database) -> str | None:
 def _kinds(
     settings: Settings, files: DataDirectory, database: Database, given: Mapping[Key, Any]
 ) -> tuple[JobKind, ...]:
-    """The kinds of jobs that are numerical work, of all resources."""
+    """List the kinds of jobs that are numerical work, of all resources."""
     parts = Parts(providers_of(RESOURCES))
     parts.put({Settings: settings, DataDirectory: files, Database: database})
     parts.put(given)

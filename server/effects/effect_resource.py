@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 
 
 def effects() -> list[dict[str, Any]]:
-    """All registered effects, sorted by id."""
+    """List all registered effects, sorted by id."""
     from fitting.effects import effects as registered
 
     return [_describe(entry) for entry in registered()]
 
 
 def effect(id: str) -> dict[str, Any]:
-    """One effect; NotFoundError if there is none of this id."""
+    """Return one effect; NotFoundError if there is none of this id."""
     for entry in effects():
         if entry["id"] == id:
             return entry

@@ -37,7 +37,7 @@ _BAR = 1e5  # Pa
 
 
 def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tuple[Motion, dict[str, Any]]:
-    """The motion and what is to be said of it.
+    """Design the motion and its summary.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tup
 
 
 def run(request: Path) -> dict[str, Any]:
-    """Design what ``request`` asks for, unless it is there already; the result."""
+    """Design what ``request`` asks for, unless it is there already; return the result."""
     content = json.loads(request.read_text(encoding="utf-8"))
     output = Path(content["output"])
     result_file = output / "result.json"

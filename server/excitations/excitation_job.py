@@ -74,25 +74,25 @@ class ExcitationKind:
         return self._jobs.order(self._excitations, new, self.name, (STAGE,), request)
 
     def motion(self, id: str) -> Path:
-        """Where the motion file is once it is designed; NotFoundError if there is no such excitation."""
+        """Locate the motion file once designed; NotFoundError if there is no such excitation."""
         job = self._excitations.get(id).job
         return kept_place(self._files, self._files.excitations / id, self._jobs, job) / "motion.csv"
 
     def words(self, stage: str) -> str:
-        """What a person reads while it runs."""
+        """Return what a person reads while it runs."""
         return "Designing the motion"
 
     def directory(self, job: Job) -> Path:
-        """Where the design gets its place."""
+        """Locate the design's place."""
         return self._files.excitations / job.subject
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
-        """The machine file."""
+        """Return the machine file."""
         excitation = self._excitations.get(job.subject)
         return (self._files.machine_file(excitation.machine, excitation.machine_version),)
 
     def run(self, run: StageRun) -> ChildResult:
-        """Design."""
+        """Run the design."""
         (machine,) = self.inputs(run.job)
         request = {
             "machine": str(run.here(machine)),
@@ -104,7 +104,7 @@ class ExcitationKind:
         return run.child(self._program, [str(path)], run.place / "design.log")
 
     def result(self, job: Job, place: Path) -> Result:
-        """What the design found."""
+        """Return what the design found."""
         try:
             result = json.loads((place / "result.json").read_bytes())
         except (OSError, ValueError):
@@ -112,4 +112,4 @@ class ExcitationKind:
         return found_by(Excitation, job.subject, result=result)
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
-        """Nobody waits for it here."""
+        """Pass: nobody waits for it here."""

@@ -110,7 +110,7 @@ def get(id: str, service: ServiceDep) -> ExcitationResource:
     dependencies=[require("read")],
 )
 def motion(id: str, service: ServiceDep) -> FileResponse:
-    """The motion file, for the arm's own controller."""
+    """Download the motion file, for the arm's own controller."""
     excitation = service[Excitations].get(id)
     path = service[ExcitationKind].motion(id)
     if excitation.result is None or not path.is_file():
@@ -120,7 +120,7 @@ def motion(id: str, service: ServiceDep) -> FileResponse:
 
 @router.post("/{id}/send", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def send(id: str, service: ServiceDep) -> Sent:
-    """Hand the motion to the simulated machine's controller; 409 for a real machine, whose controller is its own."""
+    """Send the motion to the simulated machine's controller; 409 for a real machine, whose controller is its own."""
     service[MotionDelivery].send(id, id)
     return Sent(name=id)
 

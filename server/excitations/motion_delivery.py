@@ -35,13 +35,13 @@ class MotionDelivery:
         self._simulated = simulated
 
     def controller(self, machine: str) -> SimulatedController | None:
-        """The simulated machine's controller; None: a real machine."""
+        """Return the simulated machine's controller; None: a real machine."""
         if machine != self._simulated():
             return None
         return SimulatedController(self._files.simulation, self._designs.motion)
 
     def send(self, excitation: str, name: str) -> None:
-        """Hand a designed motion to the simulated machine's controller.
+        """Send a designed motion to the simulated machine's controller.
 
         Raises
         ------

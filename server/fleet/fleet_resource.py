@@ -20,7 +20,7 @@ router = APIRouter(prefix="/fleet", tags=["fleet"], route_class=TypedRoute)
 
 @router.get("", dependencies=[require("read")])
 def fleet(service: ServiceDep, principal: PrincipalDep) -> Fleet:
-    """All machines with their residual against its limit, the calibration in use, and how many alarms there are."""
+    """List all machines with their residual against its limit, the calibration in use, and number of alarms."""
     return service[FleetView].gather(principal.machines)
 
 

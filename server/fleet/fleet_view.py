@@ -80,7 +80,7 @@ class FleetView:
         self._alarms = alarms
 
     def gather(self, only: tuple[str, ...] | None) -> Fleet:
-        """The fleet; ``only``: of these machines."""
+        """Gather the fleet; ``only``: of these machines."""
         rows = self._machines.list(MOST, machines=only).items
         in_use = self._calibrations.list(2 * MOST, machines=only, state="active").items
         active = {one.machine: one for one in in_use if one.kind == "identification"}
@@ -117,7 +117,7 @@ class FleetView:
 
 
 def worst_joint(joints: Iterable[Mapping[str, Any]]) -> MonitoredJoint | None:
-    """The joint whose cumulative sum is nearest to, or furthest beyond, its threshold; None if there is none."""
+    """Find the joint whose cumulative sum is nearest to, or furthest beyond, its threshold; None without one."""
     known = [MonitoredJoint.model_validate(joint) for joint in joints]
     return max(known, key=_share, default=None)
 

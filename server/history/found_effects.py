@@ -16,7 +16,7 @@ MOST = 2000
 
 
 def effects_in(loop: Mapping[str, Any]) -> tuple[FoundEffect, ...]:
-    """The effects in the ``loop`` of a report (or in what a calibration kept of it)."""
+    """Extract the effects in the ``loop`` of a report (or in what a calibration kept of it)."""
     return tuple(
         FoundEffect(id=str(effect["id"]), joint=effect.get("joint"), title=str(effect.get("title", effect["id"])))
         for effect in loop.get("effects", ())
@@ -32,7 +32,7 @@ class FoundEffects:
         self._lock = threading.Lock()
 
     def of(self, identification: str) -> tuple[FoundEffect, ...]:
-        """The effects of an identification that is done; none where its report is gone."""
+        """Return the effects of an identification that is done; none where its report is gone."""
         with self._lock:
             if identification in self._known:
                 return self._known[identification]

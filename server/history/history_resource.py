@@ -26,7 +26,7 @@ Days = Annotated[int, Query(ge=1, le=3660, description="How far back, in days of
 
 @router.get("/{name}/history", responses=problems(404, 422), dependencies=[require("read")])
 async def history(name: str, service: ServiceDep, principal: PrincipalDep, days: Days = 365) -> History:
-    """Calibrations, identifications with their effects, drifts, alarms and versions of a machine as one time line."""
+    """List calibrations, identifications with effects, drifts, alarms and versions of a machine in time order."""
     await run_in_threadpool(service[Machines].get, name)
     since = datetime.fromisoformat(service.now()) - timedelta(days=days)
     return await service.heavy.run(principal.id, service[MachineHistory].gather, name, as_stored(since))

@@ -31,7 +31,7 @@ class MachineHistory:
         self._effects = effects
 
     def gather(self, machine: str, since: str) -> History:
-        """What happened to a machine since ``since`` (ISO 8601, UTC), newest first."""
+        """Gather what happened to a machine since ``since`` (ISO 8601, UTC), newest first."""
         with self._database.read() as connection:
             ended = _identifications(connection, machine, since)
             kinds = [list(_files(connection, machine, since)), list(_calibrations(connection, machine, since))]
@@ -66,7 +66,7 @@ class MachineHistory:
 
 
 def _identifications(connection: sa.Connection, machine: str, since: str) -> Sequence[sa.Row[Any]]:
-    """Those that ended with a result."""
+    """Select those that ended with a result."""
     query = (
         sa.select(identifications, jobs.c.ended)
         .join(jobs, jobs.c.id == identifications.c.job)

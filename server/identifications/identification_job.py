@@ -58,15 +58,15 @@ class FitKind:
         return self._make_program()
 
     def words(self, stage: str) -> str:
-        """What a person reads while ``stage`` runs."""
+        """Return what a person reads while ``stage`` runs."""
         return words(stage)
 
     def directory(self, job: Job) -> Path:
-        """Where the stages get their places."""
+        """Locate the stages' places."""
         return Path(self._files.root, self.fits.of.table.name, job.subject)
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
-        """The machine file, then the recordings."""
+        """List the machine file, then the recordings."""
         return self._paths(self._fits.get(job.subject))
 
     def _paths(self, fit: Fit) -> tuple[Path, ...]:
@@ -75,7 +75,7 @@ class FitKind:
         return (machine, *(self._files.recording(row.id, row.format) for row in rows))
 
     def run(self, run: StageRun) -> ChildResult:
-        """One stage, in the process of the one before if it is there; those before it again if their files are gone."""
+        """Run a stage, in the process of the one before if it exists; those before it again if their files are gone."""
         fit = self._fits.get(run.job.subject)
         machine, *recordings = map(run.here, self._paths(fit))
         roles = [role for _, role in fit.recordings]
@@ -88,7 +88,7 @@ class FitKind:
         return result
 
     def result(self, job: Job, place: Path) -> Result:
-        """What the report says."""
+        """Return the report's content."""
         try:
             report = json.loads((place / self.report).read_bytes())
             return found_by(self.fits.of, job.subject, **self.outcome(report))
@@ -96,10 +96,10 @@ class FitKind:
             raise JobError("The last stage left no report that can be read") from None
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
-        """Nobody waits for it here."""
+        """Pass: nobody waits for it here."""
 
     def outcome(self, report: Mapping[str, Any]) -> dict[str, Any]:
-        """What is stored of a report, by columns."""
+        """Return what is stored of a report, by columns."""
         raise NotImplementedError
 
 
@@ -109,5 +109,5 @@ class IdentificationKind(FitKind):
     name, fits, report = "identification", Identifications, "report.json"
 
     def outcome(self, report: Mapping[str, Any]) -> dict[str, Any]:
-        """Its verdict, and the errors of all joints together."""
+        """Return its verdict, and the errors of all joints together."""
         return {"verdict": verdict_of(report), "overall": report["overall"]}

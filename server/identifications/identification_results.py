@@ -27,18 +27,18 @@ class FitResults:
         self._fits = self.fits(database)
 
     def directory(self, id: str) -> Path:
-        """Of one fit; NotFoundError if there is none."""
+        """Locate one fit; NotFoundError if there is none."""
         return kept_place(
             self._files, self._files.root / self.fits.of.table.name / id, self._jobs, self._fits.get(id).job
         )
 
     def get(self, id: str) -> Fit:
-        """One fit; NotFoundError if there is none."""
+        """Return one fit; NotFoundError if there is none."""
         found: Fit = self._fits.get(id)
         return found
 
     def written(self, id: str, name: str) -> Path:
-        """A file that every fit which is done has.
+        """Locate a file that every fit which is done has.
 
         Raises
         ------

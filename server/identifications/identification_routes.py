@@ -71,7 +71,7 @@ def get(id: str, service: ServiceDep) -> IdentificationResource:
     dependencies=[require("read")],
 )
 def report(id: str, service: ServiceDep) -> FileResponse:
-    """The result (schema ``hilfit/report/1``)."""
+    """Download the result (schema ``hilfit/report/1``)."""
     return FileResponse(service[IdentificationResults].written(id, "report.json"), media_type="application/json")
 
 
@@ -86,7 +86,7 @@ def report_page(
     service: ServiceDep,
     language: Annotated[ReportLanguage, Query(description="Of the page; one of an earlier version is English.")] = "en",
 ) -> FileResponse:
-    """The result as a self-contained page."""
+    """Download the result as a self-contained page."""
     english = service[IdentificationResults].written(id, "report.html")
     other = english.with_name(f"report.{language}.html")
     path, spoken = (other, language) if language != "en" and other.is_file() else (english, "en")
@@ -102,7 +102,7 @@ def report_page(
     dependencies=[require("read")],
 )
 def next_experiment(id: str, service: ServiceDep) -> FileResponse:
-    """The motion that would tell apart what these recordings could not (a motion file); 404 if none was designed."""
+    """Download the motion that separates what these recordings do not (a motion file); 404 if none was designed."""
     path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
         raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")

@@ -75,7 +75,7 @@ class Fits(Repository[Ordered]):
             connection.execute(self.used.insert().values(**row))
 
     def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Ordered, ...]:
-        """What rows hold, with the recordings that each was made of."""
+        """Return what rows hold, with the recordings that each was made of."""
         used, made = self.used.c, self.used.c[self.one]
         query = sa.select(made, used.recording, used.role).order_by(used.position)
         chosen: dict[str, list[tuple[str, str]]] = {row.id: [] for row in rows}
@@ -85,7 +85,7 @@ class Fits(Repository[Ordered]):
 
 
 def recordings_table(one: str, fits: str) -> sa.Table:
-    """Recordings with their roles of each of ``fits``, in the column that is called as ``one`` of them is."""
+    """Make the table of recordings, with roles, of each of ``fits``, in the column named after one of them."""
     return sa.Table(
         f"{one}_recordings",
         metadata,

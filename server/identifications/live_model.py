@@ -65,7 +65,7 @@ class LiveModel:
     Raises
     ------
     NotLiveError
-        If it holds something that live signals do not tell.
+        If it holds something that live signals do not have.
     """
 
     def __init__(self, model: ArmModel) -> None:
@@ -84,7 +84,7 @@ class LiveModel:
 
     @classmethod
     def load(cls, path: Path) -> LiveModel:
-        """The model that an identification wrote (``model.json``, or the folder that holds it).
+        """Load the model that an identification wrote (``model.json``, or the folder that holds it).
 
         Raises
         ------
@@ -107,12 +107,12 @@ class LiveModel:
         return (self.bank.margin + self.bank.half) / self.bank.rate_hz
 
     def block_samples(self, seconds: float) -> int:
-        """Samples of a block of about so many seconds: whole reduced rows, and at least what the filters ask for."""
+        """Count a block's samples in about so many seconds: whole reduced rows, and enough for the filters."""
         rows = max(5, round(seconds * self.bank.rate_hz / self.bank.decimation))
         return rows * self.bank.decimation
 
     def evaluate(self, time: FloatArray, values: dict[str, FloatArray]) -> tuple[JointBlock, ...] | None:
-        """Residuals of every joint over one window of ``overlap`` + ``block_samples`` samples; see :meth:`evaluated`.
+        """Compute all joints' residuals over one window of ``overlap`` + ``block_samples``; see :meth:`evaluated`.
 
         Returns
         -------
@@ -125,7 +125,7 @@ class LiveModel:
         return tuple(_joint(found, joint, tip[:, joint]) for joint in range(tip.shape[1]))
 
     def evaluated(self, time: FloatArray, values: dict[str, FloatArray]) -> Evaluated | None:
-        """The model on one window of samples.
+        """Evaluate the model on one window of samples.
 
         Parameters
         ----------
@@ -139,7 +139,7 @@ class LiveModel:
         Raises
         ------
         NotLiveError
-            If an effect's columns need what live signals do not tell.
+            If an effect's columns need what live signals do not have.
         """
         recording = Recording(
             self.machine.name, "operation", "live", "", self.machine.rate_hz, np.asarray(time), values

@@ -9,6 +9,6 @@ from fitting.report import looked
 
 
 def verdict_of(report: Mapping[str, Any]) -> str:
-    """The report's verdict; ``not_looked_for`` where the loop was left out and "nothing is missing" says nothing."""
+    """Return the report's verdict; ``not_looked_for`` if without the loop, where it would mean nothing."""
     loop = report["loop"]
     return str(loop["verdict"]) if looked(loop) else "not_looked_for"

@@ -51,11 +51,11 @@ class StageRequest:
 
 
 def words(stage: str) -> str:
-    """What a person reads while ``stage`` runs."""
+    """Return what a person reads while ``stage`` runs."""
     said = (WORDS | VALVE_WORDS).get(stage, stage.replace("_", " "))
     return said[:1].upper() + said[1:]
 
 
 def fitting_program(stages: tuple[str, ...] = STAGES) -> StageProgram:
-    """Stages of :mod:`fitting`, which is loaded here only for their names."""
+    """List stages of :mod:`fitting`, which is loaded here only for their names."""
     return StageProgram(stages, (sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay"))

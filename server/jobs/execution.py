@@ -74,7 +74,7 @@ class StageWork:
     # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
 
     def progress(self, fraction: float, text: str) -> None:
-        """It has come so far. Stored four times a second at most: nobody reads faster, and each is a transaction."""
+        """Record its progress. Stored four times a second at most: nobody reads faster, and each is a transaction."""
         now, (index, count) = time.monotonic(), self.part
         if now - self._told < LOOK_S or (fraction == 0.0 and text == self.words):  # said when the stage began
             return
@@ -87,7 +87,7 @@ class StageWork:
                 raise
 
     def should_stop(self) -> bool:
-        """Whether the service is stopped, or the job cancelled."""
+        """Test whether the service is stopped, or the job cancelled."""
         # It may have ended, and left its room, by the time that the stage has.
         self._starved = self._starved or self.free() < NO_ROOM_BYTES
         try:
@@ -141,12 +141,12 @@ class Execution:
         self._at_stake_s = 0.0  # of finished work that no other host has
 
     def begin_after(self, result: Mapping[str, Any]) -> None:
-        """The next stage goes on from what was recorded of the one before, here or on another host."""
+        """Begin the next stage after what was recorded of the one before, here or on another host."""
         self._place, self._files = result["place"], result["files"]
         self._at_stake_s = result.get("at_stake_s", 0.0)
 
     def run_stage(self, stage: str, part: tuple[int, int]) -> dict[str, Any]:
-        """Step: one stage, which is ``part`` of how many, and what is recorded of it."""
+        """Run one stage, as a step, which is ``part`` of how many; return what is recorded of it."""
         host, row, name, began = self._host, self._row, place_name(self._claim, stage), time.monotonic()
         stopped = {"outcome": "stopped", "stage": stage, "error": None, "place": self._place, "files": self._files}
         with host.working(self._kind):
@@ -241,7 +241,7 @@ class Execution:
             return ChildResult("failed", error="broke unexpectedly; the log of the service says why")
 
     def _stored(self, do: Callable[[], Value]) -> Value:
-        """The value of ``do``, done again while the storage is away; another host's turn when that lasts.
+        """Return the value of ``do``, repeated while the storage is away; another host's turn when that lasts.
 
         Raises
         ------
@@ -263,7 +263,7 @@ class Execution:
                 host.pause(AWAY_S)
 
     def _outcome(self, stage: str, result: ChildResult) -> dict[str, Any]:
-        """What the engine records of a stage; an error of the input stands for itself, any other names the stage."""
+        """Return what the engine records of a stage; an input's error as it is, any other names the stage."""
         error = result.error
         if error is not None:
             # Where the service keeps its files is nobody's business.
@@ -272,7 +272,7 @@ class Execution:
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 
     def finish(self, result: Mapping[str, Any]) -> str:
-        """Step: store the outcome, once; running it twice changes nothing."""
+        """Store the outcome, once, as a step; running it twice changes nothing."""
         return self._host.patiently(lambda: self._store(result))
 
     def _store(self, result: Mapping[str, Any]) -> str:

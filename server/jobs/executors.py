@@ -77,7 +77,7 @@ class Silence:
                 self._heard[row.id] = (row.seen, now)
 
     def silent(self, executor: str) -> bool:
-        """Whether nothing was heard of an executor for :data:`SILENT_S`; of one never heard of, since we listen."""
+        """Test whether an executor sent nothing for :data:`SILENT_S`; since we listen, if never anything."""
         return self._clock() - self._heard.get(executor, ("", self._began))[1] > SILENT_S
 
 
@@ -107,7 +107,7 @@ class Heartbeat:
         self._rounds = Rounds("presence", BEAT_S, self._beat)
 
     def start(self) -> None:
-        """Start; the first word is said before this returns."""
+        """Start; the first message is out before this returns."""
         self.say()
         self._rounds.start()
 
@@ -116,7 +116,7 @@ class Heartbeat:
         self._rounds.stop()
 
     def say(self) -> None:
-        """Say it once."""
+        """Log it once."""
         self._count += 1
         # The count makes every word a new one, whatever the clock does.
         values = {"host": socket.gethostname(), "started": self._started, "seen": f"{self._started} {self._count}"}

@@ -45,16 +45,16 @@ class JobHost(Patience):
         self._at_work = 0
 
     def out_of_reach(self) -> str | None:
-        """Why no job can be done here now; None if the storage is there, and that of this store."""
+        """Explain why no job can be done here now; None if the storage is there, and that of this store."""
         return self.files.storage.check(self.jobs.store())
 
     def free(self) -> int:
-        """Free bytes where files are kept."""
+        """Count free bytes where files are kept."""
         return shutil.disk_usage(self.files.root).free
 
     @contextmanager
     def process(self, kind: JobKind) -> Iterator[Child]:
-        """For the stages of a job; that of numerical ones stays for a while, for the next job."""
+        """Provide a process for a job's stages; that of numerical ones remains a while, for the next job."""
         if kind.queue != NUMERICAL:
             with Child() as process:
                 yield process
@@ -72,7 +72,7 @@ class JobHost(Patience):
 
     @contextmanager
     def counted(self) -> Iterator[None]:
-        """Work that is waited for before the engine stops."""
+        """Count work that is waited for before the engine stops."""
         with self._idle:
             self._at_work += 1
         try:
@@ -83,7 +83,7 @@ class JobHost(Patience):
                 self._idle.notify_all()
 
     def close(self, timeout_s: float) -> None:
-        """Wait until nobody is at work, and end the process that stayed."""
+        """Wait until nobody is at work, and end the process that was kept."""
         with self._idle:
             self._idle.wait_for(lambda: self._at_work == 0, timeout=timeout_s)
         self._warm.close()

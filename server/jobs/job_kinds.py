@@ -49,7 +49,7 @@ class StageRun:
     key: Callable[[Path], str] = str
 
     def here(self, path: Path) -> Path:
-        """Where an input is on this host, given where it is in the data directory."""
+        """Locate an input on this host, given where it is in the data directory."""
         return self.inputs.get(self.key(path), path)
 
 
@@ -58,26 +58,26 @@ class JobKind(Protocol):
 
     @property
     def name(self) -> str:
-        """As it stands in a job's ``kind``."""
+        """As it is in a job's ``kind``."""
 
     @property
     def queue(self) -> str:
         """Where its jobs wait."""
 
     def words(self, stage: str) -> str:
-        """What a person reads while a stage runs."""
+        """Return what a person reads while a stage runs."""
 
     def directory(self, job: Job) -> Path:
-        """Where a job's stages get their places."""
+        """Locate a job's stages' places."""
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
-        """Files of the data directory that its stages read, and :meth:`StageRun.here` finds on their host."""
+        """List files of the data directory that its stages read, and :meth:`StageRun.here` finds on their host."""
 
     def run(self, run: StageRun) -> ChildResult:
         """Run a stage; one that broke off is run again, so it must not do twice what may be done once."""
 
     def result(self, job: Job, place: Path) -> Result | None:
-        """What the last stage left to be stored with the end of the job; None: nothing. JobError if it is not there."""
+        """Return what the last stage left to be stored with the job's end, or None. JobError if it is not there."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
-        """The job is about to be over; may be told twice."""
+        """Prepare for the job's end; may be called twice."""

@@ -30,7 +30,7 @@ from server.platform.resource import NamedFiles
 
 
 def place_name(claim: Claim, stage: str) -> str:
-    """Name of the directory of one execution."""
+    """Return the directory's name of one execution."""
     return f"{claim.number}-{stage}"
 
 
@@ -64,7 +64,7 @@ def tidy(files: DataDirectory, directory: Path, keep: str | None, kept: Collecti
 
 
 def kept_place(files: DataDirectory, directory: Path, jobs: Jobs, id: str) -> Path:
-    """Where a job that is over left its files, below the ``directory`` of what it made; fetched if need be."""
+    """Locate where a finished job left its files, below the ``directory`` of what it made; fetch if needed."""
     job = jobs.get(id)
     # Jobs of store version 3 and before had one directory for all executions.
     place = directory / (job.place or "")
@@ -74,7 +74,7 @@ def kept_place(files: DataDirectory, directory: Path, jobs: Jobs, id: str) -> Pa
 
 
 def named_results(table: sa.Table, connection: sa.Connection) -> NamedFiles:
-    """What a store names of the things in ``table`` that jobs make: the place that counts, and all below.
+    """Select what a store names of the things in ``table`` that jobs make: the place that counts, and all below.
 
     Their directories are called like the table.
     """

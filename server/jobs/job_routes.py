@@ -47,7 +47,7 @@ def get(id: str, service: ServiceDep) -> JobResource:
 
 @router.post("/{id}/cancel", status_code=202, responses=problems(404, 422), dependencies=[require("operate")])
 def cancel(id: str, service: ServiceDep) -> JobResource:
-    """Ask a job to stop; one that has ended stays as it is."""
+    """Ask a job to stop; one that has ended is left as it is."""
     return _resource(service, service[Jobs].request_cancel(id))
 
 

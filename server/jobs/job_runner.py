@@ -207,7 +207,7 @@ class JobRunner:
         return tuple(taken)
 
     def _run(self, job: str, stages: list[str]) -> str:
-        """The workflow. Its steps depend on nothing but its arguments and the results of earlier steps.
+        """Run the workflow. Its steps depend on nothing but its arguments and the results of earlier steps.
 
         The claim is no step: every execution takes one of its own.
         """

@@ -141,17 +141,17 @@ class Jobs(Repository[Job]):
         return new
 
     def unfinished(self) -> tuple[Job, ...]:
-        """Queued and running jobs, oldest first."""
+        """List queued and running jobs, oldest first."""
         return self.all(jobs.c.state.not_in(FINAL))
 
     def counts(self) -> dict[str, int]:
-        """Number of jobs per state."""
+        """Count jobs per state."""
         query = sa.select(jobs.c.state, sa.func.count()).group_by(jobs.c.state)
         with self._database.read() as connection:
             return {state: int(count) for state, count in connection.execute(query)}
 
     def progress(self, id: str, stage: str, fraction: float, text: str, claim: Claim | None = None) -> bool:
-        """A queued or running job does ``text``; its fraction never goes back.
+        """Set a queued or running job's ``text``; its fraction never goes back.
 
         Returns
         -------
@@ -170,14 +170,14 @@ class Jobs(Repository[Job]):
         return True
 
     def cancelling(self, id: str, claim: Claim | None = None) -> bool:
-        """Whether somebody asked to cancel the job."""
+        """Test whether somebody asked to cancel the job."""
         with self._database.read() as connection:
             if claim is not None:
                 claim.check(connection)
             return bool(connection.execute(sa.select(jobs.c.cancel_requested).where(jobs.c.id == id)).scalar())
 
     def request_cancel(self, id: str) -> Job:
-        """Ask a job to stop; a queued one is cancelled at once, one that has ended stays as it is.
+        """Ask a job to stop; cancel a queued one at once, leave one that has ended.
 
         Raises
         ------
@@ -229,7 +229,7 @@ class Jobs(Repository[Job]):
         return True
 
     def store(self) -> str:
-        """What tells this store from all others."""
+        """Return what distinguishes this store from all others."""
         with self._database.read() as connection:
             return str(connection.execute(sa.select(store_identity.c.id)).scalar_one())
 
@@ -239,13 +239,13 @@ class Jobs(Repository[Job]):
             _note_files(connection, id, "input", files)
 
     def files(self, id: str, use: Literal["input", "result"]) -> dict[str, str]:
-        """SHA-256 of what a job reads or left, by name; nothing where its files do not travel."""
+        """Return SHA-256 of what a job reads or left, by name; nothing where its files do not travel."""
         query = sa.select(job_files.c.name, job_files.c.sha256).where(job_files.c.job == id, job_files.c.use == use)
         with self._database.read() as connection:
             return {row.name: row.sha256 for row in connection.execute(query)}
 
     def events(self, id: str, after: int = 0) -> tuple[JobEvent, ...]:
-        """What happened after event number ``after``."""
+        """List what happened after event number ``after``."""
         query = (
             sa.select(job_events)
             .where(job_events.c.job == id, job_events.c.number > after)
@@ -274,14 +274,14 @@ class MadeByJobs(Repository[Value]):
     """Repository of what jobs make, each with the state of its job."""
 
     def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Value, ...]:
-        """What rows hold."""
+        """Return what rows hold."""
         query = sa.select(jobs.c.id, jobs.c.state).where(jobs.c.id.in_([row.job for row in rows]))
         states = {row.id: row.state for row in connection.execute(query)}
         return tuple(self.of.read(row, state=states[row.job]) for row in rows)
 
 
 def found_by(made: type[Stored], id: str, **found: Any) -> Result:
-    """What a job found of the thing with this id, to be stored with the end of the job."""
+    """Return a job's result for the thing with this id, to be stored with the end of the job."""
     return Result(made.table.name, made.table.update().where(made.table.c.id == id).values(**found))
 
 

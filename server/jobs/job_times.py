@@ -25,7 +25,7 @@ class JobTimes:
         self._database = database
 
     def expected_end(self, job: Job) -> str | None:
-        """When a running job will end, as the store writes times; None if it does not run, or nothing tells.
+        """Estimate a running job's end, as the store writes times; None if it does not run, or no job is known.
 
         The stage that it is in takes what that stage took in the median of the last jobs of its kind that were done,
         or is about to end where it took longer; so do those that follow. Where none was done, or one with other
@@ -52,7 +52,7 @@ class JobTimes:
 
 
 def _usual(connection: sa.Connection, kind: str) -> dict[str, float]:
-    """Seconds that each stage took in the median of the last jobs of a kind."""
+    """Compute the median seconds that each stage took in the last jobs of a kind."""
     newest = (
         sa.select(jobs.c.id).where(jobs.c.kind == kind, jobs.c.state == "done").order_by(jobs.c.number.desc())
     ).limit(EARLIER)

@@ -29,7 +29,7 @@ class Client:
             self._loop.call_soon_threadsafe(self._put, message)
 
     def drop(self) -> None:
-        """Let go of the client, from any thread."""
+        """Drop the client, from any thread."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self.dropped.set)
 
@@ -40,5 +40,5 @@ class Client:
             self.dropped.set()
 
     async def next(self) -> str:
-        """The next message."""
+        """Return the next message."""
         return await self._messages.get()

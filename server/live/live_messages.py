@@ -37,7 +37,7 @@ class Channels:
 
     @classmethod
     def of(cls, machine: Machine) -> Channels:
-        """The channels in the order of the machine file, which is that of a frame."""
+        """List the channels in the order of the machine file, which is that of a frame."""
         conversions = [machine.conversion(channel) for channel in machine.channels]
         offset = np.array([float(conversion.from_si(0.0)) for conversion in conversions])
         scale = np.array([float(conversion.from_si(1.0)) for conversion in conversions]) - offset
@@ -45,7 +45,7 @@ class Channels:
 
 
 def snapshot(seq: int, state: str, channels: Channels | None, row: npt.NDArray[np.void] | None) -> str:
-    """Everything there is to know now: the first message, and again whenever acquisition starts anew.
+    """Collect everything there is to know now: the first message, and again whenever acquisition restarts.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def snapshot(seq: int, state: str, channels: Channels | None, row: npt.NDArray[n
 
 
 def frames(seq: int, channels: Channels, rows: npt.NDArray[np.void], missed: int = 0) -> str:
-    """Samples that came since the last message, oldest first; quality and age are those of the newest.
+    """Collect samples since the last message, oldest first; quality and age are those of the newest.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def frames(seq: int, channels: Channels, rows: npt.NDArray[np.void], missed: int
 
 
 def heartbeat(seq: int, state: str) -> str:
-    """Says that the connection lives, and what the acquisition does."""
+    """Send a sign of life, and what the acquisition does."""
     return _text({"type": "heartbeat", "seq": seq, "acquisition": state})
 
 

@@ -39,7 +39,7 @@ class _Stream:
         self._next_heartbeat = clock() + HEARTBEAT_S
 
     def add(self, client: Client) -> None:
-        """Give ``client`` a snapshot at the next step, then everything."""
+        """Send ``client`` a snapshot at the next step, then everything."""
         with self._lock:
             self._new.append(client)
 
@@ -51,7 +51,7 @@ class _Stream:
             return len(self._new) + len(self._clients)
 
     def drop_all(self) -> None:
-        """The service stops."""
+        """Drop all, as the service stops."""
         with self._lock:
             for client in self._new + self._clients:
                 client.drop()
@@ -73,13 +73,13 @@ class _Stream:
             self._send(lambda seq: messages.heartbeat(seq, self._state()))
 
     def close(self) -> None:
-        """Let go of the ring."""
+        """Release the ring."""
         if self._ring is not None:
             self._ring.close()
             self._ring = None
 
     def _attach(self) -> tuple[RingReader | None, bool]:
-        """The ring of the acquisition that runs now, and whether it is another one than at the last step."""
+        """Attach to the ring of the acquisition that runs now; return whether it is another one than before."""
         try:
             machine, feed = self._source.feed(self._machine)
         except (ServiceError, AcquisitionError):
@@ -103,7 +103,7 @@ class _Stream:
         return self._source.state(self._machine)
 
     def _send(self, make: Callable[[int], str]) -> None:
-        """Number a message and give it to all clients that had a snapshot."""
+        """Put a number on a message and send it to all clients that had a snapshot."""
         self._seq += 1
         with self._lock:
             clients = tuple(self._clients)
@@ -113,7 +113,7 @@ class _Stream:
                 client.offer(message)
 
     def _welcome(self) -> None:
-        """Give those who came since the last step where the others are."""
+        """Bring those who came since the last step to where the others are."""
         with self._lock:
             new, self._new = self._new, []
             self._clients += new
@@ -157,7 +157,7 @@ class Hub:
                     self._forget(machine, stream)
 
     def machines(self) -> tuple[str, ...]:
-        """Machines that somebody looks at."""
+        """List machines that somebody looks at."""
         with self._lock:
             return tuple(self._streams)
 

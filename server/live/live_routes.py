@@ -37,7 +37,7 @@ _FRAMES = {"type": "object", "additionalProperties": {"type": "object", "additio
     dependencies=[require("read")],
 )
 async def snapshot(service: ServiceDep, principal: PrincipalDep, machine: MachineQuery = None) -> Response:
-    """The newest values, with quality and age, of one machine or of all, by machine name."""
+    """Return the newest values, with quality and age, of one machine or of all, by machine name."""
     if machine is not None:
         await run_in_threadpool(service[Machines].get, machine)
     # A look into shared memory: a thread for it would take longer than it does.
@@ -47,9 +47,9 @@ async def snapshot(service: ServiceDep, principal: PrincipalDep, machine: Machin
 
 @socket_router.websocket("/stream", dependencies=[require("read")])
 async def stream(socket: WebSocket, machine: OneMachine) -> None:
-    """Every sample of one machine, ten messages a second: a snapshot, then frames and heartbeats.
+    """Stream every sample of one machine, ten messages a second: a snapshot, then frames and heartbeats.
 
-    What the client says is not read. It is closed with 1013 when it does not keep up, 1001 when the service stops.
+    What the client sends is not read. It is closed with 1013 when it does not keep up, 1001 when the service stops.
     """
     service = socket.app.state.service
     assert isinstance(service, Service)
@@ -82,6 +82,6 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 
 async def _hear(socket: WebSocket) -> None:
-    """Return when the client has gone; nothing that it says does anything."""
+    """Return when the client has gone; nothing that it sends has any effect."""
     while (await socket.receive())["type"] != "websocket.disconnect":
         pass

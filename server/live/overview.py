@@ -42,7 +42,7 @@ class Overview:
         self._counted: tuple[int, dict[str, int]] = 0, {}
 
     async def status(self) -> Status:
-        """The service now."""
+        """Return the service's present state."""
         revisions = await self._revisions.current()
         number = revisions.get("jobs", 0)  # 0: there never was one
         if self._counted[0] < number:

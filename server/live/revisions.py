@@ -47,7 +47,7 @@ class Revisions:
         self._counters: Mapping[str, int] = {}
 
     async def current(self) -> Mapping[str, int]:
-        """The counters: as new as every write of this process, and not older than ``poll_s`` for those of others."""
+        """Return the counters: new as every write of this process, within ``poll_s`` for those of others."""
         # While somebody reads, nobody else waits for the store: a writer may hold it for as long as a disk takes.
         if self._own is None or not self._counters or not self._lock.locked():
             await self._refresh()
@@ -66,7 +66,7 @@ class Revisions:
                 self._seen, self._until = number, self._clock() + self._poll_s
 
     async def follow(self) -> AsyncIterator[tuple[str, int] | None]:
-        """Every counter as it is, then each whenever it moves; None now and then, as a sign of life.
+        """Yield every counter as it is, then each whenever it moves; None now and then, as a sign of life.
 
         Ends when the service stops.
         """

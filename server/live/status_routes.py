@@ -14,7 +14,7 @@ router = APIRouter(prefix="/status", tags=["status"], route_class=TypedRoute)
 
 @router.get("", response_model=Status, dependencies=[require("read")])
 async def status(service: ServiceDep, principal: PrincipalDep) -> Response:
-    """Revision counters, jobs and acquisition."""
+    """Return revision counters, jobs and acquisition."""
     found = await service[Overview].status()
     found = found.model_copy(update={"acquisition": principal.visible(found.acquisition)})
     # Serialised once, by pydantic's own serialiser; FastAPI would validate it again and build dictionaries of it first.

@@ -47,7 +47,7 @@ class LogMemory(logging.Handler):
         logging.getLogger().addHandler(self)
 
     def stop(self) -> None:
-        """Listen no more; what was heard stays."""
+        """Listen no more; what was received remains."""
         logging.getLogger().removeHandler(self)
 
     def emit(self, record: logging.LogRecord) -> None:
@@ -67,7 +67,7 @@ class LogMemory(logging.Handler):
             self._lines.append(line)
 
     def after(self, number: int, limit: int, least: int = logging.NOTSET, containing: str = "") -> tuple[LogLine, ...]:
-        """Lines after line ``number``, oldest first: the newest ``limit`` of them.
+        """Return lines after line ``number``, oldest first: the newest ``limit`` of them.
 
         Parameters
         ----------

@@ -38,7 +38,7 @@ def log_lines(
     containing: Annotated[str, Query(max_length=200, description="A part of the line, in whatever case")] = "",
     limit: Limit = 200,
 ) -> LogLines:
-    """The newest lines of the service's log since its start, oldest first; workers have logs of their own."""
+    """Return the newest lines of the service's log since its start, oldest first; workers have their own."""
     memory = service[LogMemory]
     newest = memory.count
     lines = memory.after(after, limit, logging.getLevelNamesMapping()[level.upper()], containing)

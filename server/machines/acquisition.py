@@ -93,7 +93,7 @@ class Supervisor:
             return state.machine, state.feed
 
     def statistics(self) -> dict[str, Any]:
-        """State, restarts, the last error, and what the process counted."""
+        """Return state, restarts, the last error, and what the process counted."""
         with self._lock:
             state = self._state
             result = {"state": state.state, "restarts": state.restarts, "error": state.error}
@@ -140,7 +140,7 @@ class Supervisor:
         _log.warning("acquisition_waits", machine=self._name, error=error)
 
     def _comes_up(self, feed: AcquisitionProcess) -> bool:
-        """Wait until frames come; False if told to stop before."""
+        """Wait until frames come; False if ordered to stop before."""
         for _ in range(round(START_S / START_LOOK_S)):
             if feed.alive:
                 return True
@@ -150,7 +150,7 @@ class Supervisor:
         raise UnavailableError(f"no frame came within {START_S:g} s; check the buses of the machine")
 
     def _watch(self, feed: AcquisitionProcess) -> None:
-        """Return when told to stop; raise when the process has died."""
+        """Return when ordered to stop; raise when the process has died."""
         while not self._pause(self._stop, LOOK_S):
             self._set(last=asdict(feed.statistics()))
             if not feed.alive:
@@ -187,7 +187,7 @@ class Acquisition:
         self._supervisors: dict[str, Supervisor] = {}
 
     def start(self, name: str, machine_file: Path, own: bool = False) -> None:
-        """Acquire machine ``name``, from now on by this file; one of our ``own`` goes wherever it says."""
+        """Acquire machine ``name``, from now on by this file; one of our ``own`` goes wherever it is led."""
         self.stop(name)
         places = None if own else self._places
         supervisor = Supervisor(name, machine_file, self._launch, places=places, changed=self._changed)
@@ -208,18 +208,18 @@ class Acquisition:
             self.stop(name)
 
     def names(self) -> tuple[str, ...]:
-        """The machines that are acquired (or should be, while one starts)."""
+        """Name the machines that are acquired (or should be, while one starts)."""
         with self._lock:
             return tuple(self._supervisors)
 
     def running(self, name: str) -> bool:
-        """Whether frames of that machine come at the moment."""
+        """Test whether frames of that machine come at the moment."""
         with self._lock:
             supervisor = self._supervisors.get(name)
         return supervisor is not None and supervisor.running is not None
 
     def check(self, machine_file: Path, own: bool = False) -> None:
-        """Raise ConflictError if a machine's file does not say where its channels come from, or leads elsewhere."""
+        """Raise ConflictError if a machine's file does not name where its channels come from, or leads elsewhere."""
         machine = load_machine(machine_file)
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
@@ -230,17 +230,17 @@ class Acquisition:
         refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
-        """State of one machine's acquisition."""
+        """Return the state of one machine's acquisition."""
         with self._lock:
             supervisor = self._supervisors.get(name)
         return {"state": "off"} if supervisor is None else supervisor.statistics()
 
     def state(self, name: str) -> str:
-        """What one machine's acquisition does: ``off``, ``starting``, ``running``, ``waiting`` or ``stopped``."""
+        """Return one machine's acquisition state: ``off``, ``starting``, ``running``, ``waiting``, ``stopped``."""
         return str(self.statistics(name)["state"])
 
     def feed(self, name: str) -> tuple[Machine, AcquisitionProcess]:
-        """The machine and its running feed.
+        """Return the machine and its running feed.
 
         Raises
         ------
@@ -270,7 +270,7 @@ class Acquisition:
         return running
 
     def latest(self, name: str) -> dict[str, Any]:
-        """The newest frame: values in the channels' units, with quality and age; NaN becomes None."""
+        """Return the newest frame: values in the channels' units, quality and age; NaN becomes None."""
         from daq.acquisition.ring import RingReader
         from daq.frames.frame import frame_from_row
 
@@ -295,7 +295,7 @@ class Acquisition:
         return {"cycle": frame.cycle, "time": frame.time, "utc_ns": frame.utc_ns, "channels": channels}
 
     def newest(self, name: str | None) -> dict[str, dict[str, Any]]:
-        """The newest frame of one machine, or of each that has one at the moment, by machine."""
+        """Return the newest frame of one machine, or of each that has one, by machine."""
         if name is not None:
             return {name: self.latest(name)}
         found = {}

@@ -20,7 +20,7 @@ _COUNTS = {
 
 
 def acquisition_metrics(acquisition: Acquisition) -> Iterator[Metric]:
-    """State, restarts and counts of every machine's acquisition."""
+    """Yield state, restarts and counts of every machine's acquisition."""
     running = GaugeMetricFamily(
         "hilfit_acquisition_state",
         "1 for the state that a machine's acquisition is in.",
@@ -54,6 +54,6 @@ def acquisition_metrics(acquisition: Acquisition) -> Iterator[Metric]:
 
 
 def _buckets(lateness: Mapping[str, int]) -> list[tuple[str, float]]:
-    """Bounds in s and how many are not above each, as Prometheus wants them, of counts between bounds in ms."""
+    """Convert counts between bounds in ms to bounds in s and how many are not above each (Prometheus)."""
     bounds = (floatToGoString(float(bound) / 1e3) for bound in lateness)  # type: ignore[no-untyped-call]
     return list(zip(bounds, accumulate(lateness.values()), strict=True))

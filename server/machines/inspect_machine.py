@@ -27,7 +27,7 @@ def look(source: Path, target: Path) -> dict[str, str]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """As :func:`look`, with this process limited to what such a file may take; the exit code."""
+    """Run :func:`look`, with this process limited to what such a file may take; return the exit code."""
     source, target = map(Path, arguments)
     limit_child(MACHINE_FILE_CPU_S, source.stat().st_size)
     too_much = f"{SHOWN_NAME}: takes too much memory to read; make it shorter"

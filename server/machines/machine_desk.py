@@ -57,7 +57,7 @@ class MachineDesk:
             self._acquisition.start(machine.name, path, own=machine.name == self.simulated)
 
     def check(self, content: bytes, allowed: Callable[[str], bool]) -> tuple[str, int]:
-        """A machine file's machine and the version that it would be; refuses what :meth:`upload` would."""
+        """Check a machine file: its machine and version to be; refuse what :meth:`upload` would."""
         return self._uploads.check(content, allowed, self.simulated)
 
     def upload(

@@ -29,7 +29,7 @@ class ReadMachine:
 
     @classmethod
     def of(cls, machine: Machine) -> ReadMachine:
-        """A machine that was read in this process."""
+        """Describe a machine that was read in this process."""
         return cls(machine.name, machine.model_dump(mode="json", by_alias=True, exclude_none=True))
 
 
@@ -67,7 +67,7 @@ class MachineReader:
         )
 
     def content(self, path: Path) -> dict[str, Any]:
-        """The content of a version that is stored; kept, since it never changes."""
+        """Return the content of a version that is stored; cached, since it never changes."""
         known = self.known(path)
         if known is None:
             known = self.read(path.read_bytes()).content
@@ -75,7 +75,7 @@ class MachineReader:
         return known
 
     def known(self, path: Path) -> dict[str, Any] | None:
-        """The content of a stored version if it was read before; never waits."""
+        """Return the content of a stored version if it was read before; never wait."""
         return self._known.get(path)
 
     def keep(self, path: Path, content: dict[str, Any]) -> None:

@@ -33,7 +33,7 @@ from server.platform.settings import Settings
 
 @contextmanager
 def acquire(machine: Machine, data_directory: Path | None = None) -> Iterator[AcquisitionProcess]:
-    """Start acquiring a machine; a device that is not there stays missing and costs only itself.
+    """Start acquiring a machine; a device that is not there is missing and costs only itself.
 
     What CANopen nodes were like before is kept in ``data_directory``.
     """

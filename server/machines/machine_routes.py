@@ -119,7 +119,7 @@ def file(name: str, service: ServiceDep, version: Version = None) -> Response:
 
 @router.put("/{name}/acquisition", responses=problems(404, 409, 422), dependencies=[require("engineer")])
 async def acquisition(name: str, wish: AcquisitionWish, service: ServiceDep, principal: PrincipalDep) -> MachineDetail:
-    """Start or stop acquiring a machine; it stays so over restarts."""
+    """Start or stop acquiring a machine; restarts keep that."""
     await service.heavy.aside(service[MachineDesk].set_acquisition, name, wish.enabled)
     return await _detail(service, principal, name, None)
 

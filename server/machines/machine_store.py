@@ -49,7 +49,7 @@ class Machines:
         self._database = database
 
     def next_version(self, name: str, sha256: str) -> int | None:
-        """The version that a file with this hash would get; None if it is the current one already.
+        """Return the version that a file with this hash would get; None if it is the current one already.
 
         ConflictError if there is none of this name, and one that differs from it by capitals alone.
         """
@@ -77,7 +77,7 @@ class Machines:
             )
 
     def get(self, name: str, version: int | None = None) -> MachineRow:
-        """One version, by default the current one.
+        """Return one version, by default the current one.
 
         Raises
         ------
@@ -93,13 +93,13 @@ class Machines:
         return MachineRow.of(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:
-        """Every version of a machine, newest first; empty if there is no such machine."""
+        """List every version of a machine, newest first; empty if there is no such machine."""
         query = _versions().where(machines.c.name == name).order_by(machine_versions.c.version.desc())
         with self._database.read() as connection:
             return tuple(MachineRow.of(row) for row in connection.execute(query))
 
     def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[MachineRow]:
-        """Current versions, the machine added last first."""
+        """List current versions, the machine added last first."""
         between, seen = narrowed.get("between", ANY_TIME), narrowed.get("machines")
         query = between.narrowed(_versions().where(_is_current()), machine_versions.c.created, machines.c.name)
         if seen is not None:
@@ -109,13 +109,13 @@ class Machines:
         return Page(tuple(MachineRow.of(row) for row in rows), cursor)
 
     def acquiring(self) -> tuple[MachineRow, ...]:
-        """The machines whose acquisition should run."""
+        """List the machines whose acquisition should run."""
         query = _versions().where(_is_current(), machines.c.acquire).order_by(machines.c.number)
         with self._database.read() as connection:
             return tuple(MachineRow.of(row) for row in connection.execute(query))
 
     def set_acquire(self, name: str, acquire: bool) -> None:
-        """Say whether acquisition should run (now and after a restart)."""
+        """Store whether acquisition should run (now and after a restart)."""
         with self._database.write("machines") as connection:
             connection.execute(machines.update().where(machines.c.name == name).values(acquire=acquire))
 

@@ -100,7 +100,7 @@ class MachineUploads:
         return machine.name, version
 
     def _parsed(self, content: bytes, allowed: Callable[[str], bool], own: bool = False) -> tuple[ReadMachine, str]:
-        """The machine of a text, and the text's SHA-256; of one of our own without where its buses are in this run."""
+        """Parse a text's machine, and its SHA-256; one of our own without its buses' places in this run."""
         machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
         if not allowed(machine.name):
             raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")

@@ -58,7 +58,7 @@ class Simulation:
 
     @contextmanager
     def machine(self, directory: Path, speed: float) -> Iterator[Path]:
-        """Simulated buses of the default machine, with an effect in the plant that its machine file does not know.
+        """Simulate the default machine's buses, with a plant effect that its machine file does not know.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class Simulation:
             os.kill(os.getpid(), signal.SIGTERM)
 
     def order(self, order: str, **details: Any) -> Any:
-        """Ask it for something (:mod:`server.machines.faults.simulation_orders`) and wait for the answer.
+        """Order something of it (:mod:`server.machines.faults.simulation_orders`) and wait for the answer.
 
         Raises
         ------
@@ -130,7 +130,7 @@ class Simulation:
 
 @contextmanager
 def simulated_machine(directory: Path, speed: float) -> Iterator[Path]:
-    """As :meth:`Simulation.machine`, of a process that is made now."""
+    """Run :meth:`Simulation.machine` in a process that is made now."""
     with Simulation().machine(directory, speed) as path:
         yield path
 
@@ -149,11 +149,11 @@ class SimulatedController:
         self._motion = motion
 
     def send(self, name: str, excitation: str) -> None:
-        """Hand it the motion of an excitation under a name."""
+        """Send it the motion of an excitation under a name."""
         write_whole(self._directory / "inbox" / f"{name}.csv", self._motion(excitation).read_bytes())
 
     def follows(self, name: str) -> bool:
-        """Whether it began to follow the motion.
+        """Test whether it began to follow the motion.
 
         Raises
         ------

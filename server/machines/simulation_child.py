@@ -17,7 +17,7 @@ from server.platform.processes.child_guard import die_with
 
 
 def main(parent: int) -> int:
-    """Load, take the order, stay until the parent goes; returns the exit code."""
+    """Load, take the order, run until the parent ends; return the exit code."""
     die_with(parent)
     from daq.errors import HilfitError
     from sim_backends import SimulatedMachine, default_machine

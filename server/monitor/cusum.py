@@ -37,7 +37,7 @@ class Sums:
 
 
 def step(sums: Sums, z: float, threshold: float, allowance: float = ALLOWANCE) -> Sums:
-    """The sums after one more number."""
+    """Return the sums after one more number."""
     z = min(max(z, -CLIP), CLIP)
     most = 2.0 * threshold
     return Sums(
@@ -47,13 +47,13 @@ def step(sums: Sums, z: float, threshold: float, allowance: float = ALLOWANCE) -
 
 
 def run_length(threshold: float, allowance: float = ALLOWANCE) -> float:
-    """Average number of standard normal numbers until a false alarm of both sides together (Siegmund)."""
+    """Compute the mean number of standard normals until a false alarm of both sides together (Siegmund)."""
     x = 2.0 * allowance * (threshold + OVERSHOOT)
     return (math.expm1(x) - x) / (2.0 * allowance**2) / 2.0
 
 
 def threshold_for(numbers: float, allowance: float = ALLOWANCE) -> float:
-    """The threshold at which a false alarm comes once in so many numbers.
+    """Compute the threshold at which a false alarm comes once in so many numbers.
 
     Raises
     ------

@@ -31,7 +31,7 @@ YEAR_S = 365.25 * 86400
 
 
 def threshold(rules: Rules, statistics: int) -> float:
-    """The threshold of each of so many statistics: each gets an equal share of the false alarms."""
+    """Compute the threshold of each of so many statistics: each gets an equal share of the false alarms."""
     return cusum.threshold_for(YEAR_S / rules.block_s * statistics / rules.false_alarms_per_year)
 
 
@@ -46,7 +46,7 @@ class Usual:
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> Usual:
-        """From the numbers of the learning time."""
+        """Estimate it from the numbers of the learning time."""
         z = np.asarray(values)
         centred = z - z.mean()
         variance = float(centred @ centred) / len(z)
@@ -79,7 +79,7 @@ class Series:
     sums: Sums = field(default_factory=Sums)
 
     def step(self, value: float | None, threshold: float, learn: int, slack: float = 0.0) -> Series:
-        """The series after one block; None for a block in which the joint rested.
+        """Return the series after one block; None for a block in which the joint rested.
 
         ``slack``: by how much the model may be off there, beyond what was learnt; that much is no change.
         """
@@ -110,14 +110,14 @@ class Watcher:
 
     @classmethod
     def begin(cls, joints: tuple[str, ...], statistics: tuple[str, ...], rules: Rules) -> Watcher:
-        """A watcher that knows nothing yet."""
+        """Return a watcher that knows nothing yet."""
         keys = [(joint, statistic) for joint in joints for statistic in statistics]
         return cls(rules, threshold(rules, len(keys)), {key: Series() for key in keys})
 
     def step(
         self, block: Mapping[str, Mapping[str, float] | None], slack: Mapping[str, Mapping[str, float]] | None = None
     ) -> Watcher:
-        """The watcher after one block: per joint its scores, None where it rested, and by how much these may be off."""
+        """Update by one block: per joint its scores, None where it rested, and by how much these may be off."""
         slack = slack or {}
         series = {
             (joint, statistic): own.step(
@@ -150,7 +150,7 @@ class Watcher:
         return "watching" if any(s.usual is not None for s in self.series.values()) else "learning"
 
     def joint(self, name: str) -> dict[str, Any]:
-        """One joint: its largest sum, of which statistic, the threshold, and the false alarms of its statistics."""
+        """Describe one joint: its largest sum, of which statistic, threshold, and its statistics' false alarms."""
         statistic, largest = self._largest(self.series, name)
         own = [s for (joint, _), s in self.series.items() if joint == name]
         blocks = YEAR_S / self.rules.block_s
@@ -165,7 +165,7 @@ class Watcher:
         }
 
     def memory(self) -> dict[str, Any]:
-        """All that it knows, as plain JSON: what was seen and learnt, where the sums stand, which joints drift."""
+        """Return all that it knows, as plain JSON: what was seen and learnt, its sums, and which joints drift."""
         series = {
             f"{joint}/{statistic}": {
                 "seen": list(own.seen),
@@ -177,7 +177,7 @@ class Watcher:
         return {"series": series, "drifting": sorted(self.drifting)}
 
     def remembering(self, memory: Mapping[str, Any]) -> Watcher:
-        """The watcher where an earlier one stood; between the two, time is missing, so no number is the last one.
+        """Restore an earlier watcher; between the two, time is missing, so no number is the last one.
 
         Raises
         ------

@@ -54,16 +54,16 @@ class Followed(Protocol):
     delay_s: float
 
     def block_samples(self, seconds: float) -> int:
-        """Samples of a block of about so many seconds."""
+        """Count a block's samples in about so many seconds."""
 
     def look(self, time: FloatArray, values: dict[str, FloatArray]) -> Mapping[str, Scored] | None:
-        """What a window of samples says; None where something of it is missing."""
+        """Evaluate a window of samples; None where something of it is missing."""
 
     def of_machine(self) -> dict[str, Any]:
-        """What else the last blocks say of the machine."""
+        """Return what else the last blocks show of the machine."""
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
-        """What else they say of a joint, to whoever has just watched the last one."""
+        """Return what else they show of a joint, to whoever has just watched the last one."""
 
 
 class Efforts(Followed):
@@ -78,11 +78,11 @@ class Efforts(Followed):
         self._recent = deque[tuple[JointBlock, ...]](maxlen=max(1, round(WINDOW_S / rules.block_s)))
 
     def block_samples(self, seconds: float) -> int:
-        """As the model has it."""
+        """Count them as the model does."""
         return self._model.block_samples(seconds)
 
     def look(self, time: FloatArray, values: dict[str, FloatArray]) -> Mapping[str, Scored] | None:
-        """Statistics of every joint."""
+        """Compute statistics of every joint."""
         blocks = self._model.evaluate(time, values)
         if blocks is None:
             self._recent.clear()
@@ -91,7 +91,7 @@ class Efforts(Followed):
         return {name: Scored(scores(own), effective(own), {}) for name, own in zip(self.units, blocks, strict=True)}
 
     def of_machine(self) -> dict[str, Any]:
-        """The mass at the tip; None where too little moved."""
+        """Estimate the mass at the tip; None where too little moved."""
         parts = [
             [np.column_stack([getattr(joint, key) for joint in block]) for key in ("residual", "tip", "moving")]
             for block in self._recent
@@ -103,7 +103,7 @@ class Efforts(Followed):
         return {"payload": None if found is None else asdict(found)}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
-        """Nothing: a statistic is all that a block tells."""
+        """Return nothing: a statistic is all that a block shows."""
         return {}
 
 
@@ -146,11 +146,11 @@ class Speeds(Followed):
         self._recent = {joint: deque[tuple[drift.Block, Mapping[str, Sums]]](maxlen=rules.learn) for joint in axes}
 
     def block_samples(self, seconds: float) -> int:
-        """Whole rows after decimation."""
+        """Count whole rows after decimation."""
         return self._decimation * max(1, round(seconds * self._rate / self._decimation))
 
     def look(self, time: FloatArray, values: dict[str, FloatArray]) -> Mapping[str, Scored] | None:
-        """Statistics of every axis."""
+        """Compute statistics of every axis."""
         machine, rate = self._machine, self._rate
         window = Recording(machine.name, "operation", "live", "", rate, np.asarray(time), values)
         blocks = {joint: drift.block_of(machine, joint, own, window, self._block) for joint, own in self._kept.items()}
@@ -167,11 +167,11 @@ class Speeds(Followed):
         } or None
 
     def of_machine(self) -> dict[str, Any]:
-        """Nothing."""
+        """Return nothing."""
         return {}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
-        """Which numbers of its valve have moved, in the blocks since its largest sum began to grow."""
+        """Find which numbers of its valve have moved, in the blocks since its largest sum began to grow."""
         series = {name: watcher.series[joint, name] for name in self.statistics}
         recent = self._recent[joint]
         if joint in self._last:

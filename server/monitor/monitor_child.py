@@ -41,7 +41,7 @@ Say = Callable[[Mapping[str, Any]], None]
 def watch(
     followed: Followed, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], say: Say
 ) -> None:
-    """Watch ``windows`` until they end; say what was found in each.
+    """Watch ``windows`` until they end; report what was found in each.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _remember(path: Path, watcher: Watcher) -> None:
 
 
 def _remembered(path: Path, fresh: Watcher) -> Watcher:
-    """The watcher that was remembered; the fresh one without a memory that can be read."""
+    """Load the watcher that was remembered; a fresh one without a readable memory."""
     try:
         return fresh.remembering(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -94,7 +94,7 @@ def _remembered(path: Path, fresh: Watcher) -> Watcher:
 def _windows(
     ring: RingReader, windows: Windows, overload: OverloadWatch | None, say: Say
 ) -> Iterator[npt.NDArray[Any]]:
-    """Windows of the drift's blocks; an overload is said at once, how near the joints are to one each second."""
+    """Yield windows of the drift's blocks; report an overload at once, the joints' margins each second."""
     told = monotonic()
     while True:
         if not ring.wait(LOOK_S, poll=POLL_S) and (ring.closed or not ring.writer_alive):
@@ -141,7 +141,7 @@ def run(order: Order, say: Say) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    """Entry of the process."""
+    """Run the process."""
     order = Order.from_json(Path(arguments[0]).read_text(encoding="utf-8"))
     return ended(lambda: run(order, lambda found: say(fraction=0.0, text=json.dumps(found))))
 

@@ -50,12 +50,12 @@ class Order:
     rules: Rules
 
     def to_json(self) -> str:
-        """The text of an order file."""
+        """Write the text of an order file."""
         return json.dumps({**{k: str(v) for k, v in vars(self).items() if k != "rules"}, "rules": asdict(self.rules)})
 
     @classmethod
     def from_json(cls, text: str) -> Order:
-        """Inverse of :meth:`to_json`."""
+        """Invert :meth:`to_json`."""
         content = json.loads(text)
         return cls(
             content["of"],

@@ -31,7 +31,7 @@ router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute
 
 @router.get("/{name}/monitor", responses=problems(404, 422), dependencies=[require("read")])
 def monitor(name: str, service: ServiceDep) -> MonitorResource:
-    """Whether a machine still does what its active calibration says, joint by joint."""
+    """Report whether a machine still does as its active calibration predicts, joint by joint."""
     service[Machines].get(name)
     return MonitorResource(**service[Monitors].state(name))
 

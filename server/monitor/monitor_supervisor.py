@@ -101,7 +101,7 @@ class Monitors:
             _end(watch)
 
     def state(self, machine: str) -> dict[str, Any]:
-        """What the monitor of a machine says: see ``GET /machines/{name}/monitor``."""
+        """Return the state of a machine's monitor: see ``GET /machines/{name}/monitor``."""
         return self._state(machine, "identification") | {"valves": self._state(machine, "valves")}
 
     def _state(self, machine: str, of: Of) -> dict[str, Any]:
@@ -153,7 +153,7 @@ class Monitors:
             watch.thread.start()
 
     def _wanted(self, machine: str, of: Of) -> tuple[tuple[str, str], Path] | None:
-        """(calibration, ring) and the model behind them; None if there is nothing to watch."""
+        """Return (calibration, ring) and the model behind them; None if there is nothing to watch."""
         calibration = self._calibrations.active(machine, of)
         if calibration is None:
             return None
@@ -186,7 +186,7 @@ class Monitors:
             _log.warning("monitor_ended", machine=machine, reason=reason)
 
     def _heard(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
-        """Keep what a monitor said; tell of a drift or an overload that begins or ends."""
+        """Keep what a monitor reported; report a drift or an overload that begins or ends."""
         if "overload" in found:
             self._heard_overload(machine, watch, found["overload"])
             return
@@ -246,7 +246,7 @@ WORDS = {
 
 
 def as_text(hit: Mapping[str, Any]) -> str:
-    """What an operator reads of an overload."""
+    """Describe an overload to an operator."""
     return (
         f"{hit['joint']}: measured and predicted effort differ by {hit['residual']:+.4g} {hit['unit']}, "
         f"{abs(hit['score']):.1f} times the band (limit {hit['threshold']:.1f}): a collision or an overload; look at "
@@ -255,7 +255,7 @@ def as_text(hit: Mapping[str, Any]) -> str:
 
 
 def changed(of: Of, joint: Mapping[str, Any]) -> list[str]:
-    """What a drift looks like at a joint; of a valve, which of its numbers moved, as far as the blocks tell."""
+    """Describe a drift at a joint; of a valve, which of its numbers moved, as far as blocks show."""
     words = WORDS[joint["statistic"]]
     if of == "identification":
         return [words]

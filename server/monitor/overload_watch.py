@@ -86,7 +86,7 @@ class OverloadWatch:
         self._nearest: dict[int, Nearest] = {}
 
     def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[Hit]:
-        """What begins or ends with these rows; ``missed`` rows were lost before them."""
+        """Return what begins or ends with these rows; ``missed`` rows were lost before them."""
         if not len(rows):
             return []
         past = rows[:0] if missed or self._rows is None else self._rows
@@ -108,7 +108,7 @@ class OverloadWatch:
         return hits
 
     def nearest(self) -> list[Nearest]:
-        """Joints in the machine's order, since the last call; none that could not be judged meanwhile."""
+        """Return joints in the machine's order, since the last call; none that could not be judged."""
         found, self._nearest = self._nearest, {}
         return [found[joint] for joint in sorted(found)]
 

@@ -26,7 +26,7 @@ class Windows:
         self._rows: npt.NDArray[np.void] | None = None
 
     def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> Iterator[npt.NDArray[np.void]]:
-        """The windows that are complete with these rows; ``missed`` rows were lost before them."""
+        """Yield the windows that are complete with these rows; ``missed`` rows were lost before them."""
         if missed or self._rows is None:
             self._rows = rows[:0]
         self._rows = np.concatenate([self._rows, rows])
@@ -36,6 +36,6 @@ class Windows:
 
 
 def measured(rows: npt.NDArray[np.void], names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Time and SI values by channel; NaN where a value was not measured in its cycle, as a recording has it."""
+    """Return time and SI values by channel; NaN where not measured in its cycle, as a recording has it."""
     values = np.where(np.isin(rows["quality"], [int(q) for q in MEASURED]), rows["values"], np.nan)
     return np.ascontiguousarray(rows["time"]), {name: values[:, index] for index, name in enumerate(names)}

@@ -24,7 +24,7 @@ MOVING_SHARE = 0.5
 
 
 def scores(block: JointBlock) -> Mapping[str, float] | None:
-    """The projections of a joint's block, in the joint's effort unit; None while it mostly rests.
+    """Project a joint's block, in the joint's effort unit; None while it mostly rests.
 
     A direction that the motion does not have (always forth: ``direction`` is ``offset``) is left out.
     """
@@ -48,6 +48,6 @@ def scores(block: JointBlock) -> Mapping[str, float] | None:
 
 
 def effective(block: JointBlock) -> float:
-    """Root mean square of a joint's residual while it moves, in its effort unit; NaN while it rests."""
+    """Compute the RMS of a joint's residual while it moves, in its effort unit; NaN while it rests."""
     e = block.residual[block.moving]
     return float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")

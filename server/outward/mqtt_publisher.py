@@ -43,7 +43,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 def mqtt_publisher(settings: Settings) -> MqttPublisher | None:
-    """The publisher that the settings ask for; None without one.
+    """Build the publisher that the settings ask for; None without one.
 
     Raises
     ------
@@ -114,7 +114,7 @@ class MqttPublisher:
         self._thread.start()
 
     def stop(self) -> None:
-        """Say that the service has ended, and leave; also if it never started."""
+        """Publish that the service has ended, and leave; also if it never started."""
         with self._lock:
             self._stopping = True
             self._lock.notify_all()

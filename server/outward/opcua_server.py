@@ -50,7 +50,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 def opcua_server(settings: Settings) -> OpcuaServer | None:
-    """The server that the settings ask for; None without one.
+    """Build the server that the settings ask for; None without one.
 
     Raises
     ------
@@ -197,7 +197,7 @@ def _refuse(*_: Any) -> None:
 
 
 def _readers(name: str | None, secret: str | None) -> Any:
-    """Says who may read; nobody may do more."""
+    """Define who may read; nobody may do more."""
     from asyncua.crypto.permission_rules import User, UserRole
     from asyncua.server.user_managers import UserManager
 
@@ -215,7 +215,7 @@ def _readers(name: str | None, secret: str | None) -> Any:
 
 
 def _read_only() -> Any:
-    """Lets through what only reads."""
+    """Define what may be called: only what reads."""
     from asyncua import ua
     from asyncua.crypto.permission_rules import PermissionRuleset
     from asyncua.ua.object_ids import ObjectIds

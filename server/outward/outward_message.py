@@ -82,20 +82,20 @@ class Message:
 
     @property
     def place(self) -> tuple[str, ...]:
-        """Where it stands in a tree of what was said last: ``machines, NAME, alarms, KIND``."""
+        """Its place in a tree of the last messages: ``machines, NAME, alarms, KIND``."""
         owner = ("service",) if self.machine is None else ("machines", self.machine)
         return (*owner, "alarms", self.data.kind) if isinstance(self.data, AlarmData) else (*owner, self.type)
 
     def content(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return it as JSON has it."""
         return asdict(self)
 
     def body(self) -> bytes:
-        """The JSON text that is sent, and signed."""
+        """Return the JSON text that is sent, and signed."""
         return orjson.dumps(self.content())
 
 
 @cache
 def schema() -> dict[str, Any]:
-    """JSON schema of a message."""
+    """Return the JSON schema of a message."""
     return TypeAdapter(Message).json_schema()

@@ -53,7 +53,7 @@ class MessageReader:
         self._verdict = verdict
 
     def message(self, row: Any) -> Message:
-        """The message of a row."""
+        """Return the message of a row."""
         if row.kind == "alarm":
             return alarm_message(row.id, row.content, row.time)
         job = self._jobs.get(row.content["job"])
@@ -71,7 +71,7 @@ class MessageReader:
 
 
 def alarm_message(id: str, alarm: Mapping[str, Any], time: str) -> Message:
-    """The message of an alarm, given its fields."""
+    """Return the message of an alarm, given its fields."""
     data = AlarmData(**{name: alarm[name] for name in AlarmData.__dataclass_fields__})
     return Message(id, "alarm", alarm["machine"], time, data)
 
@@ -137,7 +137,7 @@ class OutwardStream:
                 asyncio.run(self._changes.wait(number, POLL_S))
 
     def look_at_states(self) -> None:
-        """Say what changed of acquisition since the last look."""
+        """Send what changed of acquisition since the last look."""
         found = {name: self._state(name) for name in self._states.names()}
         now = found | {name: StateData("off") for name in self._known if name not in found}
         changed = {name: state for name, state in now.items() if self._known.get(name) != state}
@@ -152,7 +152,7 @@ class OutwardStream:
         return StateData(statistics["state"], statistics.get("error"))
 
     def look_at_outbox(self) -> int:
-        """Say what stands in the outbox, the oldest first; how many it were."""
+        """Send what is in the outbox, the oldest first; return their number."""
         query = sa.select(outbox).order_by(outbox.c.number).limit(MOST)
         with self._database.read() as connection:
             rows = connection.execute(query).all()

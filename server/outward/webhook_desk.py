@@ -66,13 +66,13 @@ class Webhooks:
         errands.add(Errand(ERRAND, AT_ONCE, self.attempt))
 
     def resume(self) -> None:
-        """Let all that is on its way go on: what was stored and not sent, say."""
+        """Resume all deliveries on their way, as those stored and not sent."""
         for delivery in self.store.pending():
             self._errands.send(ERRAND, delivery.id, delivery.tries + 1)
         self._report()
 
     def add(self, label: str, url: str, events: Sequence[Event], who: Principal) -> tuple[Webhook, bytes]:
-        """A new webhook and its secret, which is told this once.
+        """Add a webhook; return its secret too, which is shown this once.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Webhooks:
         return self._pauses_s[number - 1] if error is not None and not gives_up else None
 
     def _post(self, webhook: Webhook, delivery: Delivery) -> str | None:
-        """Why a try failed; None if it arrived."""
+        """Post once; return why it failed, None if it arrived."""
         secret = self._signing.secret(webhook.id)
         if fingerprint(secret) != webhook.secret_sha256:
             raise _HopelessError("its secret is not on this computer: remove the webhook and add it again")

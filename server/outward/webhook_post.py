@@ -38,7 +38,7 @@ class _Pinned(http.client.HTTPConnection):
 
 
 def receivers_tls(authorities: Path | None) -> ssl.SSLContext:
-    """Whom receivers are believed by: ``authorities`` (PEM), or this computer's; StartError if they cannot be read."""
+    """Load whom receivers are trusted by: ``authorities`` (PEM), or this computer's; StartError if unreadable."""
     try:
         return ssl.create_default_context(cafile=None if authorities is None else str(authorities))
     except OSError as error:
@@ -55,7 +55,7 @@ def post(
     tls: ssl.SSLContext,
     timeout_s: float = TIMEOUT_S,
 ) -> int:
-    """The status of the answer, whose body is not read.
+    """Post it; return the status of the answer, whose body is not read.
 
     Raises
     ------

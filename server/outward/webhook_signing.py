@@ -35,7 +35,7 @@ class WebhookSecrets:
         self._path = path
 
     def secret(self, webhook: str) -> bytes:
-        """The secret of a webhook, 32 bytes."""
+        """Return the secret of a webhook, 32 bytes."""
         if not self._path.exists():
             write_whole(self._path, secrets.token_bytes(32))
             self._path.chmod(0o600)
@@ -43,17 +43,17 @@ class WebhookSecrets:
 
 
 def shown(secret: bytes) -> str:
-    """A secret as its receiver is told it."""
+    """Return a secret in its receiver's form."""
     return PREFIX + base64.b64encode(secret).decode()
 
 
 def fingerprint(secret: bytes) -> str:
-    """What tells one secret from another, and nothing else of it."""
+    """Return what distinguishes one secret from another, and nothing else of it."""
     return hashlib.sha256(secret).hexdigest()
 
 
 def headers(secret: bytes, message: str, timestamp: int, body: bytes) -> dict[str, str]:
-    """The headers of a try at ``timestamp`` (s since 1970)."""
+    """Build the headers of a try at ``timestamp`` (s since 1970)."""
     signed = b".".join([message.encode(), str(timestamp).encode(), body])
     signature = base64.b64encode(hmac.digest(secret, signed, "sha256")).decode()
     return {

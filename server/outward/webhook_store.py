@@ -103,11 +103,11 @@ class WebhookStore(Repository[Webhook]):
         return new.id
 
     def delivery(self, id: str) -> Delivery | None:
-        """The delivery; None if its webhook was removed."""
+        """Return the delivery; None if its webhook was removed."""
         return next(iter(self.deliveries.all(webhook_deliveries.c.id == id)), None)
 
     def pending(self) -> tuple[Delivery, ...]:
-        """All that are on their way, oldest first."""
+        """List all that are on their way, oldest first."""
         return self.deliveries.all(webhook_deliveries.c.state == "pending")
 
     def tried(self, delivery: Delivery, number: int, error: str | None, state: State) -> None:
@@ -131,7 +131,7 @@ class WebhookStore(Repository[Webhook]):
             )
 
     def failing(self) -> tuple[Webhook, ...]:
-        """Those whose last delivery that ended was given up, by label."""
+        """List those whose last delivery that ended was given up, by label."""
         table = webhook_deliveries.c
         last = (
             sa.select(table.state)

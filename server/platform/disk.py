@@ -14,7 +14,7 @@ Free = Callable[[], int]
 
 
 def free_bytes(recordings: Path) -> int:
-    """Bytes that are free below ``recordings``, after what sealing its journals will take."""
+    """Count free bytes below ``recordings``, after what sealing its journals will take."""
     sizes = 0
     for journal in recordings.glob("*.journal"):
         try:

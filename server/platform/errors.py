@@ -44,7 +44,7 @@ class ServiceError(HilfitError):
     headers: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def __init_subclass__(cls, **said: Any) -> None:
-        """Take what a kind says of itself, in the place of what the kind above it does."""
+        """Take what a kind declares of itself, in the place of what the kind above it does."""
         for name, value in said.items():
             setattr(cls, name, value)
 

@@ -104,23 +104,23 @@ class DataDirectory:
         return self.root / DATABASE_FILE
 
     def machine_file(self, name: str, version: int) -> Path:
-        """Text of one version of a machine file; never changed once written."""
+        """Locate the text of one version of a machine file; never changed once written."""
         return self.machines / name / f"{version}.yaml"
 
     def recording(self, id: str, format: str) -> Path:
-        """A sealed recording."""
+        """Locate a sealed recording."""
         return self.recordings / f"{id}.{format}"
 
     def key(self, path: Path) -> str:
-        """A path below the directory as hosts that share it say it."""
+        """Return a path below the directory as hosts that share it write it."""
         return str(path.relative_to(self.root))
 
     def without_place(self, text: str) -> str:
-        """A text without the place of the directory and of its cache."""
+        """Remove the place of the directory and of its cache from a text."""
         return re.sub(f"{re.escape(str(self.root))}/(cache/[0-9a-f]{{64}}/)?", "", text)
 
     def incoming(self) -> Path:
-        """A new name for an upload in progress."""
+        """Return a new name for an upload in progress."""
         return self.recordings / f".incoming-{secrets.token_hex(8)}"
 
     def clean(self) -> None:

@@ -31,7 +31,7 @@ class _Lines(logging.StreamHandler[TextIO]):
 
 
 def _shared() -> list[Any]:
-    """What every event passes, ours and those of the libraries."""
+    """List what every event passes, ours and those of the libraries."""
     return [
         structlog.contextvars.merge_contextvars,
         structlog.stdlib.add_log_level,
@@ -42,7 +42,7 @@ def _shared() -> list[Any]:
 
 
 def json_lines() -> logging.Formatter:
-    """Writes a record, ours or a library's, as one JSON object without secrets."""
+    """Write a record, ours or a library's, as one JSON object without secrets."""
     formatter: logging.Formatter = structlog.stdlib.ProcessorFormatter(
         foreign_pre_chain=_shared(),
         processors=[

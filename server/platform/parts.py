@@ -56,7 +56,7 @@ class Parts:
     def __getitem__(self, key: PartName[Made]) -> Made: ...
 
     def __getitem__(self, key: type[Made] | PartName[Made]) -> Made:
-        """The part.
+        """Return the part.
 
         Raises
         ------
@@ -76,7 +76,7 @@ class Parts:
         return cast(Made, self._made[key])
 
     def put(self, given: Mapping[Key, Any]) -> None:
-        """Parts that are there already, in the place of what their providers would make."""
+        """Put parts that exist in the place of what their providers would make."""
         self._made |= given
 
     def make_all(self) -> None:

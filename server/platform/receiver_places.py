@@ -45,12 +45,12 @@ class Receiver:
     network: Network | None = None
 
     def same_place(self, other: Receiver) -> bool:
-        """Whether both are one scheme, host and port."""
+        """Test whether both are one scheme, host and port."""
         return (self.scheme, self.host, self.port) == (other.scheme, other.host, other.port)
 
 
 def receiver(url: str) -> Receiver:
-    """What a URL leads to (ValueError, one line, for what is not https or http, or holds a user or a fragment)."""
+    """Parse what a URL leads to (ValueError, one line, for what is not https or http, has a user or fragment)."""
     try:
         if not url.isascii() or not url.isprintable():  # what urlsplit would take out is refused as well
             raise ValueError
@@ -66,7 +66,7 @@ def receiver(url: str) -> Receiver:
 
 
 def entry(text: str) -> Receiver:
-    """What an entry of the list lets through (ValueError if it is none)."""
+    """Parse what an entry of the list lets through (ValueError if it is none)."""
     found = _ENTRY.fullmatch(text)
     if found is None:
         raise ValueError(f"'{text}' is no place; write https://HOST[:PORT] or https://HOST[:PORT] in NETWORK")
@@ -78,23 +78,23 @@ def entry(text: str) -> Receiver:
 
 
 def check_receiver_entry(text: str) -> str:
-    """An entry as it stands (ValueError if it is none)."""
+    """Return an entry as it is (ValueError if it is none)."""
     entry(text)
     return text
 
 
 def listed(wanted: Receiver, places: Collection[str]) -> tuple[Receiver, ...]:
-    """The entries of the list that name the place of a receiver."""
+    """List the entries that name the place of a receiver."""
     return tuple(own for own in map(entry, places) if own.same_place(wanted))
 
 
 def resolved(host: str, port: int) -> tuple[str, ...]:
-    """Addresses of a host (OSError if there are none)."""
+    """Resolve a host to addresses (OSError if there are none)."""
     return tuple(str(found[4][0]) for found in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM))
 
 
 def address_of(wanted: Receiver, places: Collection[str], resolve: Resolver = resolved) -> str | None:
-    """The address to connect to: the first of the receiver's that the list lets through; None without one."""
+    """Choose the address to connect to: the first of the receiver's that the list allows; None without one."""
     entries = listed(wanted, places)
     for text in resolve(wanted.host, wanted.port) if entries else ():
         address = ipaddress.ip_address(text.partition("%")[0])

@@ -33,7 +33,7 @@ class Phase(IntEnum):
 
 
 def _nothing() -> None:
-    """Neither starts nor stops anything."""
+    """Neither start nor stop anything."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class NamedFiles:
     others: frozenset[str] = frozenset()
 
     def __or__(self, other: NamedFiles) -> NamedFiles:
-        """What either names."""
+        """Unite what either names."""
         return NamedFiles(self.needed | other.needed, self.others | other.others)
 
 
@@ -117,12 +117,12 @@ class Resource:
 
 
 def tables_of(resources: Iterable[Resource]) -> tuple[sa.Table, ...]:
-    """All tables of a store."""
+    """List all tables of a store."""
     return (*PLATFORM_TABLES, *(table for resource in resources for table in resource.tables))
 
 
 def providers_of(resources: Iterable[Resource]) -> dict[Key, Provider]:
-    """What makes each part.
+    """Return what makes each part.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def providers_of(resources: Iterable[Resource]) -> dict[Key, Provider]:
 
 
 def kept_lists(resources: Iterable[Resource]) -> dict[str, tuple[str, ...]]:
-    """Per list that is kept, its revision counters.
+    """Return per list that is kept its revision counters.
 
     Raises
     ------

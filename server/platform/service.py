@@ -106,7 +106,7 @@ class Service(Parts):
         return found.fingerprint if found is not None and found.self_made else None
 
     def now(self) -> str:
-        """The time as the store writes it."""
+        """Return the time as the store writes it."""
         return self.database.now()
 
     def check(self) -> None:

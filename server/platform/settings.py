@@ -128,7 +128,7 @@ class Settings(BaseSettings):
         return self.access == "loopback" if self.second_person is None else not self.second_person
 
     def database(self, files: DataDirectory) -> str:
-        """URL of the database."""
+        """Return the URL of the database."""
         url = self.full_database_url
         return f"sqlite:///{files.database}" if url is None else postgresql_url(url)
 
@@ -142,7 +142,7 @@ class Settings(BaseSettings):
         return sa.make_url(self.database_url).set(password=password).render_as_string(hide_password=False)
 
     def password(self, of: str) -> str | None:
-        """The password in the file of ``<of>_password_file``; None without one, StartError if it cannot be read."""
+        """Read the password in ``<of>_password_file``; None without one, StartError if it is unreadable."""
         path: Path | None = getattr(self, f"{of}_password_file")
         try:
             return None if path is None else path.read_text(encoding="utf-8").strip()
@@ -150,7 +150,7 @@ class Settings(BaseSettings):
             raise StartError(f"{of}_password_file {path}: cannot be read ({error})") from None
 
     def site(self, files: DataDirectory) -> SiteMarker:
-        """The marker of the site that this data directory belongs to."""
+        """Return the marker of the site that this data directory belongs to."""
         return SiteMarker(files.root, self.backup_dir or files.backups, self.new_store)
 
     @property
@@ -159,7 +159,7 @@ class Settings(BaseSettings):
         return "http" if self.tls == "off" and self.tls_cert is None else "https"
 
     def public_url(self, port: int) -> str:
-        """The address that other computers use, as far as it is known here."""
+        """Return the address that other computers use, as far as it is known here."""
         first = next(iter(self.public_hosts), None)
         if first is None:
             return self.local_url(port)
@@ -173,16 +173,16 @@ class Settings(BaseSettings):
         return tuple(host.rpartition("://")[2] for host in self.public_hosts)
 
     def local_url(self, port: int) -> str:
-        """The address that it listens at."""
+        """Return the address that it listens at."""
         return self.url(f"[{self.host}]:{port}" if ":" in self.host else f"{self.host}:{port}")
 
     def url(self, place: str) -> str:
-        """The address of the page at a name with a port."""
+        """Return the address of the page at a name with a port."""
         return f"{self.scheme}://{place}{self.base_path}"
 
 
 def load_settings(config: Path | None = None, **given: Any) -> Settings:
-    """Settings from ``given``, the environment, and the YAML file ``config``.
+    """Load settings from ``given``, the environment, and the YAML file ``config``.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def load_settings(config: Path | None = None, **given: Any) -> Settings:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or address is of this computer only."""
+    """Test whether a name or address is of this computer only."""
     if host == "localhost":
         return True
     try:
@@ -230,7 +230,7 @@ def refuse_open_host(settings: Settings) -> None:
 
 
 def _read_config(path: Path) -> Mapping[str, Any]:
-    """The content of a configuration file; StartError, one line, if it is none."""
+    """Read the content of a configuration file; StartError, one line, if it is none."""
     try:
         content = safe_yaml.read(path.read_text(encoding="utf-8"))[1]
     except OSError as error:

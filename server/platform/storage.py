@@ -42,7 +42,7 @@ class DataFolder:
         self.root = root
 
     def check(self, store: str) -> str | None:
-        """Why this cannot be used for the store of that identity, in one line; None if it can."""
+        """Explain why this cannot be used for the store of that identity, in one line; None if it can."""
         found = self._identity()
         if found == store:
             return None
@@ -50,14 +50,14 @@ class DataFolder:
         return f"{self.root}: {what}; give workers on other hosts the server's storage_url"
 
     def claim(self, store: str) -> None:
-        """Say that it belongs to a store; whose data directory it is, holds its lock."""
+        """Mark it as a store's; whose data directory it is, holds its lock."""
         (self.root / IDENTITY).write_text(store, encoding="utf-8")
 
     def put(self, path: Path, key: str) -> None:
         """Let other hosts find a file."""
 
     def local(self, wanted: Mapping[str, str]) -> dict[str, Path]:
-        """Where the files at some paths are here, by path, given the SHA-256 of each.
+        """Return where the files at some paths are here, by path, given the SHA-256 of each.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class SharedStorage(DataFolder):
         self._has_folders = not BUCKETS & set([kinds] if isinstance(kinds, str) else kinds)
 
     def check(self, store: str) -> str | None:
-        """As for a folder, and whether it can be reached."""
+        """Check as for a folder, and whether it can be reached."""
         try:
             found = self._identity()
         except StorageAwayError as error:
@@ -140,7 +140,7 @@ class SharedStorage(DataFolder):
         return f"{self}: {what}; give the server and its workers the same storage_url"
 
     def claim(self, store: str) -> None:
-        """Say that it belongs to a store; StartError if it belongs to another, StorageAwayError if nobody can tell."""
+        """Mark it as a store's; StartError if it is another's, StorageAwayError if that cannot be read."""
         found = self._identity()
         if found is None:
             super().claim(store)
@@ -169,7 +169,7 @@ class SharedStorage(DataFolder):
             raise self._away(key, error) from None
 
     def local(self, wanted: Mapping[str, str]) -> dict[str, Path]:
-        """Those of the data directory itself, or of the cache, which is filled; one that was changed is fetched."""
+        """Return files of the data directory, or of the cache, which is filled; fetch one that was changed."""
         found: dict[str, Path] = {}
         for key, sha256 in wanted.items():
             own = self.root / key
@@ -205,7 +205,7 @@ class SharedStorage(DataFolder):
             shutil.rmtree(partial, ignore_errors=True)
 
     def tidy(self, folder: str, keep: Collection[str]) -> None:
-        """Remove what no result needs; what cannot be removed now stays."""
+        """Remove what no result needs; what cannot be removed now remains."""
         with suppress(Exception):
             for place in self._files.ls(f"{self._base}/{folder}", detail=False):
                 if str(place).rpartition("/")[2] not in keep:
@@ -237,7 +237,7 @@ class SharedStorage(DataFolder):
                 raise InvalidError(f"{key} at {self._url} is not what was stored (its SHA-256 differs); order again")
 
     def _bound(self, needed: Collection[str]) -> None:
-        """Remove what was used longest ago from the cache until it is within its bound; what is needed stays."""
+        """Remove what was used longest ago from the cache until it is within its bound; what is needed remains."""
         kept = sorted(self._cache.glob("*"), key=lambda path: path.stat().st_mtime, reverse=True)
         total = 0
         for place in kept:
@@ -257,11 +257,11 @@ class SharedStorage(DataFolder):
 
 
 def input_key(sha256: str) -> str:
-    """Where an input of jobs is: by its content, for a file of the data directory may be written again."""
+    """Return an input's key by its content, for a file of the data directory may be written again."""
     return f"inputs/{sha256}"
 
 
 def digest(path: Path) -> str:
-    """SHA-256 of a file."""
+    """Compute SHA-256 of a file."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

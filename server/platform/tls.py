@@ -42,7 +42,7 @@ class Certificate:
 
 
 def certificate(settings: Settings, files: DataDirectory, now: Callable[[], datetime]) -> Certificate | None:
-    """The certificate that the settings ask for; None for plain HTTP.
+    """Return the certificate that the settings ask for; None for plain HTTP.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def _without_port(host: str) -> str:
 
 
 def _checked(path: Path, key: Path) -> str:
-    """Fingerprint of a certificate that fits its key."""
+    """Check that a certificate fits its key: its fingerprint."""
     try:
         found = x509.load_pem_x509_certificate(path.read_bytes())
     except (OSError, ValueError) as error:
@@ -93,7 +93,7 @@ def _general(name: str) -> x509.GeneralName:
 
 
 def _is_good(path: Path, key: Path, names: Sequence[str], now: datetime) -> bool:
-    """Whether what was made before is for these names, and for long enough."""
+    """Test whether what was made before is for these names, and for long enough."""
     try:
         found = x509.load_pem_x509_certificate(path.read_bytes())
         has = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value

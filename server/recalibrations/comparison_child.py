@@ -26,7 +26,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray, ...]:
-    """Residual of every joint where its drive moves, through the identification filter, N m or N.
+    """Compute every joint's residual where its drive moves, through the identification filter, N m or N.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray,
 
 
 def rms(residual: FloatArray) -> float:
-    """Root of the mean square; 0 where nothing moved."""
+    """Compute the root mean square; 0 where nothing moved."""
     return float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
 
 

@@ -21,7 +21,7 @@ GREW = 1.25
 def table(
     before: Mapping[str, float], after: Mapping[str, float], then: Mapping[str, float], units: Mapping[str, str]
 ) -> dict[str, Any]:
-    """What the active and the new calibration leave over, per joint.
+    """Compare what the active and the new calibration leave over, per joint.
 
     Parameters
     ----------
@@ -56,13 +56,13 @@ def table(
 
 
 def _ratio(a: float, b: float) -> float:
-    """``a / b`` for residuals; two that are nothing are equal."""
+    """Compute ``a / b`` for residuals; two that are nothing are equal."""
     smallest = 1e-12
     return max(a, smallest) / max(b, smallest)
 
 
 def sentence(comparison: Mapping[str, Any]) -> str:
-    """What a person reads of a comparison."""
+    """Describe a comparison to a person."""
     if not comparison.get("joints"):
         return str(comparison.get("note") or "there was nothing to compare with")
     change = comparison["change_percent"]

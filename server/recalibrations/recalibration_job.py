@@ -89,19 +89,19 @@ class RecalibrationKind:
         }
 
     def words(self, stage: str) -> str:
-        """What a person reads while ``stage`` runs."""
+        """Return what a person reads while ``stage`` runs."""
         return WORDS.get(stage, stage)
 
     def directory(self, job: Job) -> Path:
-        """Where the stages get their places; only the comparison leaves files."""
+        """Locate the stages' places; only the comparison leaves files."""
         return self._files.recalibrations / job.subject
 
     def inputs(self, job: Job) -> tuple[Path, ...]:
-        """None: it runs where the machines are."""
+        """Return none: it runs where the machines are."""
         return ()
 
     def run(self, run: StageRun) -> ChildResult:
-        """One stage."""
+        """Run one stage."""
         return self._stages[run.stage](run, self._recalibrations.get(run.job.subject))
 
     def _record(self, run: StageRun, this: Recalibration) -> ChildResult:
@@ -170,7 +170,7 @@ class RecalibrationKind:
         return result
 
     def _judged(self, identification: str) -> dict[str, Any]:
-        """Model of an identification, and the recordings that it is judged by."""
+        """Return the model of an identification, and the recordings that it is judged by."""
         recordings = self._identifications.get(identification).recordings
         held_out = [id for id, role in recordings if role == "validate"]
         chosen = held_out or [id for id, role in recordings if role == "operation"]
@@ -199,7 +199,7 @@ class RecalibrationKind:
         return ChildResult("done", summary={"calibration": calibration.id, "activated": adopted})
 
     def result(self, job: Job, place: Path) -> None:
-        """Everything is stored by the stages."""
+        """Return nothing: everything is stored by the stages."""
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Raise the alarm of a recalibration that failed, clear it after one that did not."""
@@ -210,7 +210,7 @@ class RecalibrationKind:
 
 
 def new_recalibration(machine: str, schedule: str | None, label: str, plan: Plan, now: str) -> Recalibration:
-    """A recalibration that is yet to be stored."""
+    """Make a recalibration that is yet to be stored."""
     return Recalibration(
         id=f"rcl-{secrets.token_hex(8)}",
         job=f"job-{secrets.token_hex(8)}",

@@ -49,7 +49,7 @@ class RecordedStage:
     pause: Callable[[float], Any]
 
     def record(self) -> dict[str, str] | None:
-        """Ids of recordings by role, None if told to stop.
+        """Record them: ids of recordings by role, None if ordered to stop.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class RecordedStage:
         return found
 
     def _started(self, role: str, seconds: float, deadline: str, said: _Said) -> RecordingRow | None:
-        """A recording that has begun; None if told to stop. Waits while the machine is away or is being recorded."""
+        """Begin a recording; None if ordered to stop. Waits while the machine is away or is being recorded."""
         while True:
             try:
                 label = f"{self.this.label}: {role}"
@@ -112,7 +112,7 @@ class RecordedStage:
             self.pause(LOOK_S)
 
     def _until_sealed(self, id: str, seconds: float, said: _Said) -> RecordingRow | None:
-        """The recording once it is over, however long it became; None if told to stop."""
+        """Wait for the recording's end, however long it became; None if ordered to stop."""
         waited = 0.0
         while (row := self.recordings.get(id)).state == "recording":
             if self.run.should_stop():
@@ -150,7 +150,7 @@ class RecordedStage:
 
 
 def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str | None]]:
-    """Role, seconds of machine time and excitation of each recording."""
+    """List role, seconds of machine time and excitation of each recording."""
     if this.plan.motion == "operation":
         fitted = this.plan.duration_s * FITTED
         return [("operation", fitted, None), ("validate", this.plan.duration_s - fitted, None)]
@@ -180,7 +180,7 @@ class _Said:
 
 
 def _whole(row: RecordingRow, rows: float) -> bool:
-    """Whether a recording is sealed and has nearly as many rows as it should."""
+    """Test whether a recording is sealed and has nearly as many rows as it should."""
     counted = row.statistics.get("rows")
     return row.state == "sealed" and counted is not None and counted >= ENOUGH * rows
 

@@ -44,18 +44,18 @@ class Site:
         return self._sessions.start(machine, role, label, seconds)
 
     def stop_recording(self, id: str) -> None:
-        """Stop a recording; one that ended meanwhile stays as it is."""
+        """Stop a recording; one that ended meanwhile is left as it is."""
         try:
             self._sessions.stop(id)
         except ConflictError:
             return
 
     def controller(self, machine: str) -> SimulatedController | None:
-        """The simulated machine's controller; None: a real machine."""
+        """Return the simulated machine's controller; None: a real machine."""
         return self._delivery.controller(machine)
 
     def motion_seconds(self, excitation: str) -> float:
-        """Length of a designed motion, s."""
+        """Return the length of a designed motion, s."""
         # Loads scipy, which takes as long as all the rest of the service.
         from daq.motion_files import read_motion
 
@@ -67,12 +67,12 @@ class Site:
             raise JobError(f"{text}; design the excitation first and name it in the schedule") from None
 
     def rate_hz(self, machine: str) -> float:
-        """Cycles a second."""
+        """Return cycles a second."""
         row = self._machines.get(machine)
         return load_machine(self._files.machine_file(machine, row.version)).rate_hz
 
     def now(self) -> str:
-        """The time as the store writes it."""
+        """Return the time as the store writes it."""
         return self._database.now()
 
     def ready(self, machine: str) -> None:

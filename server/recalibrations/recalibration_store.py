@@ -89,7 +89,7 @@ class Recalibrations(MadeByJobs[Recalibration]):
 
     @staticmethod
     def unfinished(connection: sa.Connection, machine: str) -> str | None:
-        """The job that recalibrates a machine now, or waits for its turn."""
+        """Return the job that recalibrates a machine now, or waits for its turn."""
         query = (
             sa.select(jobs.c.id)
             .join(recalibrations, recalibrations.c.job == jobs.c.id)

@@ -21,7 +21,7 @@ from server.recordings.formats.declared_size import refuse_bombs
 
 
 def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> list[dict[str, Any]]:
-    """What the checks say of one recording alone; nothing if they fail: an upload must not fail for that."""
+    """Check one recording alone; nothing if that fails: an upload must not fail for it."""
     try:
         found = check_recordings(machine, [recording], places=Places.of(machine_file))
     except Exception as error:
@@ -33,7 +33,7 @@ def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> l
 
 
 def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:
-    """The summary; InputError if the file is no good recording."""
+    """Summarise the file; InputError if it is no good recording."""
     try:
         machine = load_machine(machine_file)
         refuse_bombs(recording_file, str(recording_file))
@@ -52,7 +52,7 @@ def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """As :func:`look`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
+    """Run :func:`look`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
     file, machine_file, role = arguments
     limit_child(RECORDING_CPU_S, Path(file).stat().st_size)
     too_much = f"{file}: needs too much memory; record or export a shorter one"

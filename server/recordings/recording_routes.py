@@ -152,7 +152,7 @@ async def data(id: str, service: ServiceDep, principal: PrincipalDep, format: Fo
 
 @router.get("/{id}/statistics", responses=problems(404, 409, 422, 503), dependencies=[require("read")])
 async def statistics(id: str, service: ServiceDep, principal: PrincipalDep) -> RecordingStatistics:
-    """What a sealed recording holds, channel by channel."""
+    """Return what a sealed recording holds, channel by channel."""
     row = await run_in_threadpool(service[Recordings].get, id)
     if service[Exports].kept_statistics(id).is_file():
         return RecordingStatistics(**await run_in_threadpool(service[Exports].statistics, row))
@@ -167,5 +167,5 @@ async def stop(id: str, service: ServiceDep) -> RecordingResource:
 
 @router.delete("/{id}", status_code=204, responses=problems(404, 409, 422), dependencies=[require("engineer")])
 def delete(id: str, service: ServiceDep) -> None:
-    """Delete a recording; one that an identification was made of has to stay."""
+    """Delete a recording; one that an identification was made of is kept."""
     service[RecordingUploads].delete(id)

@@ -168,7 +168,7 @@ class Sessions:
         return self._recordings.get(id)
 
     def statistics(self, id: str) -> dict[str, Any] | None:
-        """What a recording in progress counted so far; None if it is not in progress."""
+        """Return what a recording in progress counted so far; None if it is not in progress."""
         with self._lock:
             session = self._sessions.get(id)
             return None if session is None else session.statistics

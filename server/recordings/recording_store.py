@@ -64,11 +64,11 @@ class Recordings(Repository[RecordingRow]):
             self.put(connection, row)
 
     def seal(self, id: str, *, bytes: int, sha256: str, statistics: dict[str, Any]) -> None:
-        """The file is whole."""
+        """Seal it: the file is whole."""
         self._end(id, {"state": "sealed", "bytes": bytes, "sha256": sha256, "statistics": statistics})
 
     def fail(self, id: str, error: str, statistics: dict[str, Any] | None = None) -> None:
-        """There will be no usable file; ``error`` says why in one line."""
+        """Fail it: there will be no usable file; ``error`` is the reason in one line."""
         self._end(id, {"state": "failed", "error": error, "statistics": statistics or {}})
 
     def _end(self, id: str, values: dict[str, Any]) -> None:
@@ -76,12 +76,12 @@ class Recordings(Repository[RecordingRow]):
             self.update(connection, id, **values, ended=self._database.now())
 
     def with_digest(self, machine: str, sha256: str) -> str | None:
-        """The newest recording of a machine whose file has this digest; None if there is none."""
+        """Find the newest recording of a machine whose file has this digest; None if there is none."""
         found = self.all(recordings.c.machine == machine, recordings.c.sha256 == sha256, newest=1)
         return found[0].id if found else None
 
     def ids(self) -> frozenset[str]:
-        """Of all recordings."""
+        """Return the ids of all recordings."""
         with self._database.read() as connection:
             return frozenset(connection.execute(sa.select(recordings.c.id)).scalars())
 
@@ -107,7 +107,7 @@ class Recordings(Repository[RecordingRow]):
 
 
 def _used_by(connection: sa.Connection, id: str) -> str | None:
-    """What was made of a recording, ``identification 'idn-1'``; None: nothing, it may go.
+    """Return what was made of a recording, ``identification 'idn-1'``; None: nothing, it may go.
 
     Whatever is made of recordings has a table that refers to them, whose first key is what was made.
     """

@@ -45,11 +45,11 @@ class RecordingUploads:
         self._free = free
 
     def incoming(self, machine: str, role: str, name: str, length: int = 0) -> Path:
-        """Where to stream an upload that is named ``name``, before a byte of it is read.
+        """Return where to stream an upload that is named ``name``, before a byte of it is read.
 
         Parameters
         ----------
-        length : bytes that it says it has; 0 if it does not
+        length : bytes that it declares; 0 if it does not
 
         Raises
         ------
@@ -144,7 +144,7 @@ class RecordingUploads:
             kept.unlink(missing_ok=True)
 
     def _inspected(self, file: Path, machine: str, version: int, role: str, label: str) -> ChildResult:
-        """What a process of its own says of a file; InvalidError if it is no good recording."""
+        """Inspect a file in a process of its own; InvalidError if it is no good recording."""
         machine_file = self._files.machine_file(machine, version)
         log = self._files.recordings / "inspect.log"
         result = self._children.run(
@@ -160,7 +160,7 @@ class RecordingUploads:
 
 
 def _same_file(other: str | None) -> list[dict[str, str | None]]:
-    """What is said of a file that is there already, in the form of what the checks find."""
+    """Report a file that is there already, in the form of what the checks find."""
     if other is None:
         return []
     said = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}

@@ -60,7 +60,7 @@ class Cron:
         )
 
     def after(self, start: datetime) -> Iterator[datetime]:
-        """Times after ``start``, rising; no time zone. Ends where none comes for :data:`YEARS` years."""
+        """Yield times after ``start``, rising; no time zone. Ends where none comes for :data:`YEARS` years."""
         found, day = start.date(), start.date()
         while (day - found).days < YEARS * 366 and day < date.max:
             if self._fits(day):

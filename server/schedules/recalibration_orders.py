@@ -32,7 +32,7 @@ class RecalibrationOrders:
         self._ready = ready
 
     def order(self, schedule: Schedule, by: Principal | None = None) -> str:
-        """Do now what a schedule does; the job. ConflictError if the machine is being recalibrated.
+        """Do now what a schedule does; return the job. ConflictError if the machine is being recalibrated.
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class RecalibrationOrders:
         Raises
         ------
         ConflictError
-            If no schedule says how, or the machine is being recalibrated.
+            If no schedule defines how, or the machine is being recalibrated.
         """
         schedule = next((own for own in self._schedules.enabled() if own.machine == machine), None)
         if schedule is None:

@@ -55,7 +55,7 @@ class ScheduleClock:
         self.rounds = Rounds("schedules", LOOK_S, self.look, at_once=True)
 
     def look(self) -> tuple[str, ...]:
-        """Give every slot that is due its turn; the jobs that were ordered."""
+        """Give every slot that is due its turn; return the jobs that were ordered."""
         ordered = (self._turn(schedule) for schedule in self._schedules.enabled())
         return tuple(job for job in ordered if job is not None)
 
@@ -92,7 +92,7 @@ class ScheduleClock:
 
 
 def next_slot(schedule: Schedule) -> str | None:
-    """The next slot of a schedule that has not had its turn; None if it does not run."""
+    """Return a schedule's next slot that has not had its turn; None if it does not run."""
     if not schedule.enabled:
         return None
     after = datetime.fromisoformat(schedule.considered)

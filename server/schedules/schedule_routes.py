@@ -67,7 +67,7 @@ class ScheduleWish(
     activate: Literal["never", "if_better"] = "never"
 
     def plan(self) -> Plan:
-        """What a slot does."""
+        """Return what a slot does."""
         own = self.model_dump(include=set(Plan.__dataclass_fields__))
         return Plan(**{**own, "excitations": tuple(self.excitations)})
 
@@ -82,7 +82,7 @@ class ScheduleResource(ScheduleWish):
 
     @classmethod
     def of(cls, schedule: Schedule, last: SlotResource | None) -> ScheduleResource:
-        """From the store."""
+        """Build it from the store."""
         known = {**vars(schedule.plan), **vars(schedule), "next": next_slot(schedule), "last": last and last.slot}
         return cls(**{name: known[name] for name in cls.model_fields})
 
@@ -140,7 +140,7 @@ def upcoming(
     cron: Annotated[str, Query(max_length=200)],
     timezone: Annotated[str, Query(max_length=64)] = "UTC",
 ) -> UpcomingSlots:
-    """When a schedule with this expression would run next; it is refused where a schedule with it would be."""
+    """Return when a schedule with this expression would run next; refused as a schedule with it would be."""
     now = datetime.fromisoformat(service.now())
     slots.check(cron, timezone, now)
     return UpcomingSlots(slots=[as_stored(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
@@ -162,13 +162,13 @@ def change(id: str, wish: ScheduleWish, response: Response, service: ServiceDep,
 
 @router.delete("/{id}", status_code=204, responses=problems(404, 412, 422), dependencies=[require("engineer")])
 def delete(id: str, service: ServiceDep, tags: KnownTags) -> None:
-    """Delete a schedule; its jobs and calibrations stay."""
+    """Delete a schedule; its jobs and calibrations remain."""
     service[Schedules].delete(id, tags)
 
 
 @router.post("/{id}/run", status_code=202, responses=problems(404, 409, 422), dependencies=[require("operate")])
 def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> JobResource:
-    """Recalibrate now, whatever the clock says; its job is at ``Location``."""
+    """Recalibrate now, whatever the clock; its job is at ``Location``."""
     job = service[RecalibrationOrders].order(service[Schedules].get(id), principal)
     response.headers["Location"] = f"/api/v1/jobs/{job}"
     return JobResource.of(service[Jobs].get(job))
@@ -176,7 +176,7 @@ def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDe
 
 @router.get("/{id}/slots", responses=problems(404, 422), dependencies=[require("read")])
 def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
-    """The newest slots that had their turn, newest first."""
+    """List the newest slots that had their turn, newest first."""
     return SlotList(items=[*service[Schedules].slots(id, limit)])
 
 

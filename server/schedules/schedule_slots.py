@@ -55,7 +55,7 @@ def check(cron: str, timezone: str, now: datetime) -> None:
 
 
 def upcoming(cron: str, timezone: str, after: datetime) -> Iterator[datetime]:
-    """Slots after a moment, in UTC, rising; ends where none comes for fifty years, or it is no expression."""
+    """Yield slots after a moment, in UTC, rising; end where none comes for fifty years, or without expression."""
     zone = ZoneInfo(timezone)
     start = after.astimezone(zone).replace(tzinfo=None) - _JUMP
     try:
@@ -71,5 +71,5 @@ def upcoming(cron: str, timezone: str, after: datetime) -> Iterator[datetime]:
 
 
 def due(cron: str, timezone: str, after: datetime, now: datetime, most: int) -> tuple[datetime, ...]:
-    """Slots after ``after`` and not later than ``now``, oldest first: the newest ``most`` of them."""
+    """List slots after ``after`` and not later than ``now``, oldest first: the newest ``most``."""
     return tuple(deque(takewhile(lambda slot: slot <= now, upcoming(cron, timezone, after)), maxlen=most))

@@ -87,7 +87,7 @@ class Schedules(Repository[Schedule]):
             return self.found(connection, changed.id)
 
     def delete(self, id: str, revisions: Tags) -> None:
-        """Forget a schedule and its slots; its jobs and calibrations stay."""
+        """Forget a schedule and its slots; its jobs and calibrations remain."""
         with self._database.write("schedules") as connection:
             self._expected(connection, id, revisions)
             connection.execute(schedule_slots.delete().where(schedule_slots.c.schedule == id))
@@ -100,11 +100,11 @@ class Schedules(Repository[Schedule]):
         return found
 
     def enabled(self) -> tuple[Schedule, ...]:
-        """All that run, the oldest first."""
+        """List all that run, the oldest first."""
         return self.all(schedules.c.enabled)
 
     def busy(self, machine: str) -> bool:
-        """Whether a recalibration of the machine is not over."""
+        """Test whether a recalibration of the machine is not over."""
         with self._database.read() as connection:
             return self._recalibrations.unfinished(connection, machine) is not None
 
@@ -170,7 +170,7 @@ class Schedules(Repository[Schedule]):
         return True
 
     def go_back(self, schedule: Schedule, moment: str) -> None:
-        """Let a schedule that came further than the time is go on from ``moment``; nothing if it was changed."""
+        """Set back to ``moment`` a schedule that is past the present; nothing if it was changed."""
         with self._database.write("schedules") as connection:
             connection.execute(
                 schedules.update()
@@ -183,7 +183,7 @@ class Schedules(Repository[Schedule]):
             )
 
     def slots(self, id: str, limit: int) -> tuple[SlotResource, ...]:
-        """The newest slots, newest first."""
+        """List the newest slots, newest first."""
         query = (
             sa.select(schedule_slots, jobs.c.state.label("ran"), recalibrations.c.calibration)
             .join(jobs, jobs.c.id == schedule_slots.c.job, isouter=True)

@@ -55,7 +55,7 @@ def extremes(
 
 
 def at_most(found: Extremes, start: float, end: float, moments: int) -> Extremes:
-    """``found`` in at most ``moments`` + 1 moments from ``start`` to ``end``; itself if they are so few."""
+    """Reduce ``found`` to at most ``moments`` + 1 moments from ``start`` to ``end``; itself if so few."""
     if len(found.time) <= moments:
         return found
     width = (end - start) / moments
@@ -65,7 +65,7 @@ def at_most(found: Extremes, start: float, end: float, moments: int) -> Extremes
 
 
 def runs(time: npt.NDArray[np.float64], marked: BoolArray, width: float) -> list[tuple[float, float]]:
-    """From when to when ``marked`` (M,) holds without a break, s.
+    """Find from when to when ``marked`` (M,) holds without a break, s.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class RecordedSignals:
     def read(
         self, row: RecordingRow, start: float | None, end: float | None, moments: int, wanted: Sequence[str] | None
     ) -> tuple[About, list[int], Extremes, tuple[float, float]]:
-        """Channels over time.
+        """Read channels over time.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class RecordedSignals:
     def spectrum(
         self, row: RecordingRow, channel: str, start: float, end: float | None
     ) -> tuple[str, float, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Unit, seconds, frequencies (Hz) and power spectral density (unit^2/Hz) by Welch's method.
+        """Compute unit, seconds, frequencies (Hz), power spectral density (unit^2/Hz) by Welch's method.
 
         Of the longest part without a gap; Hann windows that overlap by half, the mean of each taken off
         (P. D. Welch 1967, IEEE Trans. Audio Electroacoust. 15).
@@ -111,19 +111,19 @@ class RecordedSignals:
         return about.units[column], len(values) / rate, frequency[1:], density[1:]
 
     def events(self, row: RecordingRow) -> list[dict[str, Any]]:
-        """What happened to devices while it was recorded."""
+        """List what happened to devices while it was recorded."""
         with np.load(self._signals(row), allow_pickle=False) as kept:
             return _about(kept).events
 
     def findings(self, row: RecordingRow) -> list[dict[str, Any]]:
-        """What ``hilfit check`` finds in it; computed once, kept beside it."""
+        """Return what ``hilfit check`` finds in it; computed once, kept beside it."""
         kept = self._files.recordings / f"{row.id}.findings.json"
         if not kept.is_file():
             self._made(row, "findings", kept.suffix, row.role).replace(kept)
         return list(json.loads(kept.read_text(encoding="utf-8")))
 
     def cut(self, row: RecordingRow, start: float, end: float) -> Path:
-        """A new file with a part of it, to be stored or removed."""
+        """Cut a part of it to a new file, to be stored or removed."""
         return self._made(row, "cut", f".{row.format}", repr(start), repr(end))
 
     def _signals(self, row: RecordingRow) -> Path:
@@ -161,7 +161,7 @@ def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int
 
 
 def _longest(time: npt.NDArray[np.float64], finite: npt.NDArray[np.bool_]) -> slice:
-    """The longest run of rows with a value and without a gap in time."""
+    """Find the longest run of rows with a value and without a gap in time."""
     if len(time) < 2:
         return slice(0, 0)
     steps = np.diff(time)

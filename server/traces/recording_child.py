@@ -27,7 +27,7 @@ from server.recordings.inspect_recording import findings_on
 
 
 def write_signals(source: Path, target: Path, machine: Machine) -> None:
-    """Channels as single precision, whether each value was measured in its row, events; uncompressed."""
+    """Write channels in single precision, whether each value was measured in its row, events; uncompressed."""
     table = read_table(source)
     time = np.asarray(table.columns["time"], dtype=np.float64)
     names = [channel.name for channel in machine.channels if channel.name in table.columns]
@@ -62,7 +62,7 @@ def _utc_ns(table: Table) -> npt.NDArray[np.int64] | None:
 
 
 def write_cut(source: Path, target: Path, start: float, end: float) -> None:
-    """Rows from ``start`` to ``end`` with all columns and the metadata; events stay what they are.
+    """Write rows from ``start`` to ``end`` with all columns and metadata; events are left as they are.
 
     Raises
     ------
@@ -91,5 +91,5 @@ def do(what: str, source: Path, target: Path, machine_file: Path, shown: str, *r
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Entry of the process; the exit code."""
+    """Run the process; return the exit code."""
     return conversion_child.main(arguments, do)

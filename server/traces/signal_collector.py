@@ -39,7 +39,7 @@ class _Machine:
             self.ring = RingReader(name, from_start=True)
 
     def close(self) -> None:
-        """Let go of the ring."""
+        """Release the ring."""
         if self.ring is not None:
             self.ring.close()
             self.ring = None
@@ -55,7 +55,7 @@ class _Machine:
 
 
 def seconds(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
-    """(N,) s since 1970 of rows of a ring."""
+    """Return (N,) s since 1970 of rows of a ring."""
     return np.asarray(rows["utc_ns"] / 1e9)
 
 
@@ -97,7 +97,7 @@ class SignalCollector:
     def read(
         self, name: str, seconds: float, end: float | None, moments: int, wanted: list[str] | None
     ) -> tuple[Channels, list[int], Extremes, tuple[float, float]] | None:
-        """What channels did in the ``seconds`` before ``end`` (s since 1970; None: the newest row).
+        """Read channels in the ``seconds`` before ``end`` (s since 1970; None: the newest row).
 
         Returns
         -------
@@ -129,7 +129,7 @@ class SignalCollector:
         )
 
     def _of(self, name: str, definition: Machine) -> _Machine:
-        """The memory of a machine; a new one if its channels are others than before."""
+        """Return the memory of a machine; a new one if its channels are others than before."""
         channels = Channels.of(definition)
         with self._lock:
             known = self._machines.get(name)

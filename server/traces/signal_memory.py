@@ -70,7 +70,7 @@ class _Kept:
         self._count = count
 
     def read(self, start: float, end: float, columns: Sequence[int]) -> Extremes:
-        """A copy of the moments from ``start`` to ``end``."""
+        """Copy the moments from ``start`` to ``end``."""
         first = np.searchsorted(self.time, start - 0.5 * self.width)
         part = slice(int(first), int(np.searchsorted(self.time, end + 0.5 * self.width, side="right")))
         low = self._low[part][:, columns]
@@ -127,7 +127,7 @@ class SignalMemory:
             return float(times[-1]) if len(times) else None
 
     def read(self, start: float, end: float, moments: int, columns: Sequence[int]) -> Extremes:
-        """What happened from ``start`` to ``end`` in at most ``moments`` + 1 moments.
+        """Read what happened from ``start`` to ``end`` in at most ``moments`` + 1 moments.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class SignalMemory:
         return at_most(found, start, end, moments)
 
     def _level(self, start: float, width: float) -> _Kept:
-        """The coarsest level that is fine enough among those that reach back to ``start``, else the finest of those."""
+        """Choose the coarsest level that is fine enough among those that reach back to ``start``, else the finest."""
         whole = [level for level in self._levels if not level.dropped or level.time[0] <= start]
         if not whole:
             return self._levels[-1]

@@ -125,7 +125,7 @@ async def signals(
     moments: Moments = 1000,
     channel: Wanted = None,
 ) -> Response:
-    """What a machine's channels did in the last hours, as far back as eight and as the start of the service.
+    """Return a machine's channels in the last hours, as far back as eight and as the start of the service.
 
     The smallest and largest value of each moment. As rows for the last ten minutes (at 50 Hz), as moments of a tenth of
     a second for half an hour, of a second before that.
@@ -155,7 +155,7 @@ async def recorded(
     moments: Moments = 1000,
     channel: Wanted = None,
 ) -> Response:
-    """What the channels of a sealed recording did: the smallest and largest value of each moment."""
+    """Return the channels of a sealed recording: the smallest and largest value of each moment."""
     row = await run_in_threadpool(service[Recordings].get, id)
     about, columns, traces, (first, last) = await service.heavy.run(
         principal.id, service[RecordedSignals].read, row, start, end, moments, channel
@@ -173,7 +173,7 @@ async def spectrum(
     start: Place = 0.0,
     end: Place | None = None,
 ) -> Spectrum:
-    """Power spectral density of one channel of a sealed recording, over its longest part without a gap."""
+    """Compute the power spectral density of a sealed recording's channel, over its longest part without a gap."""
     row = await run_in_threadpool(service[Recordings].get, id)
     unit, seconds, frequency, density = await service.heavy.run(
         principal.id, service[RecordedSignals].spectrum, row, channel, start, end
@@ -183,7 +183,7 @@ async def spectrum(
 
 @of_recordings.get("/{id}/remarks", responses=problems(404, 409, 422, 429, 503), dependencies=[require("read")])
 async def remarks(id: str, service: ServiceDep, principal: PrincipalDep) -> RecordingRemarks:
-    """Events of a sealed recording, and what the checks find in it."""
+    """Return events of a sealed recording, and what the checks find in it."""
     row = await run_in_threadpool(service[Recordings].get, id)
     known = service[RecordedSignals]
     async with service.heavy.place(principal.id) as place:
@@ -201,7 +201,7 @@ async def remarks(id: str, service: ServiceDep, principal: PrincipalDep) -> Reco
 async def cut(
     id: str, wish: Cut, response: Response, service: ServiceDep, principal: PrincipalDep
 ) -> RecordingResource:
-    """Store a part of a sealed recording as a recording of its own; the whole one stays."""
+    """Store a part of a sealed recording as a recording of its own; the whole one remains."""
     row = await run_in_threadpool(service[Recordings].get, id)
     label = wish.label or f"{row.label or row.id}, {wish.start:.1f} s to {wish.end:.1f} s"[:200]
     async with service.heavy.place(principal.id) as place:
@@ -214,7 +214,7 @@ async def cut(
 def _text(
     traces: Extremes, named: list[tuple[str, str]], start: float, end: float, first_utc: float | None = None
 ) -> bytes:
-    """A :class:`Signals` as JSON; numbers that are none become null."""
+    """Write a :class:`Signals` as JSON; numbers that are none become null."""
     rows = traces.width == 0
     content = {
         "start": start,

@@ -67,7 +67,7 @@ class ValveKind(FitKind):
     name, fits, report = "valve", ValveFits, VALVE_REPORT
 
     def outcome(self, report: Mapping[str, Any]) -> dict[str, Any]:
-        """Of each axis what a list shows."""
+        """Return what a list shows of each axis."""
         return {"axes": {joint: _summary(axis) for joint, axis in report["axes"].items()}}
 
 

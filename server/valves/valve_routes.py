@@ -62,7 +62,7 @@ def get(id: str, service: ServiceDep) -> ValveResource:
     dependencies=[require("read")],
 )
 def report(id: str, service: ServiceDep) -> FileResponse:
-    """The result (schema ``hilfit/valve/1``)."""
+    """Download the result (schema ``hilfit/valve/1``)."""
     return FileResponse(service[ValveResults].written(id, VALVE_REPORT), media_type="application/json")
 
 
@@ -77,7 +77,7 @@ def inverse(
     service: ServiceDep,
     format: Annotated[InverseFormat | None, Query(description="Of the files; all formats without it")] = None,
 ) -> Response:
-    """What a controller is told: of each axis the command for a speed, as source; 404 if no valve moved its axis."""
+    """Download a controller's inverse: each axis' command for a speed, as source; 404 if no valve moved its axis."""
     folder = service[ValveResults].written(id, VALVE_REPORT).with_name(INVERSES)
     wanted = [ending for ending, own in ENDINGS.items() if format in (None, own)]
     files = sorted(path for path in folder.glob("*") if path.suffix in wanted)

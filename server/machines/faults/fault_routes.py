@@ -62,7 +62,7 @@ BREAKABLE: PartName[Simulation | None] = PartName("what takes orders for faults"
 
 @router.get("/{name}/faults", responses=problems(404, 422, 503), dependencies=[require("read")])
 def faults(name: str, service: ServiceDep) -> MachineFaults:
-    """What can be broken in a simulated machine, and what is broken now."""
+    """List what can be broken in a simulated machine, and what is broken now."""
     simulated = _simulated(name, service)
     if simulated is None:
         return MachineFaults(simulated=False, offers=[], running=[])

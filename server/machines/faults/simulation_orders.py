@@ -32,7 +32,7 @@ class FaultOrders:
         self._running: list[tuple[float, dict[str, Any]]] = []
 
     def answer(self, line: str) -> dict[str, Any]:
-        """The answer to an order: ``{"result": ...}``, or ``{"error": line}`` for one that makes no sense."""
+        """Answer an order: ``{"result": ...}``, or ``{"error": line}`` for one that makes no sense."""
         order = json.loads(line)
         handlers: Mapping[str, Callable[[dict[str, Any]], Any]] = {
             "offers": lambda order: self._offers(),

@@ -29,7 +29,7 @@ POLICY = 1008
 
 
 def current_principal(connection: HTTPConnection) -> Principal:
-    """Who asks.
+    """Return who asks.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def current_principal(connection: HTTPConnection) -> Principal:
 
 
 async def _principal(connection: HTTPConnection) -> Principal:
-    """As a dependency; a coroutine, since for a plain function FastAPI takes a thread, which costs more."""
+    """Return who asks, as a dependency; a coroutine: for a plain function FastAPI takes a costly thread."""
     return current_principal(connection)
 
 
@@ -51,7 +51,7 @@ PrincipalDep = Annotated[Principal, Depends(_principal)]
 
 
 def require(scope: Scope, *, every_machine: bool = False) -> Any:
-    """A dependency that lets only principals with ``scope`` through.
+    """Build a dependency that lets only principals with ``scope`` through.
 
     Parameters
     ----------
@@ -82,18 +82,18 @@ def require(scope: Scope, *, every_machine: bool = False) -> Any:
 
 
 def scope_of(route: Any) -> Scope | None:
-    """The scope that a route declares; None without one."""
+    """Return the scope that a route declares; None without one."""
     scope: Scope | None = _declared(route, "hilfit_scope")
     return scope
 
 
 def is_about_every_machine(route: Any) -> bool:
-    """Whether a route refuses bound principals."""
+    """Test whether a route refuses bound principals."""
     return bool(_declared(route, "hilfit_every_machine"))
 
 
 def _declared(route: Any, what: str) -> Any:
-    """What the guard of a route says of itself; None without one."""
+    """Return what the guard of a route declares; None without one."""
     found = (getattr(dependency.call, what, None) for dependency in route.dependant.dependencies)
     return next((value for value in found if value is not None), None)
 

@@ -38,7 +38,7 @@ ExcitationId = Annotated[str, Field(max_length=40), Names("excitations")]
 
 
 def things_of_path(path: str, parameters: Mapping[str, Any], collections: Collection[str]) -> set[Thing]:
-    """What a path ``/api/v1/<collection>/{id}/...`` names, if its collection is one of ``collections``."""
+    """Parse what a path ``/api/v1/<collection>/{id}/...`` names, if it is one of ``collections``."""
     parts = path.strip("/").split("/")
     collection = parts[2] if len(parts) > 2 else ""
     if collection not in collections:
@@ -47,7 +47,7 @@ def things_of_path(path: str, parameters: Mapping[str, Any], collections: Collec
 
 
 def names_in(signature: inspect.Signature) -> Callable[[Mapping[str, Any]], set[Thing]]:
-    """What finds everything that the arguments of a call name, by the types of its parameters."""
+    """Build a function that finds all that a call's arguments name, by the types of its parameters."""
     found = {name: parameter.annotation for name, parameter in signature.parameters.items()}
     telling = {name: annotation for name, annotation in found.items() if tells(annotation)}
 
@@ -61,7 +61,7 @@ def names_in(signature: inspect.Signature) -> Callable[[Mapping[str, Any]], set[
 
 
 def tells(annotation: Any) -> bool:
-    """Whether values of a type can name anything."""
+    """Test whether values of a type can name anything."""
     if _collection(annotation) is not None:
         return True
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
@@ -76,7 +76,7 @@ def _collection(annotation: Any) -> str | None:
 
 
 def _annotation(field: Any) -> Any:
-    """The type of a model's field, with what pydantic has taken out of it."""
+    """Return a model field's type, with what pydantic has taken out of it."""
     return Annotated[field.annotation, *field.metadata] if field.metadata else field.annotation
 
 

@@ -35,7 +35,7 @@ class Ownership:
                     raise NotFoundError(f"there is no {collection.removesuffix('s')} '{id}' for '{principal.name}'")
 
     def machines_of_jobs(self, jobs: Iterable[str]) -> dict[str, str]:
-        """The machine of each job."""
+        """Return the machine of each job."""
         wanted = list(jobs)
         with self._database.read() as connection:
             return {

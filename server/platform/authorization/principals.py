@@ -33,15 +33,15 @@ class Principal:
     kind: Kind
 
     def may(self, scope: Scope) -> bool:
-        """Whether the role is enough for ``scope``."""
+        """Test whether the role is enough for ``scope``."""
         return ROLES.index(self.role) >= ROLES.index(LEAST_ROLE[scope])
 
     def may_see(self, machine: str | None) -> bool:
-        """Whether a machine exists for it; what belongs to no machine is for those who see all."""
+        """Test whether a machine exists for it; what belongs to no machine is for those who see all."""
         return self.machines is None or machine in self.machines
 
     def visible(self, by_machine: dict[str, Any]) -> dict[str, Any]:
-        """The entries of the machines that exist for it."""
+        """Return the entries of the machines that exist for it."""
         return {name: value for name, value in by_machine.items() if self.may_see(name)}
 
 

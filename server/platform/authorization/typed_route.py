@@ -34,13 +34,13 @@ class TypedRoute(APIRoute):
 
 
 def _typed(endpoint: Callable[..., Any]) -> Callable[..., Any]:
-    """``endpoint``, called only if everything that its arguments name exists for the principal."""
+    """Wrap ``endpoint``: called only if everything that its arguments name exists for the principal."""
     signature = inspect.signature(endpoint, eval_str=True)
     own = next((name for name, value in signature.parameters.items() if value.annotation is Request), None)
     find = names_in(signature)
 
     def foreign(values: dict[str, Any]) -> tuple[Service, Principal, set[Thing]] | None:
-        """What is to be looked up in the store before the endpoint may be called; None if nothing is."""
+        """Return what to look up in the store before the endpoint may be called; None if nothing is."""
         asked: Request = values.pop(_REQUEST) if own is None else values[own]
         principal = asked.scope.get("hilfit.principal")
         if not isinstance(principal, Principal) or principal.machines is None:

@@ -48,7 +48,7 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
 
 @contextmanager
 def connected(url: str) -> Iterator[sa.Connection]:
-    """A database that nothing else here is connected to."""
+    """Connect to a database that nothing else here is connected to."""
     engine = sa.create_engine(url, poolclass=sa.NullPool)
     try:
         with engine.connect() as connection:
@@ -76,7 +76,7 @@ def check_restore(source: Path, url: str) -> None:
 
 
 def newer(source: Path, version: int) -> str:
-    """What is said of a copy that was made by a newer hilfit."""
+    """Explain that a copy was made by a newer hilfit."""
     return (
         f"{source}: is of store version {version}, this hilfit reads version {SCHEMA_VERSION} and before; "
         "restore it with the hilfit that made it"
@@ -149,7 +149,7 @@ def _copy_sqlite(source: Path, target: Path) -> None:
 
 
 def program(name: str) -> str:
-    """Path of one of PostgreSQL's programs, the newest that is installed.
+    """Locate one of PostgreSQL's programs, the newest that is installed.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _run(name: str, url: str, *arguments: str) -> None:
 
 
 def postgresql_url(url: str) -> str:
-    """The URL with the driver that we bring (psycopg 3).
+    """Return the URL with the driver that we bring (psycopg 3).
 
     Raises
     ------

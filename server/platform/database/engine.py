@@ -68,12 +68,12 @@ def _refusal_is_absence(context: sa.engine.ExceptionContext) -> None:
 
 
 def utc_now() -> datetime:
-    """The clock of a running service; all of it reads ``time.time``, the workflow engine too."""
+    """Read the clock of a running service; it all reads ``time.time``, the workflow engine too."""
     return datetime.fromtimestamp(time.time(), UTC)
 
 
 def as_stored(moment: datetime) -> str:
-    """A moment as the store writes it: ISO 8601, UTC, milliseconds."""
+    """Write a moment as the store does: ISO 8601, UTC, milliseconds."""
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
@@ -198,7 +198,7 @@ class Database:
 
     @contextmanager
     def _connected(self, **options: Any) -> Iterator[sa.Connection]:
-        """A connection of the pool; closed afterwards if the store was closed meanwhile."""
+        """Take a connection of the pool; close it afterwards if the store was closed meanwhile."""
         try:
             with self._engine.connect().execution_options(**options) as connection:
                 yield connection
@@ -209,13 +209,13 @@ class Database:
 
     @contextmanager
     def read(self) -> Iterator[sa.Connection]:
-        """A transaction that only reads."""
+        """Open a transaction that only reads."""
         with self._connected() as connection, connection.begin():
             yield connection
 
     @contextmanager
     def write(self, *resources: str) -> Iterator[sa.Connection]:
-        """A transaction that writes; counts a revision of each of ``resources``, then wakes the waiters."""
+        """Open a transaction that writes; count a revision of each of ``resources``, wake the waiters."""
         with self._connected(hilfit_write=True) as connection, connection.begin():
             yield connection
             counted = {resource: _count(connection, resource) for resource in resources}
@@ -251,7 +251,7 @@ class Database:
                 connection.invalidate()  # the lock is the session's: it goes with that
 
     def still_alone(self) -> bool:
-        """Whether :meth:`alone` still holds; the lock goes with its connection, and is taken again if nobody did.
+        """Test whether :meth:`alone` still holds; its lock goes with the connection, and is taken again if free.
 
         Raises what the driver raises while the database is away.
         """
@@ -266,17 +266,17 @@ class Database:
         return _take(self._alone)
 
     def now(self) -> str:
-        """The time as the store writes it: UTC, milliseconds."""
+        """Return the time as the store writes it: UTC, milliseconds."""
         return as_stored(self._clock())
 
     def revisions(self) -> dict[str, int]:
-        """Per resource how often it changed since the store was made."""
+        """Return per resource how often it changed since the store was made."""
         with self.read() as connection:
             rows = connection.execute(sa.select(revisions)).all()
         return {row.resource: row.number for row in rows}
 
     def own_revisions(self) -> Mapping[str, int]:
-        """Of each resource that this process wrote, its revision after the last of those writes; no read."""
+        """Return each written resource's revision after this process' last write of it; no read."""
         return self._own
 
     def check(self) -> None:
@@ -285,7 +285,7 @@ class Database:
             connection.execute(sa.select(store_version)).one()
 
     def look_for_damage(self) -> None:
-        """Look through all pages of a SQLite file; PostgreSQL sees to its own. What is wrong stays in ``damage``."""
+        """Look through all pages of a SQLite file; PostgreSQL sees to its own. What is wrong is in ``damage``."""
         if not self.is_sqlite:
             return
         try:
@@ -298,7 +298,7 @@ class Database:
     def close(self) -> None:
         """Close all connections; one that somebody still uses is closed as soon as it is returned.
 
-        The pool stays the engine's: a new one, as ``Engine.dispose`` makes, would leave what is returned to the old one
+        The pool is the engine's: a new one, as ``Engine.dispose`` makes, would leave what is returned to the old one
         open until it is collected.
         """
         self._closed = True
@@ -306,7 +306,7 @@ class Database:
 
 
 def _take(connection: sa.Connection) -> bool:
-    """Whether the servers' lock could be had within ``LEAVING_S``."""
+    """Take the servers' lock if it can be had within ``LEAVING_S``."""
     end = time.monotonic() + LEAVING_S
     while not connection.execute(sa.text(f"SELECT pg_try_advisory_lock({_SERVER})")).scalar():
         if time.monotonic() > end:
@@ -329,7 +329,7 @@ def _count(connection: sa.Connection, resource: str) -> int:
 def page(
     connection: sa.Connection, query: sa.Select[Any], number: sa.Column[int], limit: int, after: int
 ) -> tuple[Sequence[sa.Row[Any]], int | None]:
-    """Newest first; ``after`` is the cursor of a page before (0: from the start)."""
+    """Return newest first; ``after`` is the cursor of a page before (0: from the start)."""
     if after:
         query = query.where(number < after)
     rows = connection.execute(query.order_by(number.desc()).limit(limit + 1)).all()
@@ -356,7 +356,7 @@ def _begin_postgresql(connection: sa.Connection) -> None:
 
 
 def _not_frozen(url: str) -> str:
-    """A URL whose sessions, the workflow engine's too, are ended when their client is stopped in a transaction."""
+    """Return a URL whose sessions, the engine's too, end when their client is stopped in a transaction."""
     address = sa.make_url(url)
     given = address.query.get("options", "")
     options = [*([given] if isinstance(given, str) else given), f"-c idle_in_transaction_session_timeout={FROZEN_S}s"]
@@ -364,7 +364,7 @@ def _not_frozen(url: str) -> str:
 
 
 def _identity(connection: sa.Connection) -> str:
-    """Id of the store, which it gets when it is first asked for."""
+    """Return the id of the store, which it gets when it is first asked for."""
     found = connection.execute(sa.select(store_identity.c.id)).scalar()
     if found is None:
         found = secrets.token_hex(16)
@@ -373,7 +373,7 @@ def _identity(connection: sa.Connection) -> str:
 
 
 def _version(connection: sa.Connection) -> int | None:
-    """Version of the store; None if there is nothing yet."""
+    """Read the version of the store; None if there is nothing yet."""
     if not sa.inspect(connection).has_table(store_version.name):
         return None
     return connection.execute(sa.select(store_version.c.version)).scalar()

@@ -22,7 +22,7 @@ class IdempotencyKey:
 
     @classmethod
     def of(cls, key: str | None, *content: Any) -> IdempotencyKey | None:
-        """The key of a request with this content (anything that JSON can hold); None if none was sent."""
+        """Return a request's key with this content (anything that JSON can hold); None if none was sent."""
         if key is None:
             return None
         text = json.dumps(content, sort_keys=True)
@@ -35,7 +35,7 @@ class IdempotencyKey:
 
 
 def earlier(connection: sa.Connection, key: IdempotencyKey | None) -> str | None:
-    """Id of what the same request made before; None if there was none.
+    """Return the id of what the same request made before; None if there was none.
 
     Raises
     ------

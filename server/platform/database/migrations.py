@@ -13,7 +13,7 @@ import sqlalchemy as sa
 
 
 def _to_2(connection: sa.Connection) -> None:
-    """An idempotency key may have made anything, not only an identification."""
+    """Let an idempotency key have made anything, not only an identification."""
     for statement in (
         "ALTER TABLE idempotency_keys RENAME TO idempotency_keys_1",
         "CREATE TABLE idempotency_keys (key VARCHAR NOT NULL PRIMARY KEY, request_sha256 VARCHAR NOT NULL,"
@@ -35,7 +35,7 @@ AUDIT_APPEND_ONLY = (
 
 
 def _to_3(connection: sa.Connection) -> None:
-    """The audit log of PostgreSQL was protected by rules, which let TRUNCATE through and refused without a word."""
+    """Replace PostgreSQL's rules of the audit log, which let TRUNCATE through and refused silently."""
     if connection.dialect.name != "postgresql" or not sa.inspect(connection).has_table("audit_log"):
         return
     for statement in (
@@ -47,12 +47,12 @@ def _to_3(connection: sa.Connection) -> None:
 
 
 def _to_4(connection: sa.Connection) -> None:
-    """Every execution of a stage has a directory of its own; a job says which of them counts."""
+    """Give every execution of a stage its own directory; a job names which of them counts."""
     connection.exec_driver_sql("ALTER TABLE jobs ADD COLUMN place VARCHAR")
 
 
 def _to_5(connection: sa.Connection) -> None:
-    """Tokens expire; those that there are do not."""
+    """Let tokens expire; those that there are do not."""
     for table, column in (("principals", "expires VARCHAR"), ("pairing_codes", "days INTEGER")):
         inspector = sa.inspect(connection)
         there = inspector.has_table(table)  # else it is made now, with that column
@@ -61,10 +61,10 @@ def _to_5(connection: sa.Connection) -> None:
 
 
 def _to_6(connection: sa.Connection) -> None:
-    """A calibration may be of valves: then it has no identification.
+    """Let a calibration be of valves: then it has no identification.
 
     No statement of SQLite's lets a column be empty that had to be full. The text of its declaration is changed, as its
-    documentation says (lang_altertable.html, 7): rows stay what they are.
+    documentation says (lang_altertable.html, 7): rows do not change.
     """
     inspector, sqlite = sa.inspect(connection), connection.dialect.name == "sqlite"
     if not inspector.has_table("calibrations"):

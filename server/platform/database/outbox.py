@@ -16,6 +16,6 @@ from server.platform.database.schema import outbox
 
 
 def put_out(connection: sa.Connection, kind: Literal["alarm", "result"], now: str, content: Mapping[str, Any]) -> None:
-    """Add something to be said, in the transaction of ``connection``."""
+    """Add something to be sent, in the transaction of ``connection``."""
     values = {"id": f"msg-{secrets.token_hex(12)}", "kind": kind, "time": now, "content": dict(content)}
     connection.execute(outbox.insert().values(**values))

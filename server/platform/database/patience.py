@@ -21,12 +21,12 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 def away(error: DBAPIError) -> bool:
-    """Whether an error is of the database's being there, and not of what it was asked."""
+    """Test whether an error is of the database's absence, and not of what it was asked."""
     return error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
 
 
 def patiently(do: Callable[[], Value], pause: Callable[[float], object]) -> Value:
-    """The value of ``do``, which is called again as long as the database is away.
+    """Return the value of ``do``, repeated as long as the database is away.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Patience:
             raise ServiceStopping
 
     def patiently(self, do: Callable[[], Value]) -> Value:
-        """The value of ``do``, however long the database is away."""
+        """Return the value of ``do``, however long the database is away."""
         return patiently(do, self.pause)
 
     def database(self, why: str) -> None:
@@ -77,7 +77,7 @@ class Patience:
         self.until(iter((why, None)).__next__)
 
     def until(self, why: Callable[[], str | None]) -> None:
-        """Wait until nothing is missing, looking every second; once a minute the log says what is."""
+        """Wait until nothing is missing, looking every second; once a minute the log names what is."""
         while (found := self.patiently(why)) is not None:
             if time.monotonic() - self._said > SAY_S:
                 self._said = time.monotonic()

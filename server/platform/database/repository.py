@@ -25,7 +25,7 @@ class Between:
     labelled: str = ""
 
     def narrowed(self, query: sa.Select[Any], created: sa.Column[str], label: sa.Column[str]) -> sa.Select[Any]:
-        """The query of these; times are stored as text that sorts."""
+        """Narrow the query; times are stored as text that sorts."""
         if self.since is not None:
             query = query.where(created >= as_stored(self.since))
         if self.until is not None:
@@ -66,19 +66,19 @@ class Repository(Generic[Value]):
         self._database = database
 
     def get(self, id: str) -> Value:
-        """The one with this id; NotFoundError if there is none."""
+        """Return the one with this id; NotFoundError if there is none."""
         with self._database.read() as connection:
             return self.found(connection, id)
 
     def found(self, connection: sa.Connection, id: str) -> Value:
-        """The one with this id, in a transaction; NotFoundError if there is none."""
+        """Return the one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
             raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
-        """All of which something holds, the oldest first; of the ``newest`` so many, the newest first."""
+        """List all of which something holds, oldest first; of the ``newest`` so many, newest first."""
         number = self.of.table.c.number
         query = sa.select(self.of.table).where(*where)
         query = query.order_by(number) if newest is None else query.order_by(number.desc()).limit(newest)
@@ -86,9 +86,9 @@ class Repository(Generic[Value]):
             return self.values(connection, connection.execute(query).all())
 
     def list(self, limit: int, after: int = 0, **narrowed: Unpack[Narrowing]) -> Page[Value]:
-        """Newest first, narrowed to what is given.
+        """List newest first, narrowed to what is given.
 
-        What counts as time and label of a row are the columns that its declaration says, else ``created`` and
+        What counts as time and label of a row are the columns that its declaration names, else ``created`` and
         ``label``.
         """
         table, columns = self.of.table, dict[str, Any](narrowed)
@@ -103,7 +103,7 @@ class Repository(Generic[Value]):
             return Page(self.values(connection, rows), cursor)
 
     def values(self, connection: sa.Connection, rows: Sequence[sa.Row[Any]]) -> tuple[Value, ...]:
-        """What rows hold; with what is kept in other tables, of a repository that has some."""
+        """Return what rows hold; with what is kept in other tables, of a repository that has some."""
         return tuple(self.of.read(row) for row in rows)
 
     def put(self, connection: sa.Connection, new: Value) -> None:

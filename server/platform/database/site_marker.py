@@ -42,7 +42,7 @@ class SiteMarker:
         self._lock = threading.Lock()
 
     def read(self) -> Noted | None:
-        """What it says; None if there is none. StartError if it says nothing that can be read."""
+        """Read it; None if there is none. StartError if it has nothing readable."""
         try:
             return Noted(**json.loads(self._path.read_bytes()))
         except FileNotFoundError:

@@ -69,12 +69,12 @@ class Stored(Shown):
     _declared: ClassVar[frozenset[str]] = frozenset()
 
     def __init_subclass__(cls, **said: str) -> None:
-        """Take what a class says of its table, which is made once its fields are known."""
+        """Take what a class declares of its table, which is made once its fields are known."""
         super().__init_subclass__()
 
     @classmethod
     def __pydantic_init_subclass__(cls, *, table: str | None = None, noun: str = "", **info: str) -> None:
-        """Make the table of a class that names one; ``info`` says which columns are its time and its label."""
+        """Make the table of a class that names one; ``info`` names which columns are its time and its label."""
         if table is not None:
             cls.table = sa.Table(table, metadata, *_columns(cls.model_fields), info=info)
             cls.noun = noun
@@ -94,11 +94,11 @@ class Stored(Shown):
 
     @classmethod
     def read(cls, row: sa.Row[Any], **beside: Any) -> Self:
-        """What a row holds; ``beside`` are fields that are kept elsewhere."""
+        """Return what a row holds; ``beside`` are fields that are kept elsewhere."""
         return cls.model_validate({**row._mapping, **beside})
 
     def columns(self) -> dict[str, Any]:
-        """What its row holds."""
+        """Return what its row holds."""
         return {
             name: to_jsonable_python(value) if isinstance(self.table.c[name].type, sa.JSON) else value
             for name, value in self
@@ -106,7 +106,7 @@ class Stored(Shown):
         }
 
     def but(self, **values: Any) -> Self:
-        """The same with other values of some fields."""
+        """Return the same with other values of some fields."""
         return self.model_copy(update=values)
 
 
@@ -134,7 +134,7 @@ def _kept(field: FieldInfo) -> Kept:
 
 
 def _kinds(annotation: Any) -> set[Any]:
-    """Which types a value may have; that of a literal is that of its values."""
+    """List the types a value may have; that of a literal is that of its values."""
     origin = get_origin(annotation)
     if origin in (Union, UnionType):
         return set().union(*map(_kinds, get_args(annotation)))

@@ -18,7 +18,7 @@ _KEY = "hilfit.base_path"
 
 
 def below(scope: Scope, path: str) -> str:
-    """A path of this service, ``/api/v1/jobs``, as whoever sent a request has to ask for it."""
+    """Prefix a path of this service, ``/api/v1/jobs``, as a request's sender has to ask for it."""
     return f"{scope.get(_KEY, '')}{path}"
 
 

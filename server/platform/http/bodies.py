@@ -29,7 +29,7 @@ class Shown(BaseModel):
 
     @classmethod
     def of(cls, value: object, /, **beside: object) -> Self:
-        """From a thing with such attributes, whatever else it has; ``beside`` are fields that it has not."""
+        """Build it from a thing's attributes, whatever else it has; ``beside`` are other fields."""
         own = {name: getattr(value, name) for name in cls.model_fields if name not in beside and hasattr(value, name)}
         return cls.model_validate(own | beside)
 
@@ -45,5 +45,5 @@ class Listed(BaseModel, Generic[Item]):
 
     @classmethod
     def of(cls, page: Page[Any], show: Callable[[Any], object] = lambda value: value) -> Self:
-        """From the store; ``show`` makes an item of what does not show itself."""
+        """Build it from the store; ``show`` makes an item of what does not show itself."""
         return cls.model_validate({"items": [show(value) for value in page.items], "next": page.next})

@@ -39,6 +39,6 @@ class Conditional:
 
 
 def _has(known: str, etag: str | None) -> bool:
-    """Whether a client that knows these tags has it; compared weakly."""
+    """Test whether a client that knows these tags has it; compared weakly."""
     tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
     return etag is not None and (etag.removeprefix("W/") in tags or tags == ["*"])

@@ -52,7 +52,7 @@ class BoundedHttp(HttpToolsProtocol):
         self._header_count = 0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """A connection came."""
+        """Note that a connection came."""
         super().connection_made(transport)
         if len(self.connections) > self.limits.connections:
             self._refuse(503, "there are too many connections; try again in a few seconds", ((b"retry-after", b"5"),))
@@ -60,12 +60,12 @@ class BoundedHttp(HttpToolsProtocol):
         self._start(self.limits.header_s)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """It went."""
+        """Note that it went."""
         self._stop()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Bytes of a request, or of several."""
+        """Read bytes of a request, or of several."""
         if self._refused:
             return
         if self._awaits_body:
@@ -79,18 +79,18 @@ class BoundedHttp(HttpToolsProtocol):
             self._too_large()
 
     def handle_websocket_upgrade(self) -> None:
-        """From here on it is a WebSocket."""
+        """Hand over to a WebSocket from here on."""
         self._stop()
         if not self._refused:
             super().handle_websocket_upgrade()
 
     def send_400_response(self, msg: str) -> None:
-        """It is no HTTP."""
+        """Refuse what is no HTTP."""
         if not self._refused:
             self._refuse(400, "this is no request of HTTP/1.1 that can be read; see RFC 9112")
 
     def on_header(self, name: bytes, value: bytes) -> None:
-        """A whole header, or one that follows a body."""
+        """Note a whole header, or one that follows a body."""
         self._header_count += 1
         self._header_bytes += len(name) + len(value) + 4
         if self._header_bytes > self.limits.header_bytes or self._header_count > self.limits.headers:
@@ -99,7 +99,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_header(name, value)
 
     def on_headers_complete(self) -> None:
-        """The request can be answered."""
+        """Note that the request can be answered."""
         self._pending = 0
         if len(self.url) > self.limits.header_bytes:
             self._too_large()
@@ -109,7 +109,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_headers_complete()
 
     def on_message_complete(self) -> None:
-        """The body is whole; how long the answer takes is ours."""
+        """Note that the body is whole; how long the answer takes is ours."""
         self._awaits_body = False
         self._pending = self._header_bytes = self._header_count = 0
         self._stop()

@@ -93,13 +93,13 @@ class KeptAnswers:
         return tuple(counters.get(name, 0) for name in depends)
 
     def _true(self, key: Key, asked: Stamp) -> _Kept | None:
-        """The answer that is kept, if it was made when nothing was older than ``asked``."""
+        """Return the kept answer, if it was made when nothing was older than ``asked``."""
         kept = self._kept.get(key)
         new = kept is not None and all(had >= need for had, need in zip(kept.stamp, asked, strict=True))
         return kept if new else None
 
     async def _made(self, scope: Scope, receive: Receive, key: Key, stamp: Stamp) -> _Kept | list[Message]:
-        """What the route answers, kept from now on; as it is if it is no list, or too large to be kept."""
+        """Call the route, keep its answer; return it as it is if it is no list, or too large."""
         messages: list[Message] = []
 
         async def holding(message: Message) -> None:

@@ -29,7 +29,7 @@ class _Declared(Collector):
         self._service = service
 
     def collect(self) -> Iterator[Metric]:
-        """Everything that the resources count."""
+        """Collect everything that the resources count."""
         for resource in self._service.resources:
             if resource.metrics is not None:
                 yield from resource.metrics(self._service)
@@ -50,7 +50,7 @@ class Metrics:
         )
 
     def text(self) -> bytes:
-        """Everything, as Prometheus reads it."""
+        """Write everything as Prometheus reads it."""
         return generate_latest(self._registry)
 
 

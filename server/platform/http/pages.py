@@ -53,7 +53,7 @@ class PageFile:
 
     @classmethod
     def of(cls, name: str, content: bytes) -> PageFile:
-        """From a built file's name, relative to the page's folder, and its content."""
+        """Build it from a built file's name, relative to the page's folder, and its content."""
         suffix = name[name.rfind(".") :]
         media_type = _TYPES.get(suffix) or mimetypes.types_map.get(suffix, "application/octet-stream")
         if media_type.startswith("text/"):
@@ -68,7 +68,7 @@ class PageFile:
         )
 
     def response(self, headers: Headers, status: int = 200) -> Response:
-        """The answer to a request with ``headers``."""
+        """Answer a request with ``headers``."""
         sent = {"ETag": self.etag, "Cache-Control": self.cache, "Vary": "Accept-Encoding"}
         if self.compressed is not None and _takes_gzip(headers.get("accept-encoding", "")):
             return Response(self.compressed, status, {**sent, "Content-Encoding": "gzip"}, self.media_type)
@@ -76,11 +76,11 @@ class PageFile:
 
 
 def page_files(base: str = "") -> Mapping[str, PageFile]:
-    """All built files of this package by their names, ``index.html`` or ``assets/page-0123abcd.js``.
+    """Read all built files of this package by name, ``index.html`` or ``assets/page-0123abcd.js``.
 
     Parameters
     ----------
-    base : path that the service stands below
+    base : path that the service is below
     """
     found = {name: file.read_bytes() for name, file in _walk(files("server") / "web" / "dist", "")}
     if NOT_FOUND in found:  # of any path, so its links cannot be relative, as those of all others are
@@ -134,7 +134,7 @@ def _walk(folder: Traversable, prefix: str) -> Iterator[tuple[str, Traversable]]
 
 
 def _takes_gzip(accepted: str) -> bool:
-    """Whether ``Accept-Encoding`` takes gzip (RFC 9110 section 12.5.3)."""
+    """Test whether ``Accept-Encoding`` takes gzip (RFC 9110 section 12.5.3)."""
     for part in accepted.split(","):
         coding, _, weight = part.partition(";")
         if coding.strip().lower() in ("gzip", "*"):

@@ -51,7 +51,7 @@ class Problem(BaseModel):
 
 
 def status_phrase(status: int) -> str:
-    """What a status is called in problems and in the OpenAPI description, whichever Python runs."""
+    """Name a status as in problems and in the OpenAPI description, whichever Python runs."""
     return _PHRASES.get(status) or HTTPStatus(status).phrase
 
 
@@ -67,7 +67,7 @@ def problem(
     errors: list[dict[str, Any]] | None = None,
     headers: dict[str, str] | None = None,
 ) -> JSONResponse:
-    """The response that tells ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1.
+    """Build the response with ``detail``; ``type`` is ``urn:hilfit:problem:<slug>``, RFC 9457 section 3.1.
 
     ``code`` is the slug where nothing more is known.
     """
@@ -89,7 +89,7 @@ def problem(
 
 
 def methods_of(request: Request) -> list[str]:
-    """All methods that there are for a request's path, whichever route takes them (RFC 9110 section 10.2.1)."""
+    """List all methods for a request's path, whichever route takes them (RFC 9110 section 10.2.1)."""
     found: set[str] = set()
     for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
         scope = dict(request.scope, method=method)
@@ -105,7 +105,7 @@ def install(app: FastAPI) -> None:
 
 
 def refused(request: Request, error: ServiceError, headers: Mapping[str, str] | None = None) -> JSONResponse:
-    """The response that tells an error of the service; ``headers`` in the place of those of its kind."""
+    """Build the response to a service's error; ``headers`` replace those of its kind."""
     return problem(
         request,
         error.status,
@@ -119,7 +119,7 @@ def refused(request: Request, error: ServiceError, headers: Mapping[str, str] | 
 
 
 def _as_ours(request: Request, error: Exception) -> ServiceError:
-    """The error of the service that another one is."""
+    """Convert another error to one of the service."""
     match error:
         case ServiceError():
             return error

@@ -34,7 +34,7 @@ class Replays:
         self._kept: dict[tuple[str, str, str], tuple[float, str, Any]] = {}
 
     def once(self, who: str, what: str, key: str | None, content: Any, make: Callable[[], Value]) -> Value:
-        """What ``make`` returns; if ``who`` sent ``key`` for ``what`` before, what it returned then.
+        """Return what ``make`` returns; if ``who`` sent ``key`` for ``what`` before, what it returned then.
 
         Parameters
         ----------

@@ -104,7 +104,7 @@ class OwnPagesOnly:
 
 
 def _from_elsewhere(scope: Scope, headers: Headers, own: str) -> bool:
-    """Whether a browser says that a page of another origin than ``own`` sent a request."""
+    """Test whether a browser names a page of another origin than ``own`` as a request's sender."""
     if headers.get("origin", own).lower() != own.lower():
         return True
     # Browsers leave Origin out where a page may not say its own; what they say of the site they always say (Fetch
@@ -122,7 +122,7 @@ def _is_address(name: str) -> bool:
 
 
 def _name(host: str) -> str:
-    """The name or address in a ``Host`` header, without the port (RFC 9110 section 7.2)."""
+    """Return the name or address in a ``Host`` header, without the port (RFC 9110 section 7.2)."""
     if host.startswith("["):
         return host[1:].partition("]")[0]
     return host.partition(":")[0]

@@ -91,6 +91,6 @@ KnownTags = Annotated[Tags, Depends(_known_tags)]
 
 
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
-    """The error responses of a route, for its ``responses``; the schema is added by the application."""
+    """Return a route's error responses, for its ``responses``; the application adds the schema."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     return {status: {"description": status_phrase(status), "content": content} for status in statuses}

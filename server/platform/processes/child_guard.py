@@ -28,7 +28,7 @@ _AUTOGROUP, _PATIENCE_S = "/proc/self/autogroup", 2.0
 
 
 def die_with(parent: int) -> bool:
-    """Let the kernel end this process with ``parent``; False if that is dead already."""
+    """Let the kernel end this process with ``parent``; return False if that is dead already."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
         raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
@@ -37,7 +37,7 @@ def die_with(parent: int) -> bool:
 
 
 def rank_session(niceness: int) -> None:
-    """Rank this process's session among the others; what is refused stays as it was.
+    """Rank this process's session among the others; what is refused is left as it was.
 
     Where the kernel shares the processor session by session, as Debian's does, a process's own niceness counts only
     within its session: a nice child in a session of its own would have as much of the processor as all of the service.

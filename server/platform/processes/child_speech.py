@@ -15,12 +15,12 @@ def say(**content: Any) -> None:
 
 
 def ended(work: Callable[[], dict[str, Any] | None], too_much: str = "needs too much memory") -> int:
-    """Do the work of a child and say how it ended; the exit code.
+    """Do the work of a child and report how it ended; return the exit code.
 
     Parameters
     ----------
     work : returns the summary; what it raises as HilfitError is the error, and 2 the code of an InputError
-    too_much : what is said, in one line, if there is not enough memory for it
+    too_much : what is reported, in one line, if there is not enough memory for it
     """
     try:
         say(summary=work() or {})

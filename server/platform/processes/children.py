@@ -100,7 +100,7 @@ class Child:
         self.end()
 
     def end(self) -> None:
-        """End the process that stayed, if one did; the next run starts another."""
+        """End the kept process, if there is one; the next run starts another."""
         if self._staying is not None:
             _, process = self._staying
             self._staying = None
@@ -116,7 +116,7 @@ class Child:
         progress: Progress = lambda fraction, text: None,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> ChildResult:
-        """Run ``program`` with ``arguments`` to its end, or until it has done that and stays.
+        """Run ``program`` with ``arguments`` to its end, or until it has done that and is kept.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class Child:
         return _result(process.returncode, last, log)
 
     def _told(self, known: tuple[object, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
-        """The process that stayed, told what to do next; None if there is none for it."""
+        """Order the kept process to do the next work; None if there is none for it."""
         if self._staying is None:
             return None
         (own, process), self._staying = self._staying, None
@@ -197,7 +197,7 @@ def run_child(
 
 
 def _started(command: Sequence[str], log: Path, threads: str, room: Path, niceness: int) -> subprocess.Popen[bytes]:
-    """A new process below the guard."""
+    """Start a process below the guard."""
     guard = [sys.executable, "-I", "-S", str(Path(__file__).with_name("child_guard.py"))]
     scratch = tempfile.TemporaryDirectory(prefix=TEMPORARY, dir=room, ignore_cleanup_errors=True)
     writable = os.pathsep.join((str(room), "/dev"))
@@ -216,7 +216,7 @@ def _started(command: Sequence[str], log: Path, threads: str, room: Path, nicene
 
 
 def room_of(log: Path) -> Path:
-    """Where a child may write: in the folder of the data directory that its log is in.
+    """Return where a child may write: in the folder of the data directory that its log is in.
 
     So it reaches what jobs or uploads leave there, and neither the store, nor keys, nor what other resources keep. A
     worker's directory has the lock of its name.
@@ -228,7 +228,7 @@ def room_of(log: Path) -> Path:
 
 
 def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:
-    """Lines as they come; None whenever nothing came for a while."""
+    """Yield lines as they come; None whenever nothing came for a while."""
     pending = b""
     with selectors.DefaultSelector() as selector:
         selector.register(stream, selectors.EVENT_READ)
@@ -246,7 +246,7 @@ def _lines(stream: IO[bytes]) -> Iterator[bytes | None]:
 
 
 def _parse(line: bytes) -> dict[str, Any] | None:
-    """The object in a line of the protocol; None for anything else that a library may have printed."""
+    """Parse the object in a line of the protocol; None for anything else that a library may print."""
     try:
         content = json.loads(line)
     except ValueError:
@@ -259,7 +259,7 @@ def _parse(line: bytes) -> dict[str, Any] | None:
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
-    """End a child that still runs, and everything that it started; nothing more is heard of it."""
+    """End a child that still runs, and everything that it started; nothing more is read of it."""
     if child.poll() is None:
         # The child leads a session of its own, so its group holds it and its children only.
         os.killpg(child.pid, signal.SIGTERM)

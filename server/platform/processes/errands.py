@@ -38,7 +38,7 @@ class Errands:
         self._workflows: dict[str, Any] = {}
 
     def add(self, errand: Errand) -> None:
-        """Let the engine know of a kind."""
+        """Register a kind with the engine."""
         self._kinds[errand.name] = errand
 
     @property
@@ -79,5 +79,5 @@ class Errands:
             DBOS.enqueue_workflow(name, self._workflows[name], subject, number)
 
     def forget(self) -> None:
-        """The engine has stopped."""
+        """Forget the engine, which has stopped."""
         self._workflows.clear()

@@ -73,7 +73,7 @@ class FileChildren:
 
 
 def refusal(result: ChildResult, too_much: ServiceError, failed: ServiceError) -> ServiceError:
-    """What to raise for work that was not done.
+    """Return the error to raise for work that was not done.
 
     Parameters
     ----------

@@ -31,7 +31,7 @@ def serve(load: Callable[[str], Work], arguments: Sequence[str], log: str | None
 
     Parameters
     ----------
-    load : from the first argument of an order, what takes the others, says what it has to say on standard output, and
+    load : from the first argument of an order, what takes the others, reports on standard output, and
         returns an exit code
     arguments : of the first order; further ones come over standard input
     log : file that takes the standard error of the first one, where it is not this process's
@@ -54,12 +54,12 @@ def serve(load: Callable[[str], Work], arguments: Sequence[str], log: str | None
 
 
 def main(arguments: Sequence[str], idle_s: float = IDLE_S) -> int:
-    """As :func:`serve`, of the ``main`` of modules."""
+    """Serve, as :func:`serve`, the ``main`` of modules."""
     return serve(lambda module: import_module(module).main, arguments, idle_s=idle_s)
 
 
 def _next_order(idle_s: float) -> tuple[list[str], str] | None:
-    """Arguments and log of the next order; None if there will be none, or was none for long."""
+    """Read arguments and log of the next order; None if there will be none, or was none for long."""
     if not select.select([sys.stdin], [], [], idle_s)[0]:
         return None
     line = sys.stdin.readline()
@@ -70,7 +70,7 @@ def _next_order(idle_s: float) -> tuple[list[str], str] | None:
 
 
 def _in_a_fork(work: Work, arguments: Sequence[str], log: str | None) -> int:
-    """The exit code of ``work`` in a forked process, negative if a signal ended it."""
+    """Run ``work`` in a forked process; return the exit code, negative if a signal ended it."""
     sys.stdout.flush()
     parent = os.getpid()
     process = os.fork()

@@ -94,7 +94,7 @@ class Heavy:
             return await place.run(function, *arguments)
 
     async def aside(self, function: Callable[..., Value], *arguments: Any) -> Value:
-        """Run what takes nothing but waits for something, a file that is being sealed, say."""
+        """Run what takes nothing but waits for something, as a file that is being sealed."""
         return await _within(self._aside, function, arguments)
 
     def close(self) -> None:

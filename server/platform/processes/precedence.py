@@ -23,14 +23,14 @@ _ATTRIBUTES = "=IIQiIQQQ"  # sched_attr, version 0: size, policy, flags, nice, p
 
 
 def take_niceness() -> bool:
-    """Ask for the niceness, for this thread and those that it starts; whether it has that now."""
+    """Ask for the niceness, for this thread and those that it starts; return whether it has that now."""
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, min(NICENESS, os.getpriority(os.PRIO_PROCESS, 0)))
     return os.getpriority(os.PRIO_PROCESS, 0) <= NICENESS
 
 
 def take_precedence() -> None:
-    """Ask for both, for this thread and those that it starts; what is refused stays as it was."""
+    """Ask for both, for this thread and those that it starts; what is refused is left as it was."""
     if take_niceness() and os.getsid(0) == os.getpid():  # a person's shell would keep it
         rank_session(NICENESS)
     number = _SCHED_SETATTR.get(os.uname().machine)

@@ -25,7 +25,7 @@ class WarmChild:
         self._timer: threading.Timer | None = None
 
     def cool(self) -> None:
-        """A job is over: end the process after a while, unless it is at work then, or another job was over since."""
+        """End the process a while after a job is over, unless it is at work then, or another job was over since."""
         with self._lock:
             if self._timer is not None:
                 self._timer.cancel()

@@ -53,12 +53,12 @@ def do(what: str, source: Path, target: Path, machine_file: Path, shown: str) ->
 
 
 def units_of(table: Table, machine: Machine) -> dict[str, str]:
-    """Units of the columns: what the file says, else what the machine file declares."""
+    """Return units of the columns: the file's own, else what the machine file declares."""
     return {**{c.name: c.unit for c in machine.channels}, **table.units}
 
 
 def main(arguments: Sequence[str], do: Callable[..., None] = do) -> int:
-    """Entry of the process, which is limited to what such a file may take; the exit code.
+    """Run the process, which is limited to what such a file may take; return the exit code.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _VALUE_BYTES = 8
 
 
 def refuse_bombs(path: Path, shown: str) -> None:
-    """Raise InputError, in one line, if a file says that it unpacks to much more than a recording does."""
+    """Raise InputError, in one line, if a file declares that it unpacks to much more than a recording does."""
     declared = _declared(path)
     if declared > max(ALWAYS, RATIO * path.stat().st_size):
         raise RecordingError(
@@ -27,7 +27,7 @@ def refuse_bombs(path: Path, shown: str) -> None:
 
 
 def _declared(path: Path) -> int:
-    """Bytes in memory; 0 where the header does not say, or is none: who reads the file says what is wrong."""
+    """Read the declared size in memory, bytes; 0 without one: the file's reader reports what is wrong."""
     try:
         if path.suffix == ".parquet":
             import pyarrow.parquet

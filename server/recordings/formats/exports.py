@@ -35,7 +35,7 @@ class Exports:
         self._children = children
 
     def source(self, row: RecordingRow) -> Path:
-        """The file of a sealed recording.
+        """Locate the file of a sealed recording.
 
         Raises
         ------
@@ -50,11 +50,11 @@ class Exports:
         return path
 
     def file(self, row: RecordingRow, format: str) -> Path:
-        """A new file in another form than the recording is kept in, to be removed after use."""
+        """Convert it to a new file in another form than it is kept in, to be removed after use."""
         return self.made(row, format, FORMATS[format][1], row.id)
 
     def statistics(self, row: RecordingRow) -> dict[str, Any]:
-        """What the recording holds; computed once, kept beside it."""
+        """Compute what the recording holds; once, kept beside it."""
         self.source(row)
         kept = self.kept_statistics(row.id)
         if not kept.is_file():
@@ -62,13 +62,13 @@ class Exports:
         return dict(json.loads(kept.read_text(encoding="utf-8")))
 
     def kept_statistics(self, id: str) -> Path:
-        """Where the statistics of a recording are kept."""
+        """Locate the kept statistics of a recording."""
         return self._files.recordings / f"{id}.statistics.json"
 
     def imported(
         self, incoming: Path, machine: str, version: int, shown: str, columns: str | None, resample: bool
     ) -> Path:
-        """An uploaded file of another tool as a recording in Parquet beside it; the uploaded one is removed.
+        """Import another tool's file as Parquet beside it; the uploaded one is removed.
 
         Parameters
         ----------
@@ -86,7 +86,7 @@ class Exports:
         return target
 
     def made(self, row: RecordingRow, what: str, suffix: str, shown: str, *rest: str, by: str = CONVERSIONS) -> Path:
-        """A new file that is made of a recording, to be moved or removed.
+        """Make a new file of a recording, to be moved or removed.
 
         Parameters
         ----------

@@ -9,5 +9,5 @@ IMPORTS = ("import", "import-resampled")
 
 
 def map_beside(source: Path) -> Path:
-    """Where the map of a file's columns is, if it has one."""
+    """Locate the map of a file's columns, if it has one."""
     return source.with_name(f"{source.name}.map")

@@ -12,7 +12,7 @@ from daq.recordings.recording_files import Table
 
 
 def statistics(table: Table, machine: Machine) -> dict[str, Any]:
-    """Rows, time, and per channel of the machine its range, mean, deviation, and frames of each quality.
+    """Compute rows, time, and per channel range, mean, deviation, and frames of each quality.
 
     In the units of the file. A channel that the file does not have is left out; all values null where none is finite.
     """
