@@ -80,7 +80,7 @@ def identify_case(directory: Path) -> Report:
 
 
 def over_floor(report: Report, when: str, joint: str | None = None) -> float:
-    """Validate error over noise floor: of one joint, or the root mean square over all."""
+    """Compute validation error over noise floor: of one joint, or the root mean square over all."""
     chosen = [report["errors"][joint]] if joint else list(report["errors"].values())
     return float(np.sqrt(np.mean([(e[when]["validate"] / e["noise_floor"]) ** 2 for e in chosen])))
 

@@ -78,7 +78,7 @@ class World(threading.Thread):
         return tuple(low + part * (high - low) for low, high in self._limits)
 
     def latch(self) -> None:
-        """Sample."""
+        """Sample what is measured."""
         for node in self.nodes.values():
             node.latch(self.values(self.syncs))
 

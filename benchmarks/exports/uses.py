@@ -251,7 +251,7 @@ def _memory(bench: _Bench) -> list[Check]:
 
 
 def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
-    """Drive efforts of a motion by the compiled C, moment by moment."""
+    """Compute drive efforts of a motion by the compiled C, moment by moment."""
     export_model(model, "c", folder)
     name, n = identifier(model.machine.name), len(model.joints)
     subprocess.run(["cc", "-O2", "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], cwd=folder, check=True)

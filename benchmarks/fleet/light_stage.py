@@ -12,7 +12,7 @@ from stages import REPORT, STAGES  # type: ignore[import-not-found]
 
 
 def orders() -> Iterator[tuple[str, str]]:
-    """Request and stage of every order: the first of the command line, the others from standard input."""
+    """Yield request and stage of every order: the first of the command line, the others from standard input."""
     yield sys.argv[1], sys.argv[2]
     for line in sys.stdin:
         request, stage = json.loads(line)["arguments"]

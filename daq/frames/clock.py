@@ -100,7 +100,7 @@ class RealClock(_SystemClocks):
         self._free = True  # whether the last tick was by our own clock
 
     def start(self) -> None:
-        """Tick 0 is the next SYNC, or one period from now."""
+        """Set tick 0 at the next SYNC, or one period from now."""
         self._last, self._cycle, self._free = self.monotonic_ns(), -1, True
 
     def wait(self) -> Tick:
@@ -148,7 +148,7 @@ class LockstepClock(_SystemClocks):
         self._cycle = 0
 
     def start(self) -> None:
-        """Tick 0 is one wall period from now."""
+        """Set tick 0 one wall period from now."""
         self._at = time.monotonic_ns() + self._period
         self._cycle = 0
 

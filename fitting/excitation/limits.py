@@ -152,7 +152,7 @@ def joint_numbers(machine: Machine, names: Sequence[str] | None) -> list[int]:
 
 
 def holding_efforts(machine: Machine, base: BaseParameters, values: FloatArray, q: FloatArray) -> FloatArray:
-    """Drive efforts (N, n) that hold an arm with these base parameters (nb,) in poses (N, n)."""
+    """Compute drive efforts (N, n) that hold an arm with these base parameters (nb,) in poses (N, n)."""
     still = np.zeros_like(q)
     return np.asarray(base_regressor(machine, base, q, still, still) @ values / lever_arms(machine, q))
 

@@ -143,7 +143,7 @@ def _covariance(
 
 
 def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour = "hac") -> StackedEstimate:
-    """Drive and base parameters at once, by ordinary least squares of joint efforts.
+    """Fit drive and base parameters at once, by ordinary least squares of joint efforts.
 
     ``unloaded`` takes the recordings with the rods unpinned too, which stage 1 has: what then still differs from the
     two stages is the order of work and not the data.

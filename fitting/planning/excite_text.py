@@ -13,7 +13,7 @@ from fitting.excitation import LimitUse
 
 
 def show(result: Mapping[str, Any]) -> None:
-    """Tables of limits and of the forecast, and a line for each motion file; ``result`` as ``--json`` prints it."""
+    """Print tables of limits and of the forecast, a line per motion file; ``result`` as ``--json`` prints it."""
     console = Console()
     for motion in result["motions"]:
         if motion["limits"]:
