@@ -281,7 +281,7 @@ class Indefinite:
 
 
 def indefinite(model: ArmModel) -> Indefinite | None:
-    """Find the worst pose with an indefinite mass matrix; None where there is none.
+    """Find the worst pose whose mass matrix is not positive definite; None where all are.
 
     Of poses spread over the limits of all joints (a Sobol sequence).
     """

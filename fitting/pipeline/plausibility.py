@@ -163,7 +163,7 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
 
 
 def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
-    """Add its parameter's value in the nearest possible set to the violation."""
+    """Add to the violation its parameter's value in the nearest possible set."""
     parameters = model.design.parameters
     names = [*parameters.names[: parameters.drive_count], *parameters.base.names]
     own = found.parameter if found.joint is None else f"{found.joint}.{found.parameter}"

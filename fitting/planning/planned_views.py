@@ -159,7 +159,7 @@ def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], lik
 def _pressures(
     v: FloatArray, forces: FloatArray, chambers: tuple[ChamberModel | None, ...]
 ) -> Callable[[], FloatArray]:
-    """Compute rod pressures of one segment when they are first asked for."""
+    """Return a function of one segment's rod pressures, computed at its first call."""
 
     @cache
     def values() -> FloatArray:

@@ -125,7 +125,7 @@ def render_html(report: Mapping[str, Any], figures: Figures, language: Language 
 
 
 def with_contents(page: str, language: Language = ENGLISH) -> str:
-    """Fill the page's contents in at their mark, each heading a link."""
+    """Fill in the page's contents at its mark, each heading a link."""
     titles: list[str] = []
 
     def numbered(heading: re.Match[str]) -> str:

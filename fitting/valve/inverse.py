@@ -68,7 +68,7 @@ class Direction:
     largest: float
 
     def speed(self, opening: float) -> float:
-        """Compute m/s at the reference drops of what is beyond the edge."""
+        """Compute the speed, m/s at the reference drops, of what is beyond the edge."""
         if self.openings:
             return float(np.interp(opening, self.openings, self.speeds))
         return float(self.gain * max(opening, 0.0) ** self.power)

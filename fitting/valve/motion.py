@@ -68,7 +68,7 @@ class Expected(RodTravel):
     grid = np.linspace(0.0, 1.0, 201)
 
     def moving(self, most: float) -> float:
-        """Compute m/s in the slower direction at the largest command to a pose, of ``most`` at that of all."""
+        """Compute the slower direction's speed, m/s, at the largest command of a move to a pose; ``most`` caps it."""
         return float(np.abs(self.speed(np.array([1.0, -1.0]) * min(CAUTION, most))).min())
 
     def speed(self, share: FloatArray | float, faster: Sequence[float] = (1.0, 1.0)) -> FloatArray:

@@ -293,7 +293,7 @@ def _stretch(
 
 
 def _taken(machine: Machine, joint: Joint, recording: Recording, part: slice, bank: FilterBank) -> FloatArray:
-    """Compute m^3/s (N,) of other joints' cylinders, of those with recorded positions."""
+    """Compute the flow, m^3/s (N,), of other joints' cylinders with recorded positions."""
     taken = np.zeros(part.stop - part.start)
     for other in machine.joints:
         sensors = [machine.channel(f"{kind}_position", other.name) for kind in ("joint", "piston")]

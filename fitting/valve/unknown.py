@@ -22,7 +22,7 @@ from fitting.valve.rows import Axis
 
 
 def _filled(axis: Axis) -> FloatArray:
-    """Compute Pa (N,): the drop that feeds the cylinder, or without supply the fed pressure."""
+    """Compute the drop in Pa (N,) that feeds the cylinder, or without known supply the fed pressure."""
     filled = np.where(axis.signals.last_way < 0.0, axis.signals.inlet[1], axis.signals.inlet[0])
     return np.asarray(axis.signals.supply - filled if axis.has_supply else filled)
 
