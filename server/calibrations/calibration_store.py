@@ -71,12 +71,12 @@ class Calibration(Stored, table="calibrations", noun="calibration"):
 
     @property
     def kind(self) -> Of:
-        """What it is of."""
+        """Kind of fit that it is of."""
         return "valves" if self.identification is None else "identification"
 
     @property
     def source(self) -> str:
-        """Id of that."""
+        """Id of that fit."""
         return str(self.identification or self.valves)
 
 

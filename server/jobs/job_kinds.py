@@ -58,11 +58,11 @@ class JobKind(Protocol):
 
     @property
     def name(self) -> str:
-        """As it is in a job's ``kind``."""
+        """Name in a job's ``kind``."""
 
     @property
     def queue(self) -> str:
-        """Where its jobs wait."""
+        """Queue of its jobs."""
 
     def words(self, stage: str) -> str:
         """Return what a person reads while a stage runs."""

@@ -111,7 +111,7 @@ class OpcuaServer:
 
     @property
     def url(self) -> str:
-        """Where clients find it."""
+        """Address for clients."""
         return f"opc.tcp://{self._host}:{self.port}/hilfit"
 
     def start(self) -> None:

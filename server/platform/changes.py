@@ -21,7 +21,7 @@ class Changes:
 
     @property
     def number(self) -> int:
-        """How many changes there have been in this process."""
+        """Number of changes so far in this process."""
         with self._lock:
             return self._number
 

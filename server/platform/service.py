@@ -101,7 +101,7 @@ class Service(Parts):
 
     @property
     def fingerprint(self) -> str | None:
-        """Of the certificate that only its fingerprint vouches for; None without such a one."""
+        """Fingerprint of the certificate that nothing else vouches for; None without such a one."""
         found: Certificate | None = self.certificate
         return found.fingerprint if found is not None and found.self_made else None
 

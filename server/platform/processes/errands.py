@@ -43,7 +43,7 @@ class Errands:
 
     @property
     def queues(self) -> dict[str, int]:
-        """How many tries at a time, by queue."""
+        """Number of tries at a time, by queue."""
         return {name: errand.at_once for name, errand in self._kinds.items()}
 
     def register(self, working: Callable[[Callable[[], float | None]], float | None]) -> None:
