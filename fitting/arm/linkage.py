@@ -141,8 +141,8 @@ def joint_position(joint: Joint, x: npt.ArrayLike) -> FloatArray:
     Parameters
     ----------
     joint : joint with a cylinder
-    x : piston positions in m, any shape. Positions that the linkage cannot reach (measurement noise beyond a stretched
-        linkage, say) give the nearest joint position that it can; NaN remains NaN
+    x : piston positions in m, any shape. Positions that the linkage cannot reach (as by measurement noise beyond a
+        stretched linkage) give the nearest joint position that it can; NaN remains NaN
 
     Returns
     -------

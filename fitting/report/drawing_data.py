@@ -172,7 +172,7 @@ def _scatter(before: Model, after: Model, number: int, shown: Sequence[int], oth
 def worst_place(model: Model, number: int, joint: int) -> dict[str, Any]:
     """Find where along its variable a term acts most on a joint, over the fitted motions.
 
-    ``variable``, ``at`` and ``unit`` say where: the largest of its mean in thirty bins of the variable. ``friction`` is
+    ``variable``, ``at`` and ``unit`` locate it: the largest of its mean in thirty bins of the variable. ``friction`` is
     ``more`` or ``less`` there of what turns its sign with the direction of motion, None of anything else.
     """
     content = model.terms[number].content

@@ -80,7 +80,7 @@ def laws_for(*, pressures: bool, supply: bool, compensated: bool | str) -> tuple
     """List laws open to what is measured and declared, by id, the simplest first.
 
     Of a valve that is declared compensated an orifice is no law but an effect, as is an outlet that decides where the
-    supply is known: both edges are alike there, but where the load runs ahead (:mod:`fitting.valve.effects`).
+    supply is known: both edges are alike there, but where the load outruns the oil (:mod:`fitting.valve.effects`).
     """
     known = {"nothing": True, "outlet": pressures, "supply": supply}
     ids = [law.id for law in LAWS.values() if known[law.needs] and not (supply and law.needs == "outlet")]
