@@ -212,6 +212,19 @@ class Model:
         told = values > _TOLD
         return np.asarray((vectors[:, told] / np.sqrt(values[told])).T)
 
+    @cached_property
+    def held(self) -> tuple[FloatArray, FloatArray]:
+        """Return the basis (h, rank) and the residual (h,) in the prior's rows of parameters that it keeps from being
+        negative."""
+        Q, left = self.fit.orthonormal[-1], self.fit.residual[-1]
+        if self.prior is None or self.prior.point is None:
+            return Q[:0], left[:0]
+        arm, phi = self.prior.point.arm, self.prior.point.phi
+        start = len(Q) - len(self.prior.point.rows[1]) - self.prior.own_rows(len(self.fit.orthonormal) - 1)
+        below = (arm.signed & (phi < 0))[np.flatnonzero(arm.own[: arm.drives])]
+        rows = start + np.flatnonzero(below)
+        return Q[rows], left[rows]
+
     def term_slice(self, number: int) -> slice:
         """Return the slice of term ``number``'s parameters in ``fit.theta``."""
         joints = self.design.parameters.joints

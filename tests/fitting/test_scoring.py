@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from synthetic_arm import clean_session
+from synthetic_arm import clean_session, injected, make_session, planar_machine, truth
 
 from fitting.effects import effect, effects
 from fitting.loop.session import Session
@@ -66,6 +66,19 @@ def test_a_gain_is_the_difference_of_two_fits(term: Term) -> None:
         assert score.gain < gain, "outside of its bounds it would gain more"
     if score.live == len(values):
         assert np.allclose(score.free, values, rtol=1e-5, atol=1e-7 * np.abs(values).max())
+
+
+def test_a_gain_lets_go_what_the_base_holds_at_zero_only_for_want_of_the_term() -> None:
+    """A gas that pushes less the farther out the piston is makes a stiffness negative; beside the gas it is not."""
+    machine, arm, shape = planar_machine(2), truth(2), {"side": -1.0, "rest": 0.6, "n": 1.4}
+    term = Term(effect("gas_spring"), 1, shape)
+    session = make_session(machine, arm, added=injected(machine, arm, term.content, 1, shape, [100.0, 0.0]))
+    model = session.base_model
+    refit = fit_model(model.design, model.noise, model.fitted, [term], session.prior, model)
+    (score,) = score_terms(model, [term], [1])
+    assert len(model.held[1]) > 0 and len(refit.held[1]) == 0
+    assert score.gain == pytest.approx(model.fit.chi_square - refit.fit.chi_square, rel=1e-4)
+    assert score.values[0] == pytest.approx(100.0, rel=0.15)
 
 
 def test_a_gain_beside_an_accepted_effect_is_the_difference_of_two_fits() -> None:
