@@ -20,7 +20,6 @@ from fitting.effects.base import (
     geometric,
     has_both_positions,
 )
-from fitting.signals.corrections import Corrections
 
 #: Widths that bushings take to be crossed, over the largest force of the joint.
 WIDTHS = geometric(0.002, 0.9, 25)
@@ -73,16 +72,6 @@ class Backlash(Effect):
         if shape.get("about"):
             width *= _mean_lever(view)
         return (0.5 * lever * np.clip(bending / width, -1.0, 1.0))[:, None]
-
-    def places(self, shape: Shape) -> Sequence[Shape]:
-        """Return the pin, and the place between piston and sensor: friction jumps with the piston's speed."""
-        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0))
-
-    def apply_to_signals(
-        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
-    ) -> Corrections:
-        """Apply play in the pin, or at the piston's sensor; see :meth:`places`."""
-        return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
 
 
 def _mean_lever(view: DriveView) -> float:

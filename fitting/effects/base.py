@@ -372,13 +372,21 @@ class Effect(ABC):
         return None if columns is None else np.asarray(columns @ np.asarray(values))
 
     def places(self, shape: Shape) -> Sequence[Shape]:
-        """Return shapes among which only efforts can choose, for a finding between position sensors."""
-        return (shape,)
+        """Return shapes among which only the efforts can choose: what gives way moves the piston, or only its sensor.
+
+        Friction follows the piston's own speed.
+        """
+        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0)) if self.stays_in_gap else (shape,)
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
-        """Take it out of positions when recordings are prepared again, where it was found between position sensors."""
+        """Take it out of positions when recordings are prepared again, where it was found between position sensors.
+
+        What stays in the gap is not taken out: each sensor is of its own side then.
+        """
+        if self.stays_in_gap:
+            return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
         raise NotImplementedError(f"{self.id} is no effect on positions")
 
     def plausible(self, values: Sequence[float], stds: Sequence[float]) -> bool:

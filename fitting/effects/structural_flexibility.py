@@ -8,7 +8,6 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import SITES, DriveView, Effect, Parameter, Parity, Shape, gap_lever, has_both_positions
-from fitting.signals.corrections import Corrections
 
 
 class StructuralFlexibility(Effect):
@@ -53,13 +52,3 @@ class StructuralFlexibility(Effect):
         if not has_both_positions(view.machine, view.joint):
             return None
         return (gap_lever(view, shape) ** 2 * view.bending_force(bool(shape.get("friction"))))[:, None]
-
-    def apply_to_signals(
-        self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
-    ) -> Corrections:
-        """Correct each sensor to its own side; see :meth:`places`."""
-        return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
-
-    def places(self, shape: Shape) -> Sequence[Shape]:
-        """Return the link between piston and joint, and the sensor's mount: friction follows the piston's speed."""
-        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0))

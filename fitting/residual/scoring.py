@@ -201,8 +201,8 @@ class Candidates:
                 plain = gram if told is shadow else whole - seen.swapaxes(1, 2) @ seen
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
                 norms = np.einsum("tii->ti", whole)
-                free = _Released(*model.held, shade, gram, products[where])
-                for member, score in free.scored(own_terms, plain, norms):
+                freely = _scored_freely(own_terms, model.held, shade, gram, plain, products[where], norms)
+                for member, score in freely.items():
                     if place is None and score.gain > 0:
                         score = _placed(score, model, C[:, where[member]], shade[member])
                     result[chosen[member]] = score
@@ -414,66 +414,47 @@ def _scored(
         )
 
 
-class _Released:
-    """Scores with those of the base's parameters let go that are kept from being negative, and are not beside a term.
+def _scored_freely(
+    terms: Sequence[tuple[Term, int]],
+    held: tuple[FloatArray, FloatArray],
+    shade: FloatArray,
+    gram: FloatArray,
+    plain: FloatArray,
+    products: FloatArray,
+    norms: FloatArray,
+) -> dict[int, Score]:
+    """Score terms as :func:`_scored`, each with those of the base's parameters let go that are positive beside it.
 
-    A row of the prior holds such a parameter at zero. Without that row it is free, and with it the term is, too: that
-    stands where the parameter is positive then. Which ones are let go is found for every candidate, from all of them.
+    A row of the prior holds a parameter that would be negative at zero. Without that row it is free, and so a term may
+    be what it was negative for want of. Which are let go is found for every term, from all of them: those that would
+    be negative all the same are held again.
 
     Parameters
     ----------
-    basis, left : (h, rank), (h,) of :attr:`fitting.residual.terms.Model.held`
-    shade : (T, rank, k) the candidates' columns in the base's basis
-    gram, products : (T, k, k), (T, k) of the candidates beside the base
+    held : (h, rank), (h,) of :attr:`fitting.residual.terms.Model.held`
+    shade : (T, rank, k) the terms' columns in the base's basis
     """
-
-    def __init__(
-        self, basis: FloatArray, left: FloatArray, shade: FloatArray, gram: FloatArray, products: FloatArray
-    ) -> None:
-        self._basis, self._left, self._shade, self._gram, self._products = basis, left, shade, gram, products
-
-    def scored(
-        self, terms: Sequence[tuple[Term, int]], plain: FloatArray, norms: FloatArray
-    ) -> Iterator[tuple[int, Score]]:
-        """Score the candidates; see :func:`_scored`."""
-        best = dict(_scored(terms, self._gram, plain, self._products, norms))
-        sets = {number: frozenset(range(len(self._left))) for number in best}
-        while sets := {number: own for number, own in sets.items() if own}:
-            for let_go in set(sets.values()):
-                chosen = [number for number, own in sets.items() if own == let_go]
-                rows = sorted(let_go)
-                own = [terms[number] for number in chosen]
-                for member, score, held in self._without(rows, chosen, own, plain[chosen], norms[chosen]):
-                    number = chosen[member]
-                    sets[number] = frozenset(row for row, low in zip(rows, held, strict=True) if not low)
-                    if not any(held):
-                        sets[number] = frozenset()
-                        best[number] = score if score.gain > best[number].gain else best[number]
-                    elif len(sets[number]) == len(rows):
-                        sets[number] = frozenset()
-        yield from best.items()
-
-    def _without(
-        self,
-        rows: Sequence[int],
-        chosen: Sequence[int],
-        terms: Sequence[tuple[Term, int]],
-        plain: FloatArray,
-        norms: FloatArray,
-    ) -> Iterator[tuple[int, Score, list[bool]]]:
-        """Score candidates without some rows of the prior; which of their parameters would be negative all the same."""
-        basis, left = self._basis[rows], self._left[rows]
+    best = dict(_scored(terms, gram, plain, products, norms))
+    sets = {number: tuple(range(len(held[1]))) for number in best} if len(held[1]) else {}
+    while sets:
+        rows = next(iter(sets.values()))
+        chosen = [number for number, own in sets.items() if own == rows]
+        basis, left = (part[list(rows)] for part in held)
         known = np.linalg.inv(np.eye(len(rows)) - basis @ basis.T + _ROUNDING * np.eye(len(rows)))
-        cross = -basis @ self._shade[chosen]
-        taken = known @ cross
-        gram = self._gram[chosen] - cross.swapaxes(1, 2) @ taken
-        products = self._products[chosen] - np.einsum("thk,h->tk", taken, left)
-        alone = float(left @ known @ left)
-        for member, score in _scored(terms, gram, plain, products, norms):
-            slack = known @ (left - cross[member] @ np.asarray(score.values))
-            whole = 1.0 + alone / score.gain if score.gain > 0 else 1.0
-            freed = replace(score, gain=whole * score.gain, information=whole * score.information)
-            yield member, freed, (slack > 0).tolist()
+        cross = -basis @ shade[chosen]
+        taken, alone = known @ cross, float(left @ known @ left)
+        own_gram = gram[chosen] - cross.swapaxes(1, 2) @ taken
+        own_products = products[chosen] - np.einsum("thk,h->tk", taken, left)
+        sets = {number: own for number, own in sets.items() if own != rows}
+        for member, score in _scored([terms[n] for n in chosen], own_gram, plain[chosen], own_products, norms[chosen]):
+            number = chosen[member]
+            low = known @ (left - cross[member] @ np.asarray(score.values)) > 0
+            if low.any() and not low.all():
+                sets[number] = tuple(row for row, negative in zip(rows, low, strict=True) if not negative)
+            elif not low.any() and score.gain + alone > best[number].gain and score.gain > 0:
+                whole = 1.0 + alone / score.gain
+                best[number] = replace(score, gain=whole * score.gain, information=whole * score.information)
+    return best
 
 
 def catalogue_terms(model: Model, effects: Sequence[Effect]) -> tuple[list[Term], list[int]]:
