@@ -103,6 +103,7 @@ def test_the_command_sends_nothing_unless_it_is_told_to_ask(site: Site) -> None:
     assert site.requests() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("identifier", "data"),
     [(0x700 + NODE, b"\x05"), (0x181, bytes(4)), (0x201, bytes(4))],
@@ -131,6 +132,7 @@ def test_a_bus_that_is_listen_only_is_never_asked(site: Site) -> None:
     assert not site.scan().asked and site.requests() == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("identifier", [0x080, 0x000])
 def test_where_somebody_else_leads_nothing_is_sent(site: Site, identifier: int) -> None:
     site.send_always(identifier, b"" if identifier else b"\1\x63", 0.02)
@@ -141,6 +143,7 @@ def test_where_somebody_else_leads_nothing_is_sent(site: Site, identifier: int) 
     assert "another master leads it" in found.notes[0] and "listen_only" in found.notes[0]
 
 
+@pytest.mark.slow
 def test_two_devices_with_one_id_are_told(site: Site) -> None:
     site.nodes.append(FakeNode(site.channel, NODE, site.objects()))
     found = site.scan()
@@ -238,6 +241,7 @@ def test_bad_usage_is_one_line(arguments: tuple[str, ...], line: str) -> None:
     assert code == 2 and line in said and said.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_nothing_is_left_running(site: Site) -> None:
     before = {thread.name for thread in threading.enumerate()}
     site.scan()

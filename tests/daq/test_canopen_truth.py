@@ -462,6 +462,7 @@ def test_bus_off_is_shown_and_the_bus_is_opened_again(bench: Bench) -> None:
 # Many nodes
 
 
+@pytest.mark.slow
 def test_dead_nodes_do_not_keep_the_others_waiting() -> None:
     """Twenty dead nodes answer nothing for 20 x 3 s if they are asked one after another."""
     channel = uuid.uuid4().hex

@@ -43,6 +43,7 @@ def traced(bench: Bench, trace: Path, cycles: int, file_bytes: int = 64_000_000)
     return seen
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
 def test_a_bus_that_was_led_gives_the_same_values_again(bench: Bench, tmp_path: Path, suffix: str) -> None:
     trace = tmp_path / f"trace{suffix}"
@@ -59,6 +60,7 @@ def test_a_bus_that_was_led_gives_the_same_values_again(bench: Bench, tmp_path: 
             assert frame.values[[HEAD, ROD]] == pytest.approx([50.0e5, 20.5e5])
 
 
+@pytest.mark.slow
 def test_full_files_are_read_in_order(bench: Bench, tmp_path: Path) -> None:
     traced(bench, tmp_path / "trace.log", 40, file_bytes=3000)
     path = bus_file(tmp_path / "trace.log", "can0")

@@ -77,6 +77,7 @@ def test_an_event_stream_ends_with_its_token(guarded: Guarded, path: str) -> Non
     assert answer.text.startswith("data: ")
 
 
+@pytest.mark.slow
 def test_revoking_a_key_does_not_end_the_stream_of_another(guarded: Guarded) -> None:
     id, _, _ = key(guarded)
     _, token, _ = key(guarded)

@@ -368,6 +368,7 @@ def test_only_admins_of_all_machines_have_webhooks(tmp_path: Path) -> None:
         assert made.json()["created_by"] == "a admin"
 
 
+@pytest.mark.slow
 def test_what_was_said_leaves_the_outbox(tmp_path: Path) -> None:
     with hooked(tmp_path, 4000) as running:
         running.service[Alarms].report(None, "overload", "x", "critical", True)

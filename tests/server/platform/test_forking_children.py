@@ -100,6 +100,7 @@ def test_what_takes_too_long_or_loses_its_parent_ends(child: Child, tmp_path: Pa
     assert run(child, tmp_path, "one").outcome == "done"
 
 
+@pytest.mark.slow
 def test_a_child_that_left_for_want_of_work_is_started_again(child: Child, tmp_path: Path) -> None:
     parent = run(child, tmp_path, "one", idle_s=1).summary["parent"]
     left = os.pidfd_open(parent)

@@ -121,6 +121,7 @@ def test_a_flood_of_headers_costs_no_memory(port: int) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20 * 2**10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [b"", b"GET / HTTP/1.1\r\nHost: x\r\n", b"G"])
 def test_half_open_requests_are_ended(port: int, begin: bytes) -> None:
     with contextlib.ExitStack() as stack:
@@ -153,6 +154,7 @@ def test_a_body_that_stands_still_is_not_waited_for(port: int, declared: bytes) 
         assert problem(said(found))[0] == 408
 
 
+@pytest.mark.slow
 def test_the_second_request_of_a_connection_has_the_same_time(port: int) -> None:
     with connection(port) as found:
         found.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n\r\n")
