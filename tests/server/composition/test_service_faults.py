@@ -29,7 +29,7 @@ def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Runnin
     running.service[Alarms].report("lever", "residual_drift", "x", "warning", True)
     path = f"{API}/alarms/{running.client.get(f'{API}/alarms').json()['items'][0]['id']}"
     engine = running.service.database._engine
-    engine.dispose()  # connections made from now on wait for a moment only
+    engine.pool.dispose()  # connections made from now on wait for a moment only; the service closes this pool
 
     def impatient(connection: sqlite3.Connection, _record: object) -> None:
         connection.execute("PRAGMA busy_timeout=50")
@@ -50,7 +50,7 @@ def test_a_locked_store_is_a_503_for_writers_while_readers_go_on(running: Runnin
         other.close()
         event.remove(engine, "connect", impatient)
     assert running.client.post(f"{path}/acknowledge").json()["acknowledged"] is True
-    engine.dispose()
+    engine.pool.dispose()
 
 
 @pytest.mark.slow
