@@ -356,7 +356,7 @@ def whitened_joint(
 
 
 def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:
-    """Compute measured less predicted drive effort of a joint in a segment, (N,), unfiltered."""
+    """Compute the residual of a joint's drive effort in a segment, measured minus predicted, (N,), unfiltered."""
     block = design.blocks[joint][index]
     p = len(design.parameters)
     residual = block.target - block.force(theta)
@@ -381,7 +381,7 @@ def reduced_residual(
 def effort_residual(
     design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None
 ) -> FloatArray:
-    """Compute measured less predicted joint effort (N m or N), filtered for identification, (M,)."""
+    """Compute the residual of a joint's effort, measured minus predicted, N m or N, filtered, (M,)."""
     r = design.segments[index].r[:, joint]
     if not design.stored:
         return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))

@@ -35,7 +35,7 @@ _BATCH_COLUMNS = 64  # built at once at full rate: fits a processor's cache
 _MOST_NUMBERS = 16_000_000
 _NEXT_TO_NOTHING = 1e-200  # a prior about zero that no bound but one at zero cuts
 _DEAD = 1e-8  # squared: columns survive with at least 1e-4 of their norm
-_ROUNDING = 1e-12
+_ROUNDING = 1e-12  # added to what a row of the prior has beside the base, which may be nothing
 
 
 @dataclass(frozen=True)
@@ -425,9 +425,9 @@ def _scored_freely(
 ) -> dict[int, Score]:
     """Score terms as :func:`_scored`, each with those of the base's parameters let go that are positive beside it.
 
-    A row of the prior holds a parameter that would be negative at zero. Without that row it is free, and so a term may
-    be what it was negative for want of. Which are let go is found for every term, from all of them: those that would
-    be negative all the same are held again.
+    A row of the prior holds a parameter at zero that would be negative without the term. With the term it may be
+    positive, and then the row is left out. Which rows are left out is found for every term, from all of them:
+    parameters that are negative beside the term, too, are held again.
 
     Parameters
     ----------

@@ -204,10 +204,8 @@ class Model:
         """
         if self.prior is None or self.prior.point is None:
             return None
-        last, known = len(self.fit.orthonormal) - 1, len(self.prior.point.rows[1])
-        own = self.prior.own_rows(last)
-        Q = self.fit.orthonormal[last]
-        arm = Q[len(Q) - known - own : len(Q) - own]
+        Q = self.fit.orthonormal[-1]
+        arm = Q[self._arm_rows]
         values, vectors = np.linalg.eigh(np.eye(Q.shape[1]) - arm.T @ arm)
         told = values > _TOLD
         return np.asarray((vectors[:, told] / np.sqrt(values[told])).T)
@@ -220,10 +218,17 @@ class Model:
         if self.prior is None or self.prior.point is None:
             return Q[:0], left[:0]
         arm, phi = self.prior.point.arm, self.prior.point.phi
-        start = len(Q) - len(self.prior.point.rows[1]) - self.prior.own_rows(len(self.fit.orthonormal) - 1)
-        below = (arm.signed & (phi < 0))[np.flatnonzero(arm.own[: arm.drives])]
-        rows = start + np.flatnonzero(below)
-        return Q[rows], left[rows]
+        # Its first rows are those of the drives' parameters of which something is known.
+        rows = np.flatnonzero((arm.signed & (phi < 0))[np.flatnonzero(arm.own[: arm.drives])])
+        return Q[self._arm_rows][rows], left[self._arm_rows][rows]
+
+    @property
+    def _arm_rows(self) -> slice:
+        """Place of the plausible arm's rows among the last joint's: before those of its own priors."""
+        assert self.prior is not None and self.prior.point is not None
+        joints = len(self.fit.orthonormal)
+        stop = len(self.fit.residual[-1]) - self.prior.own_rows(joints - 1)
+        return slice(stop - len(self.prior.point.rows[1]), stop)
 
     def term_slice(self, number: int) -> slice:
         """Return the slice of term ``number``'s parameters in ``fit.theta``."""

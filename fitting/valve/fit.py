@@ -54,7 +54,7 @@ class Fit:
     axis, structure : what was fitted to what
     shape : numbers that were searched
     gains : linear parameters by name: m/s per full command, 1/Pa, ...
-    residual : (M,) m/s, measured less predicted; 0 in rows that are left out
+    residual : (M,) m/s, measured minus predicted; 0 in rows that are left out
     """
 
     axis: Axis
