@@ -17,7 +17,15 @@ from fitting.residual.simple_formulas import simple_curves
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.evidence import curve_evidence, curve_roots, formula_gains, log_mean, log_sum, named_evidence
+from fitting.selection.evidence import (
+    curve_evidence,
+    curve_roots,
+    expected_curve,
+    formula_gains,
+    log_mean,
+    log_sum,
+    named_evidence,
+)
 from fitting.selection.gains import Sizes
 from fitting.selection.rated import Rated
 from fitting.selection.trust import Trust
@@ -124,7 +132,8 @@ def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
 
 
 def resolved(model: Model, score: Score) -> Score:
-    """Return the law with the most probable number of basis functions: narrow bumps need many."""
+    """Return the law with the most probable number of basis functions, as narrow bumps need many, and as smooth as
+    is most probable."""
     law = score.term.content
     assert isinstance(law, Law)
     if isinstance(law, Surface):
@@ -139,4 +148,7 @@ def resolved(model: Model, score: Score) -> Score:
         return score
     gain, live = np.array([s.gain for s in trials]), np.array([float(s.live) for s in trials])
     shown = np.sqrt(np.maximum(gain.max(), 9.0))
-    return trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]
+    best = trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]
+    products, sizes = best.information @ np.asarray(best.values), priors.amplitudes(float(np.sqrt(best.gain)))
+    expected = expected_curve(best.information, products, priors.LENGTHS, sizes)
+    return replace(best, term=replace(best.term, expected=expected))
