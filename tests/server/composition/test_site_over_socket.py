@@ -64,11 +64,10 @@ class Client:
         return self.ask("POST", path, status, json=content, headers=headers).json()
 
     def done(self, job: str) -> dict[str, Any]:
-        """Wait for a job; it has to be done."""
-        found = wait_until(
-            f"{job} ends",
-            lambda: (row := self.get(f"/jobs/{job}"))["state"] in ("done", "failed", "cancelled") and row,
-        )
+        """Wait for a job, whose events end with it; it has to be done."""
+        with self.http.stream("GET", f"{API}/jobs/{job}/events") as stream:
+            stream.read()
+        found = self.get(f"/jobs/{job}")
         assert found["state"] == "done", found
         return dict(found)
 
