@@ -135,13 +135,19 @@ def _emps_checks(result: Emps) -> tuple[Check, ...]:
 
 
 def _staubli_checks(result: Staubli) -> tuple[Check, ...]:
-    refused = not set(staubli.REFUSED) & set(result.found.names)
+    names = result.found.names
+    refused = not set(staubli.REFUSED) & set(names)
+    moving = result.after.moving_blocks / result.base.moving_blocks
     return (
         figure("TX40: parameters told", result.parameters, least=61.0, shown=str(result.parameters)),
         _percent("TX40: relative error of the base model, every row", result.base.every_row, 8.4),
         figure("TX40: five blocks before the loop", result.base.every_row_blocks, "{:.2f} %"),
         _percent("TX40: five blocks after the loop", result.after.every_row_blocks, 8.1),
-        fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(result.found.names)),
+        figure("TX40: five blocks of moving rows, after over before", moving, "{:.2f}", most=0.8),
+        fact(
+            "TX40: friction with a root of the speed found unaided", "velocity_root_friction" in names, ", ".join(names)
+        ),
+        fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(names)),
     )
 
 
