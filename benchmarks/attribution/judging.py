@@ -130,7 +130,7 @@ def said_of(examined: Examined) -> Said:
     base = dict(zip(parameters.base.expressions, parameters.base.names, strict=True))
     values = {
         base.get(name, name): (float(value), float(std))
-        for name, value, std, told in zip(parameters.names, fit.theta, fit.std, fit.told, strict=False)
+        for name, value, std, told in zip(parameters.names, fit.theta, fit.std, fit.determined, strict=False)
         if told
     }
     return Said(tuple(sets), tuple(laws), values, _stated(found, findings, names), *_beyond(found, names))

@@ -91,7 +91,7 @@ def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tup
     return found.motion, {
         "condition_number": found.condition_number if np.isfinite(found.condition_number) else None,
         "limits": [asdict(limit) for limit in found.limits],
-        "not_told": list(found.not_told),
+        "not_told": list(found.undetermined),
     }
 
 
