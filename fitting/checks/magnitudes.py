@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Channel, Machine, machine_content
-from daq.machine.plausible import Doubt, doubts
+from daq.machine.plausible import Unusual, unusual_values
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
@@ -292,14 +292,14 @@ _STRENGTH = 9.5
 def machine_findings(machine: Machine, places: Places) -> list[Finding]:
     """Check the machine file alone."""
     content = machine_content(machine)
-    found = list(doubts(content))
+    found = list(unusual_values(content))
     bores = {warning.place[:-1] for warning in found if warning.place[-1] == "bore"}
     # A rod is only compared with its bore.
     kept = [warning for warning in found if warning.place[-1] != "rod" or warning.place[:-1] not in bores]
     return [_finding(content, warning, places) for warning in kept]
 
 
-def _finding(content: dict[str, Any], warning: Doubt, places: Places) -> Finding:
+def _finding(content: dict[str, Any], warning: Unusual, places: Places) -> Finding:
     code = "linkage" if "linkage" in warning.place else _ENTER.get(str(warning.place[-1]))
     joint = content["joints"][warning.place[1]]["name"] if warning.place[0] == "joints" else None
     key = ".".join(str(part) for part in warning.place if part != "joints" and not isinstance(part, int))
