@@ -63,12 +63,12 @@ def _sentence(node: ast.expr) -> str | None:
 
 
 def _sentences(tree: ast.AST) -> Iterator[str]:
-    """Second arguments of ``progress`` and ``said``, what is assigned to ``text``, and what ``as_text`` returns."""
+    """Second arguments of ``progress``, what is assigned to ``text``, and what ``as_text`` returns."""
     for node in ast.walk(tree):
         found: list[ast.expr] = []
         if isinstance(node, ast.Call) and len(node.args) == 2:
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            found = [node.args[1]] if name in ("progress", "said") else []
+            found = [node.args[1]] if name == "progress" else []
         elif isinstance(node, ast.Assign):
             several = isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
             pairs = (
