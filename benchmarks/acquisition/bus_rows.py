@@ -8,14 +8,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from benchmarks.acquisition import masters, restarts, traces
+from benchmarks.acquisition import masters, restarts
 from benchmarks.acquisition.masters import Row, Seen
 from benchmarks.targets import Outcome, Show, fact, figure
 
 RECOVERY_S = 2.0
 AT_ONCE = 3  # times of a row beside each other: most of each is waiting
 #: How many times run beside each other, and what.
-ROWS: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (AT_ONCE, restarts.ROWS), (1, traces.ROWS))
+ROWS: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (AT_ONCE, restarts.ROWS), (1, restarts.TRACES))
 
 
 def names() -> tuple[str, ...]:

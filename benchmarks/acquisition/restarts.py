@@ -1,4 +1,8 @@
-"""What is restarted or killed beside acquisition: a gateway that we lead through or listen to, its own process."""
+"""What is restarted or killed beside acquisition, and what a bus that is only listened to brings.
+
+Restarted are a gateway that we lead through or listen to, and acquisition's own process. Traces are made here and
+replayed in simulated time: two nodes send a PDO each 20 ms whose values count, so that it is known of every value when
+it was on the bus."""
 
 from __future__ import annotations
 
@@ -11,17 +15,22 @@ import struct
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import can
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.acquisition.channels import Devices, machine_of
-from benchmarks.acquisition.masters import PATIENCE_S, Row, Seen
-from benchmarks.acquisition.traces import listening
+from benchmarks.acquisition.masters import AGE_S, PATIENCE_S, Row, Seen
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.recorder import Recorder
+from daq.acquisition.replay import replay
 from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
+from daq.frames.frame import Frame
+from daq.machine.machine_file import CanSource, Machine
 from daq.quality import Quality
 from daq.recordings.recording_files import read_table
 
@@ -154,4 +163,145 @@ ROWS: dict[str, Row] = {
     "the gateway and its nodes restart": _led,
     "a gateway that is listened to restarts": _listened,
     "the acquisition process is killed": _killed,
+}
+
+
+PERIOD_S, SECONDS = 0.02, 10.0
+BEGIN_S = 1.7e9  # of the stamps
+BEHIND_S = 0.003  # SYNC
+Entry = tuple[float, int, bytes]  # s from the beginning, identifier, data
+
+
+def listening(machine: Machine, sync: str = "own") -> Machine:
+    """Put the machine on a bus that another master leads; its nodes' values are in one PDO each."""
+    (bus,) = machine.buses
+    led = bus.model_copy(update={"listen_only": True, "sync": sync})
+    channels = []
+    for channel in machine.channels:
+        source = channel.source
+        assert isinstance(source, CanSource)
+        place = {"cob_id": 0x180 + source.node, "byte": 4 * (source.subindex - 1), "synchronous": sync == "external"}
+        channels.append(channel.model_copy(update={"source": source.model_copy(update=place)}))
+    return machine.model_copy(update={"channels": tuple(channels), "buses": (led,)})
+
+
+def pdos(moments: NDArray[np.float64]) -> Iterator[Entry]:
+    """Yield the PDOs of each node, whose values are the number of the moment, and a half."""
+    for node in range(1, NODES + 1):
+        for k, at in enumerate(moments.tolist()):
+            yield at, 0x180 + node, struct.pack("<ff", k, k + 0.5)
+
+
+def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
+    """Return what comes of a trace."""
+    with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as folder:
+        path = Path(folder, "trace.log")
+        writer = can.CanutilsLogWriter(path)
+        for at, identifier, data in sorted(entries):
+            message = can.Message(BEGIN_S + at, identifier, is_extended_id=False, data=data)
+            writer.on_message_received(message)
+        writer.stop()
+        return replay(machine, path).frames
+
+
+def numbers(machine: Machine, frame: Frame) -> NDArray[np.int64]:
+    """Find which moment each value is of, (n,); -1 for what is no value of ours."""
+    values = [machine.conversion(c).from_si(v) for c, v in zip(machine.channels, frame.values, strict=True)]
+    return np.floor(np.nan_to_num(np.array(values), nan=-1.0)).astype(np.int64)
+
+
+def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) -> int:
+    """Count values called fresh that are not of a moment in ``sampled`` (s), or whose age is wrong."""
+    wrong = 0
+    for frame in frames:
+        number = numbers(machine, frame)
+        known = (number >= 0) & (number < len(sampled))
+        claimed = frame.monotonic_ns / 1e9 - BEGIN_S - frame.ages
+        off = np.abs(claimed - sampled[np.where(known, number, 0)]) > AGE_S
+        wrong += int(((frame.quality == Quality.FRESH) & (~known | off)).sum())
+    return wrong
+
+
+def not_fresh(frames: list[Frame]) -> list[Frame]:
+    """List those of which a value is not, but for the first second."""
+    return [f for f in frames if f.monotonic_ns / 1e9 - BEGIN_S > 1.0 and np.any(f.quality != Quality.FRESH)]
+
+
+def _grid(random: np.random.Generator) -> NDArray[np.float64]:
+    return np.asarray(np.arange(round(SECONDS / PERIOD_S)) * PERIOD_S + random.uniform(0, PERIOD_S))
+
+
+def _jittered(random: np.random.Generator) -> Seen:
+    """Lead the cycle by another master's SYNC with jitter of up to 20 %."""
+    machine = listening(machine_of("jitter", 1, NODES), "external")
+    syncs = _grid(random) + random.uniform(-0.2, 0.2, round(SECONDS / PERIOD_S)) * PERIOD_S / 2
+    entries = [(at, 0x080, b"") for at in syncs.tolist()] + list(pdos(syncs + BEHIND_S))
+    frames = replayed(machine, entries)
+    # A cycle is numbered by its SYNC, and that its value is of.
+    apart = [numbers(machine, frame) - frame.cycle for frame in frames]
+    usual = np.median(apart)
+    wrong = sum(int(((f.quality == Quality.FRESH) & (a != usual)).sum()) for f, a in zip(frames, apart, strict=True))
+    led = len(frames) >= len(syncs) - 20
+    return Seen(wrong=wrong, marked=len(not_fresh(frames)), failed="" if led else "SYNC did not lead")
+
+
+def _edges(random: np.random.Generator) -> Seen:
+    """Send PDOs at any phase of the replay's grid, with jitter."""
+    machine = listening(machine_of("edges", 1, NODES))
+    moments = _grid(random) + random.uniform(-0.001, 0.001, round(SECONDS / PERIOD_S))
+    frames = replayed(machine, list(pdos(moments)))
+    return Seen(wrong=aged(machine, frames, moments), marked=len(not_fresh(frames)))
+
+
+def _two_senders(random: np.random.Generator) -> Seen:
+    """Let a second device begin to send the PDO of node 1."""
+    machine = listening(machine_of("two", 1, NODES))
+    moments, since = _grid(random), random.uniform(2.0, 8.0)
+    phase = random.uniform(0.2, 0.8) * PERIOD_S  # where it is not the first one's own moment
+    strange = np.array([at + phase for at in moments if at > since])
+    entries = list(pdos(moments)) + [(at, 0x181, struct.pack("<ff", -1000.0, -1000.0)) for at in strange.tolist()]
+    frames = replayed(machine, entries)
+    return Seen(wrong=aged(machine, frames, moments), failed=_refused(frames, float(strange[0])))
+
+
+def _other_length(random: np.random.Generator) -> Seen:
+    """Map the PDO of node 1 anew: 4 bytes."""
+    machine = listening(machine_of("length", 1, NODES))
+    moments, since = _grid(random), random.uniform(2.0, 8.0)
+    entries = [(at, i, data[:4] if at > since and i == 0x181 else data) for at, i, data in pdos(moments)]
+    frames = replayed(machine, entries)
+    return Seen(wrong=aged(machine, frames, moments), failed=_refused(frames, since))
+
+
+def _refused(frames: list[Frame], since: float) -> str:
+    """Test that nothing of node 1 was called fresh from half a second after ``since``, and node 2 went on."""
+    later = [f.quality for f in frames[:-2] if f.monotonic_ns / 1e9 - BEGIN_S > since + 0.5]
+    taken = sum(bool(np.any(quality[:2] == Quality.FRESH)) for quality in later)
+    other = sum(bool(np.any(quality[2:] != Quality.FRESH)) for quality in later)
+    return f"{taken} cycles of it fresh, {other} of the other node not, of {len(later)}" if taken or other else ""
+
+
+def _emergency(random: np.random.Generator) -> Seen:
+    """Let node 1 report an error and boot; its values are an emergency's between."""
+    machine = listening(machine_of("emergency", 1, NODES))
+    moments, since = _grid(random), random.uniform(2.0, 5.0)
+    boots = since + random.uniform(0.5, 3.0)
+    entries = [*pdos(moments), (since, 0x081, b"\x00\x10\x01\0\0\0\0\0"), (boots, 0x701, b"\0")]
+    frames = replayed(machine, entries)
+    at = np.array([frame.monotonic_ns / 1e9 - BEGIN_S for frame in frames])
+    fresh = np.array([bool(np.any(frame.quality[:2] == Quality.FRESH)) for frame in frames])
+    between = fresh & (at > since + 2 * PERIOD_S) & (at < boots - 2 * PERIOD_S)
+    back = at[fresh & (at > boots)]
+    return Seen(
+        wrong=aged(machine, frames, moments) + int(between.sum()),
+        recovery=float(back[0] - boots) if len(back) else SECONDS,
+    )
+
+
+TRACES: dict[str, Row] = {
+    "another master's SYNC with 20 % of jitter": _jittered,
+    "edges of a replay's grid": _edges,
+    "two senders of one identifier": _two_senders,
+    "a PDO of another length": _other_length,
+    "an emergency, then a reboot": _emergency,
 }

@@ -7,8 +7,7 @@
 ``case_files``     cases on disk, as the files that ``hilfit identify`` reads
 ``judging``        the fit's side: machine file and recordings in, what it says out
 ``apart``          which other names the data cannot tell from the true one
-``verdicts``       what was said, beside what is true
-``coverage``       intervals of parameters, beside the plant's own values
+``verdicts``       what was said, and intervals of parameters, beside what is true
 ``summary``        confusion table, rates with intervals, targets
 ``runs``           many cases in processes of their own, appended line by line; comparison of two runs
 =================  ==================================================================================================

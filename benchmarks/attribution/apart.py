@@ -20,11 +20,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.attribution.coverage import true_values
 from benchmarks.attribution.judging import recordings_of
 from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED, delayed
+from benchmarks.attribution.verdicts import true_values
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.loop.session import Session

@@ -7,8 +7,6 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count, islice
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +14,7 @@ from benchmarks.attribution.judging import recordings_of, said_of
 from benchmarks.attribution.making import BenchCase, make_case, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
+from benchmarks.cases import Line
 from benchmarks.targets import Check, rate
 from daq.recordings.recording import Recording
 from fitting.loop.closing import Asked, Examined, close, next_experiment, settled
@@ -24,8 +23,6 @@ from sim_backends.plant.cases import STEMS
 from sim_backends.plant.motion import Motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
-
-Line = dict[str, Any]
 
 #: Effects whose cases ended in sets in earlier runs of `attribution`: constant forces, friction that follows load,
 #: pressure or speed, what follows an angle, what comes late.
@@ -165,12 +162,6 @@ def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
         rate("the same, where the first set holds it", sum(line in right for line in there), len(there)),
         rate("end in a wrong name alone", sum(line["result"] == "wrong" for line in lines), len(lines)),
     ]
-
-
-def append(file: Path, line: Line) -> None:
-    """Add a result to a file, on a line of its own."""
-    with file.open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(line) + "\n")
 
 
 def text(line: Line) -> str:

@@ -14,9 +14,8 @@ from scipy.stats import chi2, ncx2
 
 from benchmarks.attribution import reliability
 from benchmarks.attribution.apart import TELLABLE
-from benchmarks.attribution.coverage import kind_of
 from benchmarks.attribution.recipe import KINDS, TARGETS
-from benchmarks.attribution.verdicts import RESULTS
+from benchmarks.attribution.verdicts import RESULTS, kind_of
 from benchmarks.targets import Check, figure, rate
 from fitting.effects import effect
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from benchmarks.commands.saying import benchmark, chosen
-from benchmarks.one_thread import one_blas_thread
+from benchmarks.cases import Line, append, one_blas_thread, refuse_existing
+from benchmarks.commands.benchmark import benchmark, chosen
 from benchmarks.targets import Outcome, Show
 from daq.errors import InputError
 
@@ -140,15 +139,12 @@ def mismatch(
     one_blas_thread()
     from benchmarks.attribution.mismatch import CLASSES, case_text, checks, run
 
-    if output is not None and output.exists():
-        raise InputError(f"{output}: is there already; give another file to -o")
+    refuse_existing(output)
     lines = []
     for line in run(_counts(cases, CLASSES), seed):
         lines.append(line)
         show(case_text(line))
-        if output is not None:
-            with output.open("a", encoding="utf-8") as file:
-                file.write(dumps(line) + "\n")
+        append(output, line)
     return Outcome(tuple(checks(lines)))
 
 
@@ -179,18 +175,16 @@ def resolve(
     from benchmarks.attribution import resolving
     from fitting.loop.session import Options
 
-    if output is not None and output.exists():
-        raise InputError(f"{output}: is there already; give another file to -o")
+    refuse_existing(output)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    lines: list[dict[str, Any]] = []
+    lines: list[Line] = []
     looked_at = 0
     for line in resolving.ambiguous(seed, seconds, replicas, most or 10 * cases):
         looked_at += 1
         if line is None:
             continue
         lines.append(line)
-        if output is not None:
-            resolving.append(output, line)
+        append(output, line)
         show(resolving.text(line))
         if len(lines) >= cases:
             break

@@ -11,8 +11,8 @@ from tempfile import TemporaryDirectory
 from benchmarks.measured import actuator, emps, seals, sets, splits, staubli
 from benchmarks.measured.emps import Emps
 from benchmarks.measured.seals import Seal
+from benchmarks.measured.splits import MOST_WORSE, Ways, named, ways
 from benchmarks.measured.staubli import Staubli
-from benchmarks.measured.ways import MOST_WORSE, Ways, named, ways
 from benchmarks.targets import Check, Outcome, Show, fact, figure, silent
 
 __all__ = ["DATA", "MACHINES", "run"]
@@ -98,7 +98,7 @@ def _write(
     tried: str,
     checks: tuple[Check, ...],
 ) -> None:
-    from benchmarks.measured import figures
+    from benchmarks.measured import page as figures
     from benchmarks.measured.page import page as text
 
     folder = page.with_suffix("")

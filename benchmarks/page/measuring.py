@@ -9,8 +9,7 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
-from benchmarks.page.browser import Tablet, chromium, tab
-from benchmarks.page.site import START_S, Site, simulated
+from benchmarks.page.site import START_S, Site, Tablet, chromium, simulated, tab
 from benchmarks.targets import Check, Outcome, Show, figure
 from daq.errors import InputError
 

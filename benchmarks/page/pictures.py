@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from benchmarks.page.browser import chromium
-from benchmarks.page.site import furnish, simulated
+from benchmarks.page.site import chromium, furnish, simulated
 from benchmarks.targets import Check, Outcome, Show, fact
 
 SIZES = ((800, 1280), (1280, 800), (1440, 900))

@@ -1,14 +1,14 @@
-"""The page of the claims, as Markdown. Verdicts follow from the numbers of the run."""
+"""The page of the claims, as Markdown, and its figures, as SVG. Verdicts follow from the numbers of the run."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.paper import figures
+from benchmarks.measured.page import svg
 from benchmarks.paper.runs import (
     PUBLISHED_COUNTS,
     PUBLISHED_STD,
@@ -17,6 +17,10 @@ from benchmarks.paper.runs import (
     CylinderRun,
     over_floor,
 )
+from fitting.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from benchmarks.paper.runs import ArmRun, CylinderRun, StribeckRun
 
 _UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)"}
 #: Percent: differences below are none.
@@ -31,8 +35,8 @@ def write(page: Path, claims: Claims) -> None:
     """Write the page, and its figures into a folder of the same name beside it."""
     folder = page.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "cylinders.svg").write_text(figures.cylinders(claims.shown), encoding="utf-8")
-    (folder / "stribeck.svg").write_text(figures.stribeck(claims.stribeck), encoding="utf-8")
+    (folder / "cylinders.svg").write_text(cylinders_figure(claims.shown), encoding="utf-8")
+    (folder / "stribeck.svg").write_text(stribeck_figure(claims.stribeck), encoding="utf-8")
     page.write_text(text(claims, folder.name), encoding="utf-8")
 
 
@@ -119,7 +123,7 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
 def _curve_error(own: CylinderRun) -> float:
     """Compute the RMS distance of a friction curve from the truth over the RMS of the truth, over the speeds."""
     v = np.linspace(-own.fastest, own.fastest, 201)
-    found, _, truth = figures.curve(own, v)
+    found, _, truth = curve(own, v)
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
 
@@ -244,3 +248,56 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
         "noise explain, those weights are wrong, and hilfit hands out equal ones instead "
         "([measured machines](measured-machines.md), [decision 34](decisions/0034-weights-on-measured-machines.md))."
     )
+
+
+_TRUTH, _BASE, _CORRECTED = "#333333", "#b3541e", "#1f6f8b"
+
+
+def friction_columns(v: FloatArray) -> FloatArray:
+    """Compute columns (N, 3) of ``f_c``, ``f_v`` and ``f_s`` at piston speeds (N,), m/s."""
+    return np.column_stack([np.sign(v), v, np.cbrt(v)])
+
+
+def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute stage 1's friction (N,) in N at piston speeds, its standard deviation, and the truth."""
+    k = [own.names.index(name) for name in ("f_c", "f_v", "f_s")]
+    B = friction_columns(v)
+    std = np.sqrt(np.einsum("ni,ij,nj->n", B, own.covariance[np.ix_(k, k)], B))
+    return np.asarray(B @ own.theta[k]), np.asarray(std), np.asarray(B @ own.truth[k])
+
+
+def cylinders_figure(own: ArmRun) -> str:
+    """Plot friction over piston speed of every cylinder: stage 1, its 95 % band, and the truth."""
+
+    def draw(figure: Any) -> None:
+        for ax, each in zip(figure.subplots(2, 3).flat, own.cylinders, strict=False):
+            half = np.geomspace(0.01 * each.fastest, each.fastest, 50)
+            v = np.concatenate([-half[::-1], half])
+            found, std, truth = curve(each, v)
+            ax.fill_between(1e3 * v, found - _Z95 * std, found + _Z95 * std, color=_CORRECTED, alpha=0.25, linewidth=0)
+            ax.plot(1e3 * v, found, color=_CORRECTED, linewidth=1.3, label="stage 1, 95 % band")
+            ax.plot(1e3 * v, truth, "--", color=_TRUTH, linewidth=1.0, label="truth")
+            ax.set_title(each.joint, fontsize=10)
+        figure.axes[0].legend(loc="upper left", fontsize=8)
+        for ax in figure.axes[3:]:
+            ax.set_xlabel("piston speed [mm/s]")
+        for ax in (figure.axes[0], figure.axes[3]):
+            ax.set_ylabel("friction [N]")
+
+    return svg(draw, 9.0, 5.0)
+
+
+def stribeck_figure(own: StribeckRun) -> str:
+    """Plot friction with a bump that the base model lacks, before and after the loop."""
+
+    def draw(figure: Any) -> None:
+        ax = figure.subplots()
+        v = 1e3 * own.speed
+        ax.plot(v, own.base, color=_BASE, linewidth=1.3, label=f"base model: {own.before:.1f} N off")
+        ax.plot(v, own.corrected, color=_CORRECTED, linewidth=1.3, label=f"after the loop: {own.after:.1f} N off")
+        ax.plot(v, own.truth, "--", color=_TRUTH, linewidth=1.0, label="truth")
+        ax.set_xlabel("piston speed [mm/s]")
+        ax.set_ylabel("friction with damping [N]")
+        ax.legend(loc="upper left")
+
+    return svg(draw, 6.4, 3.8)

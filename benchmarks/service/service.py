@@ -9,9 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,7 +27,6 @@ from websockets.exceptions import WebSocketException
 
 from benchmarks.service.hosts import API, ordered, running, uploaded, wait_until
 from benchmarks.service.start import before_the_first_frame, cpu_s
-from benchmarks.service.strangers import strangers
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.platform.processes.precedence import take_precedence
 from sim_backends import default_machine
@@ -220,3 +223,36 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, sa
                 figure("processor that the service took", share, "{:.2f} cores"),
             )
             return replace(outcome, checks=(start, *beside, *outcome.checks))
+
+
+#: So many processes count until their time is over, or whoever started them has gone.
+_LOOP = """
+import os, sys, time
+number, end, parent = int(sys.argv[1]), time.monotonic() + float(sys.argv[2]), int(sys.argv[3])
+first = os.getpid()
+os.setpriority(os.PRIO_PROCESS, 0, 0)
+while number > 1 and os.fork():
+    number -= 1
+while time.monotonic() < end and os.getppid() in (parent, first):
+    for _ in range(100_000):
+        pass
+"""
+
+
+@contextmanager
+def strangers(number: int, longest_s: float) -> Iterator[None]:
+    """Run so many busy loops during the block, in a session of their own, as another user's shell has them.
+
+    Parameters
+    ----------
+    longest_s : s after which each ends by itself
+    """
+    if not number:
+        yield
+        return
+    command = [sys.executable, "-I", "-S", "-c", _LOOP, str(number), str(longest_s), str(os.getpid())]
+    with subprocess.Popen(command, start_new_session=True) as process:
+        try:
+            yield
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)

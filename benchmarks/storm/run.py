@@ -22,7 +22,6 @@ from typing import Any, Literal
 from benchmarks.fleet.namespaces import HERE, NETWORK, hosts
 from benchmarks.fleet.site import s3_server
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
-from benchmarks.storm.asking import becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
 from benchmarks.storm.faults import (
@@ -38,10 +37,9 @@ from benchmarks.storm.faults import (
     small_disk,
 )
 from benchmarks.storm.host import HostOrder, worker_directory
-from benchmarks.storm.killing import REAL_KILLS, Killing
-from benchmarks.storm.processes import Herd, OnHost
+from benchmarks.storm.processes import REAL_KILLS, Herd, Killing, OnHost
 from benchmarks.storm.stages import STAGES
-from benchmarks.storm.traffic import Client, Told, Traffic
+from benchmarks.storm.traffic import Client, Told, Traffic, becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database

@@ -8,14 +8,16 @@ monitor are rows as a ring buffer has them.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.targets import Check, figure, rate
+from benchmarks.cases import append
+from benchmarks.targets import Check, Outcome, Show, figure, rate, silent
 from benchmarks.valve.drawing import ValveKey, order_of
 from benchmarks.valve.scoring import true_delay
 from daq.frames.frame import row_dtype
@@ -119,7 +121,7 @@ def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectS
     return {name: value for name, value in moved.items() if value}
 
 
-def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
+def checks(found: Sequence[Found], show: Show) -> list[Check]:
     """Check rates and figures of a run."""
     right, named, errors = 0, 0, list[float]()
     changes = [(one["case"], own) for one in found for own in one["changes"]]
@@ -141,3 +143,14 @@ def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
         figure("blocks of 2 s until the alarm, largest", max(waited, default=0), "{}"),
         figure("error of what is said to have moved, p90", off, "{:.0f} %"),
     ]
+
+
+def run(count: int, seed: int, output: Path | None, show: Show) -> Outcome:
+    """Monitor ``count`` machines, one after another; append each one's numbers to ``output``."""
+    found = list[Found]()
+    for number in range(count):
+        with TemporaryDirectory() as temporary:
+            found.append(watched(Path(temporary), ValveKey(number, "null", seed)))
+        append(output, found[-1])
+        checks(found[-1:], show)
+    return Outcome(tuple(checks(found, silent)), ("",), {"machines": found})
