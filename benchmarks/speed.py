@@ -1,17 +1,19 @@
 """How fast and how large an identification is, on simulated recordings of a minute and of hours.
 
 Targets of ``speed``: both stages (``identify --no-loop``) on four recordings of 60 s at most 1.5 s of CPU in a process
-that has loaded the libraries; with the loop at most 30 s of wall time on two cores; at most 500 MB of memory; cost linear
-in samples: a minute added at the end takes at most 1.3 times a minute added at the beginning. Its long recordings are
-four of 60 s laid end to end, again and again: every motion starts and ends at rest in mid-travel, so the joints are
-continuous and noise and disturbance go on. Each length is identified in a process of its own, whose peak memory the
-operating system counts. One hour is the longest by default; ten hours, ``--minutes 10,60,600``, take some ten minutes on
-a free core and 5 GB for temporary files.
+that has loaded the libraries; with the loop at most 30 s of wall time on two cores; at most 500 MB of memory; cost
+linear in samples: a minute added at the end takes at most 1.3 times a minute added at the beginning. Its long
+recordings are four of 60 s laid end to end, again and again: every motion starts and ends at rest in mid-travel, so the
+joints are continuous and noise and disturbance go on. Each length is identified in a process of its own, whose peak
+memory the operating system counts. One hour is the longest by default; ten hours, ``--minutes 10,60,600``, take some
+ten minutes on a free core and 5 GB for temporary files.
 
 In ``long``, with the loop, every stretch of ten minutes is a motion of its own with noise of its own, so hours hold as
-much information as they seem to. Planted is friction of one cylinder that depends on its piston's position, all the time;
-or a mass that the arm picks up after seven twelfths of the recording and keeps. Targets: memory and cost as above; the
-planted effect is named, or in the set, and nothing else; the moment is right to two minutes; errors on `validate` fall."""
+much information as they seem to. Planted is friction of one cylinder that depends on its piston's position, all the
+time; or a mass that the arm picks up after seven twelfths of the recording and keeps. Targets: memory and cost as
+above; the planted effect is named, or in the set, and nothing else; the moment is right to two minutes; errors on
+`validate` fall.
+"""
 
 from __future__ import annotations
 
@@ -69,14 +71,7 @@ print(json.dumps({"wall": wall, "cpu": cpu, "megabytes": float(status["VmHWM"].s
 
 
 def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show = silent) -> Outcome:
-    """Time short recordings with and without the loop, and long ones without it.
-
-    Parameters
-    ----------
-    minutes : lengths of the training recording, rising; at least two of them to see whether cost is linear
-    loop : False leaves the run with the loop out
-    show : gets a line for each identification
-    """
+    """Time short recordings with and without the loop, and long ones without it."""
     checks: list[Check] = []
     with tempfile.TemporaryDirectory(prefix="hilfit-speed-") as name:
         folder = Path(name)
@@ -192,15 +187,7 @@ def long(
     seed: int = 3,
     show: Show = silent,
 ) -> Outcome:
-    """Identify long recordings with the loop.
-
-    Parameters
-    ----------
-    minutes : lengths of training recordings with the friction, rising; two at least to see whether cost is linear
-    effect_minutes : length of the recording in which the payload comes; 0 leaves it out
-    seed : of arm, motions and noise
-    show : gets a line for each identification
-    """
+    """Identify long recordings with the loop."""
     checks: list[Check] = []
     with tempfile.TemporaryDirectory(prefix="hilfit-long-") as name:
         folder = Path(name)

@@ -47,15 +47,7 @@ def stages(
     encoder_std: float | None = None,
     show: Show = silent,
 ) -> Outcome:
-    """Run ``count`` arms of each kind.
-
-    Parameters
-    ----------
-    count, seed : seeds are ``seed``, ``seed + 1``, ...
-    arms : which kinds
-    encoder_std : noise of both position sensors, rad and m, instead of good ones'
-    show : takes a line per arm
-    """
+    """Run ``count`` arms of each kind."""
     quality = SensorQuality()
     if encoder_std is not None:
         quality = replace(quality, encoder_std=encoder_std, piston_std=encoder_std)

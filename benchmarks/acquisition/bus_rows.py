@@ -23,7 +23,7 @@ def names() -> tuple[str, ...]:
     return tuple(name for _, rows in ROWS for name in rows)
 
 
-def run_rows(times: int, seed: int, only: str | None, say: Show) -> Outcome:
+def run_rows(times: int, seed: int, only: str | None, show: Show) -> Outcome:
     """Run every row so many times at random moments."""
     notes = [f"{'row':48s} ours  wrong  marked (excused)  heard, worst  recovery, worst    took"]
     seen: list[Seen] = []
@@ -37,7 +37,7 @@ def run_rows(times: int, seed: int, only: str | None, say: Show) -> Outcome:
                 found = list(pool.map(row, map(np.random.default_rng, seeds[name].spawn(times))))
             seen += found
             notes.append(_line(name, found, time.monotonic() - began))
-            say(notes[-1])
+            show(notes[-1])
             notes += [f"    {one.failed}" for one in found if one.failed][:3]
     marked = [one.marked for one in seen if one.marked is not None]
     recoveries = [one.recovery for one in seen if one.recovery is not None]

@@ -96,14 +96,8 @@ def busy_s(pid: int) -> float:
     return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
 
 
-def run(machines: Sequence[int], seconds: float, say: Show) -> Outcome:
-    """Acquire so many machines at once, and measure.
-
-    Parameters
-    ----------
-    machines : numbers of machines, one run each
-    seconds : that each run takes
-    """
+def run(machines: Sequence[int], seconds: float, show: Show) -> Outcome:
+    """Acquire so many machines at once, and measure."""
     notes = [f"{'machines':>8s}  cycles  lost  values lost  slowest start of a cycle  of a core each  devices"]
     sound, each = 0, []
     for number in machines:
@@ -115,7 +109,7 @@ def run(machines: Sequence[int], seconds: float, say: Show) -> Outcome:
             f"{number:8d} {found['cycles']:7d} {found['lost']:5d} {found['values']:12d} {found['late_ms']:22.1f} ms"
             f" {found['core']:14.1f} % {found['devices']:6.1f} %"
         )
-        say(notes[-1])
+        show(notes[-1])
     all_there, some_there = _commissioning(0), _commissioning(DEAD)
     ratio = each[-1] / each[0]
     checks = (

@@ -190,16 +190,8 @@ class Bench:
         return None
 
 
-def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> Outcome:
-    """Cause every fault so many times and measure what it cost.
-
-    Parameters
-    ----------
-    times : that each fault comes
-    seed : of when and for how long
-    only : part of a fault's name
-    real_time : at the wall's clock
-    """
+def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) -> Outcome:
+    """Cause every fault so many times and measure what it cost."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
@@ -211,7 +203,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> 
             for case in cases:
                 for _ in range(times):
                     _one(bench, case, random)
-                say(f"{case.name:32s} {times} times")
+                show(f"{case.name:32s} {times} times")
         except HilfitError as error:  # what came until then counts all the same
             broken = str(error)
         summary = bench.recorder.stop()
@@ -400,14 +392,8 @@ def resident(pid: int) -> float:
     return (int(whole) - int(shared)) * os.sysconf("SC_PAGE_SIZE")
 
 
-def soak(minutes: float, seed: int, say: Show) -> Outcome:
-    """Cause faults at random for so long.
-
-    Parameters
-    ----------
-    minutes : of the wall
-    seed : of which fault comes when
-    """
+def soak(minutes: float, seed: int, show: Show) -> Outcome:
+    """Cause faults at random for so long."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
@@ -426,13 +412,13 @@ def soak(minutes: float, seed: int, say: Show) -> Outcome:
             count += 1
             if bench.recovered(time.monotonic_ns()) is None:
                 unrecovered += 1
-                say(f"{name}: not all fresh again after {PATIENCE_S:g} s")
+                show(f"{name}: not all fresh again after {PATIENCE_S:g} s")
             bench.read(random.uniform(*BETWEEN_S))
             bench.rows.clear()  # a recording of hours is the recorder's business, not this process's
             memory.append((now - began, resident(acquisition)))
             if now - said > 60:
                 said = now
-                say(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")
+                show(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")
         statistics = bench.acquisition.statistics()
         summary = bench.recorder.stop()
     unbalanced = [n for n, e in summary.ledger.items() if e["produced"] != e["stored"] + sum(e["dropped"].values())]

@@ -12,8 +12,6 @@ from __future__ import annotations
 import csv
 import ctypes
 import importlib
-import shutil
-import subprocess
 import tempfile
 import timeit
 from collections.abc import Sequence
@@ -29,7 +27,8 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
 import sim_backends
-from benchmarks.exports.conformance import NEEDS, STRICT, Conformance
+from benchmarks.exports.conformance import NEEDS, STRICT, Conformance, compiled, handed_over
+from benchmarks.exports.conformance import run as run_command
 from benchmarks.exports.cortex import cortex
 from benchmarks.measured import DATA, sets
 from benchmarks.samples import SAMPLES
@@ -41,20 +40,17 @@ from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Ranges
-from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance
 from fitting.model.evaluation import narrow
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier, states
-from fitting.model.handover import hand_over
 from fitting.model.prediction import predict
 from fitting.model.simulation import simulate
 from fitting.regression.drive import drive_names
 from fitting.residual.laws import OWN_FUNCTIONS, Law
 from fitting.residual.terms import Term
-from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import PositionNoise
 from fitting.signals.splines import spline_knots
 
@@ -105,13 +101,7 @@ double many(const double *rows, int count, int times)
 
 
 def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outcome:
-    """Run all checks.
-
-    Parameters
-    ----------
-    samples, data : folders with the sample cases and the measured data; what is not there is noted and skipped
-    show : called with what is being worked on
-    """
+    """Run all checks."""
     checks: list[Check] = []
     notes: list[str] = []
     for name, (twists, effects) in MADE.items():
@@ -122,7 +112,7 @@ def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outc
     notes += [f"{name}: no data in {folder}, skipped" for name, folder in missing]
     for name, trial in trials.items():
         show(name)
-        model = handed_over(name, trial)
+        model = model_of(name, trial)
         checks += [*_band(name, trial, model), *conforms(name, model), *_moves(name, model)]
     return Outcome(tuple(checks), tuple(notes))
 
@@ -217,14 +207,13 @@ def _exports(name: str, model: ArmModel) -> list[Check]:
 
 def _compiled(model: ArmModel, folder: Path) -> tuple[ctypes.CDLL, int] | None:
     """Compile the C as a library, with a loop around it; return its object size too; None without a compiler."""
-    compiler, name, n = shutil.which("cc"), identifier(model.machine.name), len(model.joints)
-    if compiler is None:
+    if not NEEDS["c"][0]():
         return None
+    name, n = identifier(model.machine.name), len(model.joints)
     export_model(model, "c", folder)
     (folder / "many.c").write_text(_TIMER.format(name=name, n=n, width=3 * n), encoding="utf-8")
-    subprocess.run([compiler, *STRICT, "-fPIC", "-c", f"{name}.c", "many.c"], cwd=folder, check=True)
-    subprocess.run([compiler, "-shared", "-o", "arm.so", f"{name}.o", "many.o", "-lm"], cwd=folder, check=True)
-    library = ctypes.CDLL(str(folder / "arm.so"))
+    run_command(["cc", *STRICT, "-fPIC", "-c", f"{name}.c"], folder)
+    library = compiled(folder, f"{name}.c", "many.c")
     library.many.restype = ctypes.c_double
     return library, (folder / f"{name}.o").stat().st_size
 
@@ -324,7 +313,7 @@ def _trials(samples: Path, data: Path) -> tuple[dict[str, Trial], list[tuple[str
     return found, missing
 
 
-def handed_over(name: str, trial: Trial) -> ArmModel:
+def model_of(name: str, trial: Trial) -> ArmModel:
     """Return the model of a trial, with the effects that are there or the law in their place."""
     session = Session(*trial, Options(loop=False))
     terms = [Term(effect(own), joint, shape) for own, joint, shape in CASES.get(name, ())]
@@ -333,14 +322,7 @@ def handed_over(name: str, trial: Trial) -> ArmModel:
         views, law = session.base_model.views, Law(signal, None, name != "bent-guide-joint1", False, (0.0, 1.0))
         values = np.concatenate([law.values(views[index][joint]) for index in session.plain.fitted])
         terms.append(Term(replace(law, knots=tuple(spline_knots(values, OWN_FUNCTIONS).tolist())), joint))
-    final = final_model(session, Corrections(session.machine), terms)[1].model
-    report = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {},
-        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
-        "loop": {"verdict": "not_examined"},
-    }
-    return hand_over(session, (), final, report)
+    return handed_over(session, terms)
 
 
 def _band(name: str, trial: Trial, model: ArmModel) -> list[Check]:

@@ -16,11 +16,9 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -29,26 +27,24 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 import sim_backends
+from benchmarks.exports.conformance import compiled, handed_over
 from benchmarks.targets import Check, Outcome, Show, figure, silent
 from daq.machine.machine_file import Machine, load_machine
 from daq.motion_files import Rods
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.effects import effect
-from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier
-from fitting.model.handover import hand_over
 from fitting.model.simulation import simulate
 from fitting.model.uses.energy import energy_of_recording
 from fitting.model.uses.feedforward import Trajectory, feedforward, read_path, write_feedforward
 from fitting.model.uses.overload import alarms_in, overloads, quick, scores_of, thresholds
 from fitting.model.uses.payload import payload_signal
 from fitting.residual.terms import Term
-from fitting.signals.corrections import Corrections
 from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.plant.motion import Motion, random_motion, write_motion
 from sim_backends.plant.plant import record
@@ -110,14 +106,7 @@ def _recorded(
 
 
 def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
-    """Run all checks.
-
-    Parameters
-    ----------
-    seed : of everything random
-    hours : of motion and rest in turn that false alarms are counted in
-    show : called with what is being worked on
-    """
+    """Run all checks."""
     show("identification")
     bench = _identified(seed)
     checks: list[Check] = []
@@ -140,15 +129,7 @@ def _identified(seed: int) -> _Bench:
     machine, truth = load_machine(room / "folding_arm.yaml"), load_truth(room / "folding_arm.truth.yaml")
     roles = (("unloaded", 40.0), ("train", 60.0), ("train", 60.0), ("validate", 60.0))
     recordings = [_recorded(machine, truth, (seed, k), seconds, role) for k, (role, seconds) in enumerate(roles)]
-    session = Session(machine, recordings, Options(loop=False))
-    final = final_model(session, Corrections(session.machine), ())[1].model
-    report = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {},
-        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
-        "loop": {"verdict": "not_examined"},
-    }
-    return _Bench(machine, truth, hand_over(session, (), final, report), seed)
+    return _Bench(machine, truth, handed_over(Session(machine, recordings, Options(loop=False)), ()), seed)
 
 
 def _loop(bench: _Bench, quality: SensorQuality | None, number: int) -> ClosedLoop:
@@ -254,8 +235,7 @@ def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
     """Compute drive efforts of a motion by the compiled C, moment by moment."""
     export_model(model, "c", folder)
     name, n = identifier(model.machine.name), len(model.joints)
-    subprocess.run(["cc", "-O2", "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], cwd=folder, check=True)
-    library, array = ctypes.CDLL(str(folder / "arm.so")), ctypes.c_double * n
+    library, array = compiled(folder, f"{name}.c"), ctypes.c_double * n
     memory, dt, rows = (ctypes.c_double * 8)(), ctypes.c_double(1.0 / model.machine.rate_hz), []
     for k, row in enumerate(zip(path.q, path.qd, path.qdd, strict=True)):
         out = [array() for _ in range(4)]  # efforts of joints and drives, pressures

@@ -21,7 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,8 @@ CORES, NIGHT_H = 8, 2.0
 SHARES = {"operation": 2 / 3, "validate": 1 / 3}
 #: Seconds of a machine until the night counts as stuck.
 PATIENCE_S = 10.0
-#: Machines of the night that is added up.
-MACHINES = 1000
+#: Machines of the night that is added up, and recordings that a site has at a time.
+MACHINES, MOST_AT_ONCE = 1000, int(Settings.model_fields["recordings_at_once"].default)
 OVER = "SELECT count(*) FROM jobs WHERE kind = 'recalibration' AND state IN ('done', 'failed', 'cancelled')"
 SLOTS = "SELECT count(*), count(DISTINCT schedule), count(*) FILTER (WHERE state = 'ordered') FROM schedule_slots"
 JOBS = "SELECT kind, state, count(*) FROM jobs GROUP BY kind, state ORDER BY kind, state"
@@ -68,66 +68,33 @@ AT_ONCE = """SELECT max((SELECT count(*) FROM recordings AS b WHERE b.created <=
 FROM recordings AS a"""
 
 
-@dataclass(frozen=True)
-class Night:
-    """What was counted and measured while the night was run.
-
-    Attributes
-    ----------
-    slots, ordered : slots that had their turn, of how many schedules, and those that ordered a job
-    jobs : jobs by kind and state
-    results, identifications : results that were stored, and identifications that have one
-    calibrations : that were proposed
-    at_once : recordings at a time, at most
-    kills : of workers
-    seconds : from the first slot to the last calibration
-    idle : processor s a second of the server while nothing was due
-    server, workers : processor s a recalibration
-    """
-
-    slots: tuple[int, int]
-    ordered: int
-    jobs: dict[str, int]
-    results: tuple[int, int]
-    calibrations: int
-    at_once: int
-    kills: int
-    seconds: float
-    idle: float
-    server: float
-    workers: float
-
-
-def run(machines: int, arms: int, every: float, say: Show) -> Outcome:
+def run(machines: int, arms: int, every: float, show: Show) -> Outcome:
     """Run a night and add it up; see the module.
-
-    Parameters
-    ----------
-    machines : that are recalibrated
-    arms : of how many different ones they are; every other one folds, the others slew
-    every : s between two kills of a worker
 
     Raises
     ------
     AbsentError
         If PostgreSQL, moto's server or network namespaces are not there.
     """
-    with new_site(2, say) as site:
+    with new_site(2, show) as site:
         made = site.directory / "recordings"
         made.mkdir()
         drawn = [_arm(number, made) for number in range(min(arms, machines))]
-        say(f"{len(drawn)} arms are simulated")
+        show(f"{len(drawn)} arms are simulated")
         order = site.directory / "order.json"
         order.write_text(json.dumps(asdict(NightOrder(str(site.data), SPEED, str(made)))))
-        ran = _night(site, order, drawn, machines, every)
-        say(f"{machines} machines in {ran.seconds:.0f} s, {ran.kills} workers killed")
+        checks, idle, parts = _night(site, order, drawn, machines, every)
         outputs = site.directory / "fits"
         fit = _fits(drawn, made, outputs)
-        say(f"a fit takes {fit:.2f} s of processor time")
-        compared = _comparison(drawn, made, outputs)
-    return Outcome(
-        tuple(_checks(ran, machines, fit, compared)), (f"{os.cpu_count()} cores; load {os.getloadavg()[0]:.1f}",)
-    )
+        show(f"a fit takes {fit:.2f} s of processor time")
+        parts |= {"fit with the loop": fit, "comparison": _comparison(drawn, made, outputs)}
+    checks.append(figure("processor s a second of the server while nothing is due", idle, "{:.2f}"))
+    each_s = sum(parts.values())
+    shown = f"{each_s:.1f} ({', '.join(f'{what} {taken:.2f}' for what, taken in parts.items())})"
+    checks.append(Check("processor s a recalibration", each_s, shown))
+    hours = night_h(MACHINES, MOST_AT_ONCE, SITE_S, each_s / (CORES - idle))
+    checks.append(figure(f"hours of {MACHINES} machines, {CORES} cores", hours, "{:.2f} h", most=NIGHT_H))
+    return Outcome(tuple(checks), (f"{os.cpu_count()} cores; load {os.getloadavg()[0]:.1f}",))
 
 
 def _arm(number: int, made: Path) -> Machine:
@@ -144,7 +111,10 @@ def _arm(number: int, made: Path) -> Machine:
     return machine
 
 
-def _night(site: Site, order: Path, arms: list[Machine], machines: int, every: float) -> Night:
+def _night(
+    site: Site, order: Path, arms: list[Machine], machines: int, every: float
+) -> tuple[list[Check], float, dict[str, float]]:
+    """Run the night: what was counted; processor s a second of an idle server; and s a recalibration, by host."""
     program = [sys.executable, "-P", "-m", "benchmarks.fleet.night_host", str(order)]
 
     def again(place: Host) -> None:
@@ -157,7 +127,7 @@ def _night(site: Site, order: Path, arms: list[Machine], machines: int, every: f
             files = DataDirectory(site.data)
             for number in range(machines):
                 _scheduled(client, database, files, arms[number % len(arms)], number)
-            site.say(f"{machines} machines are acquired and scheduled")
+            site.show(f"{machines} machines are acquired and scheduled")
             for place in site.places:
                 again(place)
             assert site.server is not None
@@ -173,26 +143,15 @@ def _night(site: Site, order: Path, arms: list[Machine], machines: int, every: f
                     raise RuntimeError(f"{over} of {machines} recalibrations were over in time")
                 if time.monotonic() - told > every:
                     told = time.monotonic()
-                    site.say(f"{over} of {machines} after {told - began:.0f} s")
+                    site.show(f"{over} of {machines} after {told - began:.0f} s")
                 kills = kill()
                 time.sleep(1.0)
             seconds = time.monotonic() - began
             server = cpu_s(site.server.pid) - before
             workers = site.processor()[0] - all_before - server
-            (slots,), (results,) = _ask(database, SLOTS), _ask(database, RESULTS)
-            return Night(
-                slots=(slots[0], slots[1]),
-                ordered=slots[2],
-                jobs={f"{kind} {state}": count for kind, state, count in _ask(database, JOBS)},
-                results=(results[0], results[1]),
-                calibrations=_ask(database, CALIBRATIONS)[0][0],
-                at_once=_ask(database, AT_ONCE)[0][0],
-                kills=kills,
-                seconds=seconds,
-                idle=idle,
-                server=(server - idle * seconds) / machines,
-                workers=workers / machines,
-            )
+            site.show(f"{machines} machines in {seconds:.0f} s, {kills} workers killed")
+            parts = {"server": (server - idle * seconds) / machines, "workers": workers / machines}
+            return list(_counted(database, machines, kills, seconds)), idle, parts
         finally:
             database.close()
 
@@ -254,26 +213,17 @@ def _processor(command: list[str], lines: str) -> tuple[float, str]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done.stdout
 
 
-def _checks(ran: Night, machines: int, fit: float, compared: float) -> Iterator[Check]:
-    """Check what was counted, and the sum of the module."""
-    wanted = {"identification done": machines, "recalibration done": machines}
-    each = (machines, machines)
-    yield fact(
-        "every slot had its turn once", (*ran.slots, ran.ordered) == (*each, machines), _of(ran.ordered, machines)
-    )
-    yield fact("every job done", ran.jobs == wanted, ", ".join(f"{count} {what}" for what, count in ran.jobs.items()))
-    yield fact("every result stored once", ran.results == each, _of(ran.results[0], machines))
-    yield fact("every calibration proposed once", ran.calibrations == machines, _of(ran.calibrations, machines))
-    yield Check("workers killed", ran.kills, f"{ran.kills} in {ran.seconds:.0f} s")
-    most = Settings.model_fields["recordings_at_once"].default
-    yield figure("recordings at a time", ran.at_once, most=float(most))
-    yield figure("processor s a second of the server while nothing is due", ran.idle, "{:.2f}")
-    parts = {"server": ran.server, "workers": ran.workers, "fit with the loop": fit, "comparison": compared}
-    each_s = sum(parts.values())
-    shown = f"{each_s:.1f} ({', '.join(f'{what} {taken:.2f}' for what, taken in parts.items())})"
-    yield Check("processor s a recalibration", each_s, shown)
-    hours = night_h(MACHINES, most, SITE_S, each_s / (CORES - ran.idle))
-    yield figure(f"hours of {MACHINES} machines, {CORES} cores", hours, "{:.2f} h", most=NIGHT_H)
+def _counted(database: Database, machines: int, kills: int, seconds: float) -> Iterator[Check]:
+    """Check that the database has everything once for each machine; ``kills`` of workers in ``seconds``."""
+    (slots,), (results,), (calibrations,) = (_ask(database, query) for query in (SLOTS, RESULTS, CALIBRATIONS))
+    jobs = {f"{kind} {state}": count for kind, state, count in _ask(database, JOBS)}
+    done = dict.fromkeys(("identification done", "recalibration done"), machines)
+    yield fact("every slot had its turn once", set(slots) == {machines}, f"{slots[2]} of {machines}")
+    yield fact("every job done", jobs == done, ", ".join(f"{count} {what}" for what, count in jobs.items()))
+    yield fact("every result stored once", set(results) == {machines}, f"{results[0]} of {machines}")
+    yield fact("every calibration proposed once", calibrations[0] == machines, f"{calibrations[0]} of {machines}")
+    yield Check("workers killed", kills, f"{kills} in {seconds:.0f} s")
+    yield figure("recordings at a time", _ask(database, AT_ONCE)[0][0], most=float(MOST_AT_ONCE))
 
 
 def night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float:
@@ -286,7 +236,3 @@ def night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float
     """
     recorded = machines / at_once * seconds
     return max(recorded + at_once * each_s, seconds + machines * each_s) / 3600
-
-
-def _of(count: int, of: int) -> str:
-    return f"{count} of {of}"

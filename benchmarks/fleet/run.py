@@ -13,8 +13,8 @@ from typing import Any
 
 import httpx2
 
-from benchmarks.fleet.site import START_S, Site, end, kill_now_and_then, new_site
-from benchmarks.service.hosts import COMMAND, order_of, ordered, wait_for_jobs, wait_until
+from benchmarks.fleet.site import START_S, Site, kill_now_and_then, new_site
+from benchmarks.service.hosts import COMMAND, end, order_of, ordered, wait_for_jobs, wait_until
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from sim_backends import default_machine
 from sim_backends.plant.cases import make_case
@@ -35,21 +35,15 @@ BOTH = 1.6
 JOB_S = 1.2
 
 
-def run(jobs: int, cut: float, every: float, say: Show) -> Outcome:
+def run(jobs: int, cut: float, every: float, show: Show) -> Outcome:
     """Measure and try; see the module.
-
-    Parameters
-    ----------
-    jobs : identifications while workers are cut off and killed
-    cut : s that one is cut off, while it works
-    every : s between two kills
 
     Raises
     ------
     AbsentError
         If PostgreSQL, moto's server or network namespaces are not there.
     """
-    with new_site(2, say) as site:
+    with new_site(2, show) as site:
         make_case(site.directory / "case", default_machine(), 1, seconds=CASE_S)
         with site.served() as client:
             return _measured(site, client, jobs, cut, every)
@@ -62,7 +56,7 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
     (first,) = _done(client, [ordered(client, order)])
     beside = _timed(client, order)
     end(site.workers.pop("here"))
-    site.say(f"on the server's host: {beside:.2f} s each")
+    site.show(f"on the server's host: {beside:.2f} s each")
     site.work(site.places[0])
     _done(client, [ordered(client, order)])
     away = _timed(client, order)
@@ -72,7 +66,7 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
     before = site.processor()  # the processes of stages are there, as they were while one worked alone
     two = _rate(client, order)
     own, stages = ((now - then) / MANY for then, now in zip(before, site.processor(), strict=True))
-    site.say(f"on another host: {away:.2f} s each; two do {two / one:.2f} of what one does")
+    site.show(f"on another host: {away:.2f} s each; two do {two / one:.2f} of what one does")
     told, kills = _troubled(site, client, order, jobs, cut, every)
     reference = _comparable(_report(client, first))
     same = sum(_comparable(_report(client, job)) == reference for job in told)
@@ -103,7 +97,7 @@ def _troubled(
     asked = [ordered(client, order) for _ in range(jobs)]
     wait_until(lambda: any(_state(client, job) == "running" for job in asked), START_S, "a job")
     site.places[0].connect(False)
-    site.say(f"{site.places[0].name} is cut off for {cut:g} s")
+    site.show(f"{site.places[0].name} is cut off for {cut:g} s")
     plugged, kills = time.monotonic() + cut, 0
     deadline = time.monotonic() + cut + ONE_S + 10 * jobs
     kill = kill_now_and_then(site, site.places[1:], every, site.work)
@@ -116,7 +110,7 @@ def _troubled(
         kills = kill() if left else kills
         left = [job for job in left if _state(client, job) not in ("done", "failed", "cancelled")]
         time.sleep(0.3)
-    site.say(f"{jobs} jobs are over, {kills} workers were killed")
+    site.show(f"{jobs} jobs are over, {kills} workers were killed")
     return asked, kills
 
 

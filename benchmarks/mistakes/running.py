@@ -126,17 +126,7 @@ def run(
     show: Show = silent,
     data: Path | None = None,
 ) -> Outcome:
-    """Make every mistake on every machine.
-
-    Parameters
-    ----------
-    machines : how many, a third of each kind
-    sound : how many machines without a mistake, half of them with an effect of the catalogue
-    seed : another one gives other machines
-    only : part of the name of the mistakes to make; None: all
-    show : called with a line for every case that is not as it should be
-    data : folder of measured machines, which are sound as well
-    """
+    """Make every mistake on every machine."""
     lines: list[Line] = []
     names = [name for name in MISTAKES if only is None or only in name]
     with TemporaryDirectory(prefix="hilfit-mistakes-") as scratch:

@@ -52,20 +52,14 @@ _WATCH = """
 """
 
 
-def run(tablet: Tablet, times: int, seconds: float, say: Show) -> Outcome:
-    """Measure both.
-
-    Parameters
-    ----------
-    times : first views, each with an empty cache; their median counts
-    seconds : of looking at the live view at 50 Hz
-    """
+def run(tablet: Tablet, times: int, seconds: float, show: Show) -> Outcome:
+    """Measure both."""
     with simulated() as site, chromium() as browser:
         views = []
         for number in range(times):
             with tab(browser, tablet) as page:
                 views.append(_first_view(page, site))
-            say(f"view {number + 1}: painted {views[-1][0]:.2f} s, live values {views[-1][1]:.2f} s")
+            show(f"view {number + 1}: painted {views[-1][0]:.2f} s, live values {views[-1][1]:.2f} s")
         floors = []
         for drawn in (False, True):
             with tab(browser, tablet) as page:

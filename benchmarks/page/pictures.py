@@ -42,7 +42,7 @@ PRESSED = {
 _WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
-def run(target: Path, only: str | None, say: Show, language: str = "en") -> Outcome:
+def run(target: Path, only: str | None, show: Show, language: str = "en") -> Outcome:
     """Make them in a directory, in a language of the page; each check is that a view fits its screen."""
     pressed = PRESSED[language]
     suffix = "" if language == "en" else f"-{language}"
@@ -65,7 +65,7 @@ def run(target: Path, only: str | None, say: Show, language: str = "en") -> Outc
                     if name in pressed and not page.locator(there).first.is_visible():
                         page.get_by_role("button", name=pressed[name]).click()
                     checks.append(_picture(page, there, path))
-                    say(path.name)
+                    show(path.name)
                 context.close()
     return Outcome(tuple(checks))
 

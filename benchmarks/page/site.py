@@ -1,4 +1,4 @@
-"""A service of its own with the simulated machine, and what a machine gathers over months; a browser slow as a tablet's."""
+"""A service with the simulated machine, and what a machine gathers over months; a browser as slow as a tablet's."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ import json
 import shutil
 import subprocess
 import tempfile
-import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.service.hosts import API, running
+import httpx2
+
+from benchmarks.service.hosts import API, running, wait_until
 from daq.errors import InputError
 from fitting.pipeline.stage_names import STAGES
 from server.alarms.alarm_desk import Alarms
@@ -40,26 +41,19 @@ RECORDED_S = 12.0
 
 @dataclass(frozen=True)
 class Site:
-    """A running service."""
+    """A running service, and a client of it."""
 
     url: str
     data_dir: Path
+    client: httpx2.Client
 
     def ask(self, method: str, path: str, content: Any = None) -> Any:
         """Send one request; return its JSON."""
-        body = None if content is None else json.dumps(content).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
-        request = urllib.request.Request(f"{self.url}{API}{path}", body, headers, method=method)
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.loads(answer.read() or b"null")
+        return self.client.request(method, path, json=content).raise_for_status().json()
 
-    def wait(self, path: str, key: str, wanted: str) -> None:
-        """Wait until a resource is ready."""
-        until = time.monotonic() + START_S
-        while self.ask("GET", path)[key] != wanted:
-            if time.monotonic() > until:
-                raise InputError(f"{path} is not '{wanted}' after {START_S:g} s; try again on a less busy computer")
-            time.sleep(0.2)
+    def is_sealed(self, recording: str) -> bool:
+        """Test whether a recording is over and whole."""
+        return bool(self.ask("GET", f"/recordings/{recording}")["state"] == "sealed")
 
 
 @contextmanager
@@ -69,13 +63,12 @@ def simulated() -> Iterator[Site]:
         data = Path(directory) / "data"
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", str(data)]
         # A tablet does not take the service's processor: here it would, with brakes that wait busily.
-        with running(words, subprocess.DEVNULL, before=("nice", "-n", "-10")) as (_, said):
-            site = Site(str(said["url"]), data)
-            until = time.monotonic() + START_S
-            while not site.ask("GET", "/live"):
-                if time.monotonic() > until:
-                    raise InputError(f"no live frame within {START_S:g} s; try again on a less busy computer")
-                time.sleep(0.2)
+        with (
+            running(words, subprocess.DEVNULL, before=("nice", "-n", "-10")) as (_, up),
+            httpx2.Client(base_url=up["url"] + API, timeout=60) as client,
+        ):
+            site = Site(str(up["url"]), data, client)
+            wait_until(lambda: bool(site.ask("GET", "/live")), START_S, "the first live frame")
             yield site
 
 
@@ -93,13 +86,12 @@ def furnish(site: Site) -> dict[str, str]:
     recordings = []
     for role in ("train", "repeat", "validate"):
         order = {"machine": machine, "role": role, "label": f"{role} before the seals", "seconds": RECORDED_S}
-        made = site.ask("POST", "/recordings", order)
-        site.wait(f"/recordings/{made['id']}", "state", "sealed")
-        recordings.append({"id": made["id"]})
+        recordings.append(site.ask("POST", "/recordings", order)["id"])
+        wait_until(partial(site.is_sealed, recordings[-1]), START_S, "the recording")
     schedule = {"machine": machine, "label": "Sunday night", "cron": "0 3 * * 0", "timezone": "Europe/Berlin"}
     site.ask("POST", "/schedules", schedule)
     _months(site, machine)
-    return {"machine": machine, "recording": recordings[0]["id"], "result": "idn-months-4", "job": UNDER_WAY}
+    return {"machine": machine, "recording": recordings[0], "result": "idn-months-4", "job": UNDER_WAY}
 
 
 class _Past:

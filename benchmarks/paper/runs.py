@@ -109,16 +109,7 @@ class Claims:
 
 
 def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
-    """Make the runs, and the page where one is wanted.
-
-    Parameters
-    ----------
-    count : simulated arms of each kind
-    seed : of the first
-    data : directory of the measured data; what is not there is left out with a line
-    page : Markdown file; figures go into a folder of the same name beside it
-    show : called with a line when something begins or is skipped
-    """
+    """Make the runs, and the page where one is wanted."""
     from benchmarks.paper.page import write
 
     arms = []

@@ -136,7 +136,7 @@ async def _run(
     rate: float,
     uploads: int,
     seconds: float,
-    say: Show,
+    show: Show,
 ) -> Outcome:
     machine = client.get("/machines").json()["items"][0]["name"]
     for _ in range(int(START_S)):
@@ -149,7 +149,7 @@ async def _run(
     order = {"machine": machine, "recordings": uploaded(client, machine, case)}
     for _ in range(fits):  # they run one after another
         ordered(client, order)
-    say(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
+    show(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
     before = client.get("/status").json()["acquisition"][machine]["counts"]
     seen, until = Seen(), time.monotonic() + seconds
     readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
@@ -190,17 +190,8 @@ async def _run(
     )  # fmt: skip
 
 
-def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Show) -> Outcome:
-    """Start a server, load it, and report what was seen.
-
-    Parameters
-    ----------
-    tablets : clients of the live stream
-    rate : requests per second of all readers together
-    uploads : clients that upload one recording after another
-    seconds : of load
-    others : busy processes of ordinary priority beside all of it
-    """
+def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, show: Show) -> Outcome:
+    """Start a server, load it, and report what was seen."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
         case = Path(directory) / "case"
         make_case(case, default_machine(), 0, seconds=FITTED_S)
@@ -215,7 +206,7 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, sa
             take_precedence()  # the clients of a site have computers of their own
             with strangers(others, LONGEST_S + seconds):
                 before, began = cpu_s(server.pid), time.monotonic()
-                outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, say))
+                outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, show))
                 share = (cpu_s(server.pid) - before) / (time.monotonic() - began)
             beside = (
                 figure("load of the computer at the end", os.getloadavg()[0], "{:.1f}"),

@@ -285,9 +285,9 @@ class Killing:
     weather : what else happens meanwhile
     """
 
-    def __init__(self, herd: Herd, chance: random.Random, rate: float, say: Show, weather: Weather | None) -> None:
+    def __init__(self, herd: Herd, chance: random.Random, rate: float, show: Show, weather: Weather | None) -> None:
         self.weather = weather
-        self._herd, self._chance, self._rate, self._say = herd, chance, rate, say
+        self._herd, self._chance, self._rate, self._show = herd, chance, rate, show
         self._began = self._due = self._told = time.monotonic()
 
     @property
@@ -310,7 +310,7 @@ class Killing:
             if now - self._told > 10.0:
                 self._told = now
                 seen = "" if self.weather is None else self.weather.said
-                self._say(f"{self.past:3.0f} s: {self._herd.total} killed{seen}")
+                self._show(f"{self.past:3.0f} s: {self._herd.total} killed{seen}")
             time.sleep(0.02)
 
 
