@@ -15,13 +15,15 @@ The waveform is the plant's own, without noise; the rivals' columns are the fit'
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, undisturbed
+from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, place_of, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED, delayed
 from benchmarks.attribution.verdicts import true_values
@@ -95,6 +97,18 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
         best[place] = max(best.get(place, 0.0), score.gain)
     found = [Rival(i, j, float(np.sqrt(max(total - gain, 0.0)))) for (i, j), gain in best.items()]
     return Apart(float(np.sqrt(total)), tuple(sorted(found, key=lambda rival: rival.beyond)))
+
+
+def stored_apart(folder: Path | None, case: BenchCase, selection: Selection | None = None) -> Apart | None:
+    """Read or compute a case's separability; kept beside a cached case until it is deleted there."""
+    file = None if folder is None else place_of(folder, case.key, selection) / "apart.json"
+    if file is not None and file.is_file():
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return None if content is None else Apart(content["seen"], tuple(Rival(**r) for r in content["rivals"]))
+    found = apart(case, selection)
+    if file is not None:
+        file.write_text(json.dumps(None if found is None else asdict(found), indent=1), encoding="utf-8")
+    return found
 
 
 def _in_true_noise(session: Session, case: BenchCase) -> Model:

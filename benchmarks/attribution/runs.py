@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks import cases
-from benchmarks.attribution.case_files import stored_apart, stored_case
+from benchmarks.attribution.apart import stored_apart
 from benchmarks.attribution.judging import judge, recordings_of
-from benchmarks.attribution.making import make_case
+from benchmarks.attribution.making import make_case, stored_case
 from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
 from benchmarks.attribution.verdicts import intervals, true_values, verdict
 from benchmarks.cases import Line

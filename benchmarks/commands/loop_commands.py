@@ -90,7 +90,7 @@ def attribution(
 ) -> Outcome:
     """Count how often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
-    from benchmarks.attribution import reliability, summary
+    from benchmarks.attribution import summary
     from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from fitting.loop.session import Options
@@ -116,7 +116,7 @@ def attribution(
     lines = run(orders, workers, output, lambda line: show(summary.case_text(line)))
     changes = [] if compare is None else ["", *summary.compared(read_lines(compare), lines)]
     if diagram is not None and any("said" in line for line in lines):
-        reliability.draw(lines, diagram)
+        summary.draw_reliability(lines, diagram)
     content = {
         "selection": selection.as_json(),
         "found_against_lambda": summary.found_against_size(lines),

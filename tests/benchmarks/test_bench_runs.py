@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.attribution import case_files, runs, summary
+from benchmarks.attribution import making, runs, summary
 from benchmarks.attribution.judging import Said
 from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
 from benchmarks.attribution.recipe import (
@@ -190,8 +190,8 @@ def same(first: BenchCase, second: BenchCase) -> None:
 @pytest.mark.slow
 def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
     key = CaseKey("medium", 1, seed=4)
-    made = case_files.stored_case(tmp_path, key, SHORT)
-    same(made, case_files.stored_case(tmp_path, key, SHORT))
+    made = making.stored_case(tmp_path, key, SHORT)
+    same(made, making.stored_case(tmp_path, key, SHORT))
     same(made, make_case(key, SHORT))
     assert 5.2 < made.effects[0].seen < 11.3
 
@@ -199,11 +199,11 @@ def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_unfinished_folder_of_the_cache_is_made_again(tmp_path: Path) -> None:
     key = CaseKey("null", 0)
-    made = case_files.stored_case(tmp_path, key, SHORT)
+    made = making.stored_case(tmp_path, key, SHORT)
     (place,) = tmp_path.iterdir()
     (place / "case.json").unlink()
     (place / "train-1.parquet").write_bytes(b"half")
-    same(made, case_files.stored_case(tmp_path, key, SHORT))
+    same(made, making.stored_case(tmp_path, key, SHORT))
 
 
 @pytest.mark.slow
