@@ -288,31 +288,25 @@ class Run:
         return seen
 
 
-def _power_up(run: Run) -> None:
-    run.world.leads = True
-    run.world.master(0x080, b"")
+def _sends(*frames: tuple[int, bytes], leads: bool = True) -> Callable[[Run], None]:
+    """Send frames of another master, which then leads by its SYNC or not."""
 
+    def act(run: Run) -> None:
+        for identifier, data in frames:
+            run.world.master(identifier, data)
+        run.world.leads = leads
 
-def _starts(run: Run) -> None:
-    run.world.master(0x000, b"\x01\x00")
-    run.world.leads = True
-
-
-def _resets(run: Run) -> None:
-    run.world.master(0x000, b"\x81\x00")
-    run.world.master(0x000, b"\x01\x00")
+    return act
 
 
 def _asks(run: Run) -> None:
-    run.world.master(0x600 + next(iter(run.world.nodes)), b"\x40\x00\x10\x00\0\0\0\0")
-    run.world.leads = True
+    _sends((0x600 + next(iter(run.world.nodes)), b"\x40\x00\x10\x00\0\0\0\0"))(run)
 
 
 def _rebuilt(run: Run) -> None:
     assert run.driver.port is not None
     run.driver.port.fail(can.CanOperationError("the interface was reset"))
-    run.world.leads = True
-    run.world.master(0x080, b"")
+    _sends((0x080, b""))(run)
 
 
 def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
@@ -439,9 +433,11 @@ def _in_steps(node: SimulatedNode) -> None:
 
 
 ROWS: dict[str, Row] = {
-    "another master powers up": _led(_power_up, True),
-    "another master starts nodes": _led(_starts, True),
-    "another master resets nodes, no SYNC": _led(_resets, False),
+    "another master powers up": _led(_sends((0x080, b"")), True),
+    "another master starts nodes": _led(_sends((0x000, b"\x01\x00")), True),
+    "another master resets nodes, no SYNC": _led(
+        _sends((0x000, b"\x81\x00"), (0x000, b"\x01\x00"), leads=False), False
+    ),
     "another SDO client": _led(_asks, True),
     "rebuilt while another master leads": _led(_rebuilt, False),
     "another master's SYNC before the start": _there_before(_sends_sync),
