@@ -181,11 +181,7 @@ _MOMENT = 120.0
 
 
 def long(
-    minutes: Sequence[float] = MINUTES,
-    effect_minutes: float = 120.0,
-    *,
-    seed: int = 3,
-    show: Show = silent,
+    minutes: Sequence[float] = MINUTES, effect_minutes: float = 120.0, *, seed: int = 3, show: Show = silent
 ) -> Outcome:
     """Identify long recordings with the loop."""
     checks: list[Check] = []
@@ -226,10 +222,7 @@ def record(
 ) -> dict[str, FloatArray]:
     """Record a motion of its own, with noise of its own; ``number`` distinguishes them."""
     motion = random_motion(
-        plan.machine,
-        np.random.default_rng([plan.seed, 60, number]),
-        seconds,
-        rods="unpinned" if unloaded else "pinned",
+        plan.machine, np.random.default_rng([plan.seed, 60, number]), seconds, rods="unpinned" if unloaded else "pinned"
     )
     return record_beside_ideal(
         plan.machine,

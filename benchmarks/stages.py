@@ -41,11 +41,7 @@ KINDS = ("m", "K", "f_c", "f_v", "f_s", "base")
 
 
 def stages(
-    count: int,
-    seed: int = 0,
-    arms: tuple[Arm, ...] = ARMS,
-    encoder_std: float | None = None,
-    show: Show = silent,
+    count: int, seed: int = 0, arms: tuple[Arm, ...] = ARMS, encoder_std: float | None = None, show: Show = silent
 ) -> Outcome:
     """Run ``count`` arms of each kind."""
     quality = SensorQuality()
@@ -141,9 +137,7 @@ def _hierarchy(conditions: Mapping[str, list[float]], held_out: Mapping[str, lis
 
 
 def _notes(
-    conditions: Mapping[str, list[float]],
-    held_out: Mapping[str, list[float]],
-    errors: Mapping[tuple[str, str], float],
+    conditions: Mapping[str, list[float]], held_out: Mapping[str, list[float]], errors: Mapping[tuple[str, str], float]
 ) -> tuple[str, ...]:
     lines = [
         "error of parameters over the joint refit's (median over parameters), condition number and validation error in "

@@ -114,10 +114,7 @@ def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
         return []
     words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
     median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
-    found = [
-        figure(f"{words}, median", median, "{:.1f} s"),
-        figure(f"{words}, 95th percentile", tail, "{:.1f} s"),
-    ]
+    found = [figure(f"{words}, median", median, "{:.1f} s"), figure(f"{words}, 95th percentile", tail, "{:.1f} s")]
     limits = {False: (2.9, 8.0), True: (None, 10.0)}[bootstrap]
     return [
         c if limit is None else replace(c, bound="at most", target=limit, target_shown=f"{limit:g} s")

@@ -23,10 +23,7 @@ from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import FloatArray
 
-TWISTS = {
-    "six parallel axes": (0.0,) * 6,
-    "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0),
-}
+TWISTS = {"six parallel axes": (0.0,) * 6, "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0)}
 
 
 def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None = None) -> Outcome:

@@ -271,11 +271,7 @@ def _same(term: Term) -> bool:
 def _written(directory: Path, machine: Machine, seal: str, bar: int, run: _Run) -> Path:
     used = run.time > _RUN_IN
     flags = np.where(run.missing[used], int(Quality.MISSING), int(Quality.FRESH))
-    values = {
-        "rod.position": run.position[used],
-        "rod.pressure": run.pressure[used],
-        "rod.load_cell": run.force[used],
-    }
+    values = {"rod.position": run.position[used], "rod.pressure": run.pressure[used], "rod.load_cell": run.force[used]}
     return write_recording(
         directory / f"{seal}-{bar}.parquet",
         machine,

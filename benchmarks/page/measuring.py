@@ -75,14 +75,7 @@ def run(tablet: Tablet, times: int, seconds: float, show: Show) -> Outcome:
         (
             figure("first view painted", painted, "{:.2f} s", most=FIRST_VIEW_S),
             figure("plots and numbers live", live, "{:.2f} s"),
-            Check(
-                "frames dropped at 50 Hz",
-                share,
-                words,
-                "at most",
-                DROPPED,
-                f"{100 * DROPPED:g} %",
-            ),
+            Check("frames dropped at 50 Hz", share, words, "at most", DROPPED, f"{100 * DROPPED:g} %"),
             figure("plots drawn", smooth["rate"], "{:.1f} times a second"),
         ),
         notes=(

@@ -9,14 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.measured.page import svg
-from benchmarks.paper.runs import (
-    PUBLISHED_COUNTS,
-    PUBLISHED_STD,
-    ArmRun,
-    Claims,
-    CylinderRun,
-    over_floor,
-)
+from benchmarks.paper.runs import PUBLISHED_COUNTS, PUBLISHED_STD, ArmRun, Claims, CylinderRun, over_floor
 from fitting.arrays import FloatArray
 
 if TYPE_CHECKING:

@@ -129,14 +129,7 @@ async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
 
 
 async def _run(
-    port: int,
-    client: httpx2.Client,
-    case: Path,
-    tablets: int,
-    rate: float,
-    uploads: int,
-    seconds: float,
-    show: Show,
+    port: int, client: httpx2.Client, case: Path, tablets: int, rate: float, uploads: int, seconds: float, show: Show
 ) -> Outcome:
     machine = client.get("/machines").json()["items"][0]["name"]
     for _ in range(int(START_S)):
