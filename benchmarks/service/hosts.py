@@ -48,16 +48,17 @@ def started(
     return process, line
 
 
-def end(process: subprocess.Popen[Any]) -> None:
-    """End a process by SIGTERM, by SIGKILL after :data:`STOP_S`, and wait for it."""
+def end(process: subprocess.Popen[Any], seconds: float = STOP_S) -> int:
+    """End a process by SIGTERM, by SIGKILL after so many seconds; wait for it, and return its exit code."""
     process.terminate()
     try:
-        process.wait(STOP_S)
+        process.wait(seconds)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
     if process.stdout is not None:
         process.stdout.close()
+    return process.returncode
 
 
 @contextmanager

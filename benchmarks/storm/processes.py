@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from benchmarks.service.hosts import end
 from benchmarks.storm import stages
 from benchmarks.storm.faults import Weather
 from benchmarks.targets import Show
@@ -80,18 +81,16 @@ class Host:
             return True
         return self.up.is_set() and now - self.since > self.life_s
 
-    def stop(self) -> int:
-        """Ask it to stop, and wait; return its exit code."""
-        assert self.process is not None
-        self.process.terminate()
-        try:
-            return self.process.wait(START_S)
-        except subprocess.TimeoutExpired:
+    @property
+    def pid(self) -> int | None:
+        """Number of its process; None where it does not run."""
+        return None if self.process is None or self.process.poll() is not None else self.process.pid
+
+    def kill(self) -> None:
+        """Kill -9 it, if it runs."""
+        if self.process is not None:
             self.process.kill()
-            return self.process.wait()
-        finally:
-            if self.process.stdout is not None:
-                self.process.stdout.close()
+            self.process.wait()
 
 
 class Herd:
@@ -134,17 +133,19 @@ class Herd:
         """Start every host that is not there; these."""
         started = []
         for host in self.hosts:
-            if host.process is None or host.process.poll() is not None:
+            if host.pid is None:
                 self._note_end(host)
-                if host.process is not None and host.process.stdout is not None:
-                    host.process.stdout.close()
                 host.start()
                 started.append(host)
         return started
 
     def _note_end(self, host: Host) -> None:
         """Note a host that ended by itself."""
-        if host.process is None or host.killed:
+        if host.process is None:
+            return
+        if host.process.stdout is not None:
+            host.process.stdout.close()
+        if host.killed:
             return
         if host.up.is_set():
             self.died.append(f"{host.log.stem}, exit code {host.process.returncode}")
@@ -155,10 +156,10 @@ class Herd:
         """Group descendants of the hosts by kind; leave out those that are no target."""
         found: dict[str, list[int]] = {kind: [] for kind in CHILDREN.values()}
         for host in self.hosts:
-            if host.process is not None and host.process.poll() is None:
-                for pid in descendants(host.process.pid):
-                    kind = _kind(pid)
-                    if kind is not None:
+            for pid in () if host.pid is None else descendants(host.pid):
+                command = _command(pid)
+                for text, kind in CHILDREN.items():
+                    if text in command:
                         found[kind].append(pid)
         return found
 
@@ -189,13 +190,12 @@ class Herd:
 
     def kill_host(self, host: Host) -> bool:
         """Kill -9 a host; False if it was gone."""
-        if host.process is None or host.process.poll() is not None:
+        if host.pid is None:
             return False
         self.starting += not host.up.is_set()
         host.up.clear()
         host.killed = True
-        host.process.kill()
-        host.process.wait()
+        host.kill()
         self.killed[host.name] += 1
         return True
 
@@ -210,7 +210,7 @@ class Herd:
 
     def stop(self) -> list[int]:
         """Stop every host that runs; exit codes."""
-        return [host.stop() for host in reversed(self.hosts) if host.process is not None]
+        return [end(host.process, START_S) for host in reversed(self.hosts) if host.process is not None]
 
     def log_events(self) -> dict[str, int]:
         """Count each event of level error in the hosts' logs, and tracebacks outside of them."""
@@ -245,11 +245,6 @@ def real_identification(pid: int) -> str:
                 content = json.loads(Path(text).read_text(encoding="utf-8"))
                 return Path(text).parents[1].name if stages.is_real(content) else ""
     return ""
-
-
-def _kind(pid: int) -> str | None:
-    command = _command(pid)
-    return next((kind for text, kind in CHILDREN.items() if text in command), None)
 
 
 def _command(pid: int) -> str:

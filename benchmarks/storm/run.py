@@ -189,9 +189,7 @@ class Storm:
         finally:
             weather.clear()
             for host in herd.hosts:
-                if host.process is not None and host.process.poll() is None:
-                    host.process.kill()
-                    host.process.wait()
+                host.kill()
         found = (
             course.check(self.kills),
             *_killed_real(herd, self.real, course.after, course.after_s),
