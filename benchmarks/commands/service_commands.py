@@ -94,16 +94,15 @@ def page(
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
 ) -> Outcome:
     """Load the page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
-    from benchmarks.page import measuring
-    from benchmarks.page.pictures import PRESSED, VIEWS
-    from benchmarks.page.pictures import run as make_pictures
+    from benchmarks.page.measuring import PRESSED, VIEWS, run
+    from benchmarks.page.measuring import pictures as make_pictures
     from benchmarks.page.site import Tablet
 
     chosen("--only", only, list(VIEWS), "is no view; one of")
     chosen("--language", language, list(PRESSED), "must be one of")
     if pictures is not None:
         return make_pictures(pictures, only, show, language)
-    return measuring.run(Tablet(cpu, megabits), times, seconds, show)
+    return run(Tablet(cpu, megabits), times, seconds, show)
 
 
 @benchmark
@@ -153,10 +152,10 @@ def fleet(
     arms: Annotated[int, typer.Option(help="Different ones among them, all of which are fitted.", min=1)] = 30,
 ) -> Outcome:
     """Test workers on other hosts with shared database and storage: cut off, killed, a night of recalibrations."""
-    from benchmarks.fleet import night, run
+    from benchmarks.fleet.run import night, run
 
-    parts = [run.run(jobs, cut, every, show)] if jobs else []
-    parts += [night.run(machines, arms, every, show)] if machines else []
+    parts = [run(jobs, cut, every, show)] if jobs else []
+    parts += [night(machines, arms, every, show)] if machines else []
     return Outcome(
         tuple(check for part in parts for check in part.checks), tuple(note for part in parts for note in part.notes)
     )
