@@ -361,7 +361,7 @@ def run_rows(times: int, seed: int, only: str | None, show: Show) -> Outcome:
 
 def _line(name: str, found: Sequence[Seen], took: float) -> str:
     heard, recovery = (
-        f"{max(told):.2f} s" if (told := [t for t in times if t is not None]) else "-"
+        f"{max(known):.2f} s" if (known := [t for t in times if t is not None]) else "-"
         for times in ([one.heard for one in found], [one.recovery for one in found])
     )
     marked = [one.marked for one in found if one.marked is not None]

@@ -39,7 +39,7 @@ from sim_backends.faults.fault_runner import begin, end
 from sim_backends.plant.plant_process import AHEAD
 
 SEED = 11
-WARM_UP_S = 7.0  # frozen values are told by what is normal, and that takes five seconds to learn
+WARM_UP_S = 7.0  # frozen values are detected by what is normal, and that takes five seconds to learn
 PAUSE_S = (0.2, 0.8)  # between recovery and the next fault
 LASTS_S = (0.4, 1.0)
 PATIENCE_LOCKSTEP_S = 0.4  # that the machine stands still for a device that does not answer
@@ -49,11 +49,11 @@ PATIENCE_S = 60.0  # for a recovery that does not come
 SETTLED = 10  # rows in a row that are fresh on all channels: recovered
 SYNCS_AHEAD = 12  # among which the one is looked for that a row belongs to
 TOLERANCE = 2e-5  # of a value, for what float32 makes of it
-PLACES = 6  # wrong values of one fault that are told one by one
+PLACES = 6  # wrong values of one fault that are listed one by one
 NO_SYNC = 1_000
 SERIAL = "line"
 NS = 1_000_000_000
-#: What a sensor says that is wrong, and its device does not know: nobody can tell from that one value.
+#: What a sensor reports that is wrong, and its device does not know: one value alone does not show it.
 UNKNOWABLE = ("noise_burst", "bias_step")
 #: Without SYNC machine time stands still, and what is polled with it.
 STOPS_ALL = ("bus_off", "half_open")
@@ -403,7 +403,7 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
             acquisition = ring.writer_pid
         bench.read(WARM_UP_S)
         began, memory, count, unrecovered = time.monotonic(), [], 0, 0
-        said = began
+        shown_at = began
         while (now := time.monotonic()) - began < 60 * minutes:
             name, fault = faults[int(random.integers(len(faults)))]
             begin(bench.machine, bench.declared, fault)
@@ -416,8 +416,8 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
             bench.read(random.uniform(*BETWEEN_S))
             bench.rows.clear()  # a recording of hours is the recorder's business, not this process's
             memory.append((now - began, resident(acquisition)))
-            if now - said > 60:
-                said = now
+            if now - shown_at > 60:
+                shown_at = now
                 show(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")
         statistics = bench.acquisition.statistics()
         summary = bench.recorder.stop()

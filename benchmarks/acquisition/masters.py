@@ -2,7 +2,7 @@
 
 Independent nodes (:mod:`sim_backends.devices.canopen_device`) on a virtual bus, at the wall's clock. Values count the
 SYNCs, so that it is known of each which SYNC sampled it, and when that was sent; every frame of ours is counted where
-it leaves the driver. What a busy computer marks by itself (a tick that begins late, nodes that answer late) is told
+it leaves the driver. What a busy computer marks by itself (a tick that begins late, nodes that answer late) is kept
 apart from what was done to the bus.
 """
 

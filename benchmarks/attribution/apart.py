@@ -1,14 +1,14 @@
-"""How far the true effect is from nothing and from other names of the catalogue: what this data can tell at all.
+"""How far the true effect is from nothing and from other names of the catalogue: what this data can separate at all.
 
 The noise is what a fit is left with at the *true* parameters on an undisturbed model: noise of the efforts, and what
 noise of the positions makes of the regressors. Its spectrum is taken from all fitted recordings without the effect.
 ``seen`` is lambda in that noise: about lambda in the noise of the efforts alone, and much less where a heavy link's
-acceleration has to be told from a coarse encoder.
+acceleration has to be separated from a coarse encoder.
 
 A rival that is fitted together with the base takes the part ``gain`` of the true waveform's ``lambda^2``. What is left,
 ``sqrt(lambda^2 - gain)``, is how far the data speak against it: the root of the noncentrality of a test between both.
-Below :data:`TELLABLE` a test at one per cent cannot tell them more often than not, so they belong in one set. For an
-effect that stands in no catalogue it says how far the data are from its nearest catalogue name.
+Below :data:`TELLABLE` a test at one per cent does not separate them more often than not, so they belong in one set. For
+an effect in no catalogue it is how far the data are from its nearest catalogue name.
 
 The waveform is the plant's own, without noise; the rivals' columns are the fit's, in every shape of their grids.
 """
@@ -53,7 +53,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Apart:
-    """What can be told of a case.
+    """What can be separated in a case.
 
     Attributes
     ----------

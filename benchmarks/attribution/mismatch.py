@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.attribution.judging import Said, recordings_of
+from benchmarks.attribution.judging import Findings, recordings_of
 from benchmarks.attribution.making import TrueEffect
 from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, TARGETS, draw_quality
 from benchmarks.attribution.sight import beyond, zeros_of
@@ -336,7 +336,7 @@ def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
     return found, time.process_time() - started
 
 
-def said_of(found: Mapping[str, GapPosterior]) -> Said:
+def findings_of(found: Mapping[str, GapPosterior]) -> Findings:
     """Return the findings in plain names."""
     sets, laws, stated = [], [], []
     joints = list(found)
@@ -350,7 +350,7 @@ def said_of(found: Mapping[str, GapPosterior]) -> Said:
             else:
                 sets.append(tuple((_variable(name, joints), joint) for name in names))
     nothing = float(np.prod([next((p for s, p in own.sets if not s.names), 0.0) for own in found.values()]))
-    return Said(tuple(sets), tuple(laws), {}, tuple(stated), {}, None if sets or laws else nothing)
+    return Findings(tuple(sets), tuple(laws), {}, tuple(stated), {}, None if sets or laws else nothing)
 
 
 def _variable(name: str, joints: Sequence[str]) -> str:
@@ -374,8 +374,8 @@ def run_case(kind: str, number: int, seed: int) -> Line:
     case = make_case(kind, number, seed)
     made = time.process_time()
     found, seconds = check_gaps(case)
-    said = said_of(found)
-    outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, said)
+    findings = findings_of(found)
+    outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, findings)
     return {
         "kind": kind,
         "number": number,
@@ -385,8 +385,8 @@ def run_case(kind: str, number: int, seed: int) -> Line:
         "result": outcome.result,
         "surplus": outcome.surplus,
         "wrong_alone": outcome.wrong_alone,
-        "said": [list(s) for s in said.stated],
-        "nothing": said.nothing,
+        "said": [list(own) for own in findings.stated],
+        "nothing": findings.nothing,
         "joints": len(found),
         "make_s": made - started,
         "session_s": time.process_time() - made - seconds,
@@ -397,11 +397,10 @@ def run_case(kind: str, number: int, seed: int) -> Line:
 def case_text(line: Line) -> str:
     """Describe a case in a line: what is there, what is found, and how that came out."""
     there = ", ".join(f"{name}@{joint} ({seen:.0f} widths)" for name, joint, _, seen, _ in line["effects"])
-    said = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
+    found = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
     surplus = f" +{line['surplus']}" if line["surplus"] else ""
-    return (
-        f"{line['kind']}:{line['number']} {there or 'sound'} [{line['note']}]: {line['result']}{surplus}: {said or '-'}"
-    )
+    head = f"{line['kind']}:{line['number']} {there or 'sound'} [{line['note']}]"
+    return f"{head}: {line['result']}{surplus}: {found or '-'}"
 
 
 def checks(lines: Sequence[Line]) -> list[Check]:

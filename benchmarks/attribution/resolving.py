@@ -10,7 +10,7 @@ from itertools import count, islice
 
 import numpy as np
 
-from benchmarks.attribution.judging import recordings_of, said_of
+from benchmarks.attribution.judging import findings_of, recordings_of
 from benchmarks.attribution.making import BenchCase, make_case, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
@@ -93,11 +93,11 @@ def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
     first = Examined.of(session)
     if not first.found or settled(first.hypotheses):
         return None
-    before = said_of(first)
+    before = findings_of(first)
     line |= {"truth": [asdict(e) for e in case.effects], "before": _stated(first), "sets": before.sets}
     recorder = PlantRecorder(case, selection)
     last, steps = close(first, recorder)
-    after = said_of(last)
+    after = findings_of(last)
     outcome = verdict(key.kind, case.effects, after)
     line |= {
         "true_in_set": verdict(key.kind, case.effects, before).result in ("right", "in set"),
@@ -119,7 +119,7 @@ def _closed_anyway(first: Examined, recorder: PlantRecorder, case: BenchCase) ->
     if best is None:
         return None
     after = first.with_recording(recorder(Asked(best, "", (), 0.0), 1))
-    outcome = verdict(case.key.kind, case.effects, said_of(after))
+    outcome = verdict(case.key.kind, case.effects, findings_of(after))
     return settled(after.hypotheses) and outcome.result == "right" and not outcome.surplus
 
 

@@ -24,7 +24,7 @@ RESULT = {"kind", "number", "seed", "result"}
 
 @dataclass(frozen=True)
 class Order:
-    """One case to do, judged without the recordings of one role if that is said, and at so many bands."""
+    """One case to do, judged without the recordings of one role if there is one, and at so many bands."""
 
     key: CaseKey
     selection: Selection
@@ -86,27 +86,27 @@ def run_case(order: Order) -> Line:
         return line | {"result": "made"}
     try:
         recordings = [r for r in recordings_of(case.machine, case.recordings) if r.role != order.without]
-        said, *others = judge(case.machine, recordings, order.bootstrap, order.bands)
+        findings, *others = judge(case.machine, recordings, order.bootstrap, order.bands)
     except Exception as error:  # whatever the fit throws is how this case came out
         return line | {"error": f"{type(error).__name__}: {error}", "seconds": time.process_time() - made}
     seconds = time.process_time() - made
-    outcome = verdict(key.kind, case.effects, said)
+    outcome = verdict(key.kind, case.effects, findings)
     line |= asdict(outcome)
     line["said"] = {
-        "sets": said.sets,
-        "laws": said.laws,
-        "stated": said.stated,
-        "unknown": said.unknown,
-        "nothing": said.nothing,
+        "sets": findings.sets,
+        "laws": findings.laws,
+        "stated": findings.stated,
+        "unknown": findings.unknown,
+        "nothing": findings.nothing,
     }
     line["seconds"] = seconds / len(order.bands)
     if others:
         line["bands"] = {
             f"{band:g}": [one.verdict, one.sets, one.laws, one.depends]
-            for band, one in zip(order.bands, (said, *others), strict=True)
+            for band, one in zip(order.bands, (findings, *others), strict=True)
         }
     if outcome.result == "right" and not outcome.surplus:
-        estimates = intervals(said.values, true_values(case.machine, case.truth))
+        estimates = intervals(findings.values, true_values(case.machine, case.truth))
         line["parameters"] = {i.name: [i.value, i.std, i.truth] for i in estimates}
     return dict(json.loads(json.dumps(line)))  # as it is read back: lists for tuples
 

@@ -1,8 +1,8 @@
 """The run as a whole: confusion table, rates against targets, found against lambda, coverage, time, reliability.
 
-A statement is one thing that an identification says with a probability: "nothing is missing", an effect on a joint
+A statement is one thing that a report gives a probability: "nothing is missing", an effect on a joint
 (each member of a set by itself), a law of one signal on a joint. It is right or it is not, and its probability is to be
-the frequency of that. Results without probabilities are taken at their word: what stands first is said for certain.
+the frequency of that. Results without probabilities are taken at their word: the first of a set is taken for certain.
 
 Sources: A. Dawid, "The well-calibrated Bayesian", 1982; C. Guo et al., "On calibration of modern neural networks",
 2017 (expected calibration error); G. Brier, "Verification of forecasts expressed in terms of probability", 1950.
@@ -97,7 +97,7 @@ def _bands(lines: Sequence[Line]) -> list[Check]:
     """Check cases judged at several bands: whether the verdict is one, or is reported to depend on them."""
     known = [list(line["bands"].values()) for line in lines if "bands" in line]
     same = [len({verdict for verdict, *_ in own}) == 1 for own in known]
-    names = [len({json.dumps(said[1:3]) for said in own}) == 1 for own in known]
+    names = [len({json.dumps(verdict[1:3]) for verdict in own}) == 1 for own in known]
     labelled = [own[0][3] for own in known]
     honest = sum(a or b for a, b in zip(same, labelled, strict=True))
     return [
@@ -191,17 +191,17 @@ def inseparable(lines: Sequence[Line]) -> list[str]:
             table.setdefault((line["effects"][0]["id"], rival["id"]), []).append((line, rival))
     rows = []
     for (true, other), own in sorted(table.items()):
-        said: Counter[str] = Counter()
+        reported: Counter[str] = Counter()
         for line, rival in own:
             pair = [line["effects"][0]["id"], line["effects"][0]["reported"]], [rival["id"], rival["joint"]]
             sets = [[list(member) for member in members] for members in line["said"]["sets"]]
             both = any(pair[0] in members and pair[1] in members for members in sets)
             alone = [pair[n] in [m for members in sets for m in members] for n in (0, 1)]
-            said[
+            reported[
                 "both in a set" if both else "the true one" if alone[0] else "the other" if alone[1] else "neither"
             ] += 1
         distance = float(np.median([rival["beyond"] for _, rival in own]))
-        words = ", ".join(f"{what} {n}" for what, n in said.most_common())
+        words = ", ".join(f"{what} {n}" for what, n in reported.most_common())
         rows.append(f"{true} | {other}: {len(own)} cases, apart by {distance:.1f} in the median; said: {words}")
     return rows
 
@@ -297,13 +297,13 @@ def truth_text(line: Line) -> str:
     )
 
 
-def said_text(line: Line) -> str:
+def findings_text(line: Line) -> str:
     """Describe what was found, in a few words."""
-    said = line.get("said")
-    if said is None:
+    findings = line.get("said")
+    if findings is None:
         return str(line.get("error", "-"))
-    sets = ["|".join(f"{effect}@{joint or 'machine'}" for effect, joint in members) for members in said["sets"]]
-    laws = [f"law({variable})@{joint or 'machine'}" for variable, joint in said["laws"]]
+    sets = ["|".join(f"{effect}@{joint or 'machine'}" for effect, joint in members) for members in findings["sets"]]
+    laws = [f"law({variable})@{joint or 'machine'}" for variable, joint in findings["laws"]]
     return "; ".join(sets + laws) or "nothing"
 
 
@@ -312,7 +312,7 @@ def case_text(line: Line) -> str:
     surplus = "+surplus" if line.get("surplus") else ""
     seconds = line.get("seconds", line.get("make_seconds", 0.0))
     head = f"{line['kind']}:{line['number']:<4d} {line.get('arm', ''):12s} {line['result'] + surplus:16s}"
-    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {said_text(line)}"
+    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {findings_text(line)}"
 
 
 def text(lines: Sequence[Line]) -> list[str]:
@@ -353,7 +353,7 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
     """List cases of both runs that came out differently."""
 
     def outcome(line: Line) -> tuple[Any, ...]:
-        return line["result"], line.get("surplus", 0), said_text(line)
+        return line["result"], line.get("surplus", 0), findings_text(line)
 
     before = {(line["kind"], line["number"], line["seed"]): line for line in old}
     rows, changes, both = [], Counter[str](), 0
@@ -364,7 +364,7 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
         both += 1
         if outcome(earlier) != outcome(line):
             rows.append(f"  {line['kind']}:{line['number']} {truth_text(line)}")
-            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {said_text(which)}"
+            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {findings_text(which)}"
                      for word, which in (("was", earlier), ("is ", line))]  # fmt: skip
         if earlier["result"] != line["result"]:
             changes[f"{line['kind']}: {earlier['result']} -> {line['result']}"] += 1
@@ -394,23 +394,25 @@ def statements(lines: Iterable[Line]) -> list[Statement]:
     """List every statement of a run: its probability, and whether it is right."""
     found: list[Statement] = []
     for line in lines:
-        said = line.get("said")
-        if said is None:
+        findings = line.get("said")
+        if findings is None:
             continue
-        if not said["sets"] and not said["laws"]:
-            nothing = said.get("nothing")
+        if not findings["sets"] and not findings["laws"]:
+            nothing = findings.get("nothing")
             found.append((1.0 if nothing is None else float(nothing), not line["effects"]))
-        for own in alternatives(said):
+        for own in alternatives(findings):
             found += [(p, _right(line, name, joint)) for name, joint, p in own]
     return found
 
 
-def alternatives(said: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
+def alternatives(findings: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
     """List alternatives per finding, with probabilities; where there are none, the first, for certain."""
-    stated = said.get("stated") or []
+    stated = findings.get("stated") or []
     if stated and isinstance(stated[0][0], list):
         return [[(str(name), joint, float(p)) for name, joint, p in own] for own in stated]
-    return [[(str(name), joint, 1.0)] for name, joint in (*(members[0] for members in said["sets"]), *said["laws"])]
+    return [
+        [(str(name), joint, 1.0)] for name, joint in (*(members[0] for members in findings["sets"]), *findings["laws"])
+    ]
 
 
 def _right(line: Line, name: str, joint: str | None) -> bool:
@@ -423,11 +425,11 @@ def _right(line: Line, name: str, joint: str | None) -> bool:
     return any((name, joint) == (own["id"], own["reported"]) for own in line["effects"])
 
 
-def diagram(said: Sequence[Statement]) -> list[Bin]:
+def diagram(given: Sequence[Statement]) -> list[Bin]:
     """Bin statements by probability, with the share that is right and its 90 % interval (Jeffreys)."""
     found = []
     for low, high in pairwise(EDGES):
-        own = [(p, right) for p, right in said if low <= p < high or (high == 1.0 and p == 1.0)]
+        own = [(p, right) for p, right in given if low <= p < high or (high == 1.0 and p == 1.0)]
         if not own:
             continue
         hits, count = sum(right for _, right in own), len(own)
@@ -436,14 +438,14 @@ def diagram(said: Sequence[Statement]) -> list[Bin]:
     return found
 
 
-def calibration_error(said: Sequence[Statement]) -> float:
+def calibration_error(given: Sequence[Statement]) -> float:
     """Compute the expected calibration error: distance of probability and share, weighted by statements."""
-    return float(sum(b.count * abs(b.stated - b.right) for b in diagram(said)) / max(len(said), 1))
+    return float(sum(b.count * abs(b.stated - b.right) for b in diagram(given)) / max(len(given), 1))
 
 
-def brier(said: Sequence[Statement]) -> float:
+def brier(given: Sequence[Statement]) -> float:
     """Compute the mean squared distance of the probabilities from what is true (0 or 1)."""
-    return float(np.mean([(p - right) ** 2 for p, right in said])) if said else float("nan")
+    return float(np.mean([(p - right) ** 2 for p, right in given])) if given else float("nan")
 
 
 def reliability_table(lines: Sequence[Line]) -> list[str]:
@@ -478,10 +480,10 @@ def draw_reliability(lines: Sequence[Line], target: Path) -> None:
 
 def calibration(lines: Sequence[Line]) -> list[Check]:
     """Check the expected calibration error against its target, and the Brier score."""
-    said = statements(lines)
-    if not said:
+    given = statements(lines)
+    if not given:
         return []
-    error, score = calibration_error(said), brier(said)
+    error, score = calibration_error(given), brier(given)
     return [
         Check("expected calibration error of stated probabilities", error, f"{100 * error:.1f} %", "at most",
               LARGEST_ERROR, f"{100 * LARGEST_ERROR:.0f} %"),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.attribution.judging import Place, Said
+from benchmarks.attribution.judging import Findings, Place
 from benchmarks.attribution.making import TrueEffect
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import reduce_parameters
@@ -37,7 +37,7 @@ class Verdict:
     located: bool
 
 
-def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
+def verdict(kind: str, effects: tuple[TrueEffect, ...], findings: Findings) -> Verdict:
     """Compare one case.
 
     ``right``: named, alone, at its joint (of pairs: both). ``in set``: it is in a set with others, which may be
@@ -49,46 +49,46 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     differ; any name is ``wrong``.
     """
     true = {(e.id, e.reported) for e in effects}
-    sets = [set(members) for members in said.sets]
-    perhaps = [members for members in _beside_laws(said) if members & true]
+    sets = [set(members) for members in findings.sets]
+    perhaps = [members for members in _beside_laws(findings) if members & true]
     false_sets = [members for members in sets if not members & true]
     wrong_alone = tuple(next(iter(members)) for members in false_sets if len(members) == 1)
     widest = max((len(members) for members in sets), default=0)
-    places = {joint for _, joint in said.laws} | {joint for members in sets for _, joint in members}
+    places = {joint for _, joint in findings.laws} | {joint for members in sets for _, joint in members}
     located = bool(effects) and all(e.reported in places for e in effects)
     found = {one for one in true if any(one in members for members in (*sets, *perhaps))}
     surplus = 0
 
     if kind == "null":
-        result = "accused" if sets or said.laws else "right"
+        result = "accused" if sets or findings.laws else "right"
     elif kind == "outside":
         joints, variables = {e.joint for e in effects}, {v for e in effects for v in e.variables}
         if sets:
             result = "wrong"
-        elif not said.laws:
+        elif not findings.laws:
             result = "silent"
         else:
-            seen = any(v in variables for v, _ in said.laws) or any(
-                said.unknown.get(j, 0.0) >= 0.5 for j in joints if j
+            seen = any(v in variables for v, _ in findings.laws) or any(
+                findings.unknown.get(j, 0.0) >= 0.5 for j in joints if j
             )
-            fits = all(joint in joints for _, joint in said.laws) and seen
+            fits = all(joint in joints for _, joint in findings.laws) and seen
             result = "right" if fits else "elsewhere"
     elif found:
-        surplus = len(false_sets) + len(said.laws) - len(perhaps)
+        surplus = len(false_sets) + len(findings.laws) - len(perhaps)
         surplus += sum(1 for one in true if sum(one in members for members in sets) > 1)
         alone = all({one} in sets for one in found)
         result = "partly" if found != true else "right" if alone else "in set"
     elif false_sets:
         result = "wrong" if wrong_alone else "wrong set"
     else:
-        result = "unexplained" if said.laws else "silent"
+        result = "unexplained" if findings.laws else "silent"
     return Verdict(result, wrong_alone, surplus, widest, located)
 
 
-def _beside_laws(said: Said) -> list[set[Place]]:
+def _beside_laws(findings: Findings) -> list[set[Place]]:
     """Return the names found beside each law: what it may be, if it is no unknown effect."""
-    laws = set(said.laws)
-    return [{(name, joint) for name, joint, _ in own[1:]} for own in said.stated if own and own[0][:2] in laws]
+    laws = set(findings.laws)
+    return [{(name, joint) for name, joint, _ in own[1:]} for own in findings.stated if own and own[0][:2] in laws]
 
 
 DRIVE = ("m", "K", "f_c", "f_v", "f_s")

@@ -64,7 +64,7 @@ def octave() -> str | None:
 
 
 class Conformance:
-    """A model, the motions that its exports are tried on, and what the model says of them.
+    """A model, the motions that its exports are tried on, and what the model answers.
 
     Attributes
     ----------
@@ -337,9 +337,9 @@ class Conformance:
         """Compute efforts and pressures of a motion by the model, named as functions or outputs."""
         found = motion.on_motion(model, *moved, temperature=self.oil)
         head, rod = motion.pressures_of(found)
-        says = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}
-        says |= {"head_pressures": head, "rod_pressures": rod} if np.isfinite(head).all() else {}
-        return says if names is None else {name: says[what] for name, what in names.items() if what in says}
+        answers = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}
+        answers |= {"head_pressures": head, "rod_pressures": rod} if np.isfinite(head).all() else {}
+        return answers if names is None else {name: answers[what] for name, what in names.items() if what in answers}
 
     def _beyond(self, model: ArmModel, moved: Moved) -> FloatArray:
         segment = motion.on_motion(model, *moved, temperature=self.oil).design.segments[0]

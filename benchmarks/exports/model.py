@@ -336,8 +336,8 @@ def _band(name: str, trial: Trial, model: ArmModel) -> list[Check]:
         for own in found
         for k in range(len(own.joints))
     ]
-    said = narrow(model)
-    shown = f"{overall:.1%} (by joint {', '.join(f'{share:.1%}' for share in shares)}; {len(said)} sentences)"
+    sentences = narrow(model)
+    shown = f"{overall:.1%} (by joint {', '.join(f'{share:.1%}' for share in shares)}; {len(sentences)} sentences)"
     what = f"{name}: in the 95 % band of another motion"
     width = f"{max(widths):.2f} (by joint {', '.join(f'{own:.2f}' for own in widths)})"
     known = name in CASES or name in LAWS
@@ -346,7 +346,7 @@ def _band(name: str, trial: Trial, model: ArmModel) -> list[Check]:
         checks.append(Check(f"{name}: the same, from above", overall, shown, "at most", 0.97, "97 %"))
         checks.append(Check(f"{name}: middle width over the true deviation", max(widths), width, "at most", 1.5, "1.5"))
     else:
-        silent = sum(not 0.92 <= own <= 0.98 for own in shares) - len(said)
+        silent = sum(not 0.92 <= own <= 0.98 for own in shares) - len(sentences)
         checks.append(
             Check(f"{name}: joints outside 92 to 98 % that nothing is said of", silent, f"{silent}", "at most", 0, "0")
         )
@@ -364,19 +364,19 @@ def _moves(name: str, model: ArmModel) -> list[Check]:
     def moved(folder: Path, possible: bool) -> object:
         return simulate(model, lambda *_: held, middle, seconds=0.02, possible=possible)
 
-    said = []
+    answers = []
     with tempfile.TemporaryDirectory() as place:
         for possible in (False, True):
             for call in (links, moved):
                 try:
                     call(Path(place), possible)
-                    said.append("done")
+                    answers.append("done")
                 except InputError as error:
-                    said.append("refused" if "\n" not in str(error) else "refused in several lines")
+                    answers.append("refused" if "\n" not in str(error) else "refused in several lines")
     price = motion.price(model, motion.nearest_possible(model))
-    shown = f"links {said[0]}, motion {said[1]}; possible: {said[2]}, {said[3]}"
+    shown = f"links {answers[0]}, motion {answers[1]}; possible: {answers[2]}, {answers[3]}"
     shown += "" if price is None else f", at {100 * price:+.1f} % of error"
-    return [Check(f"{name}: moves, refused with --possible", said[2:].count("refused"), shown, "at most", 0, "0")]
+    return [Check(f"{name}: moves, refused with --possible", answers[2:].count("refused"), shown, "at most", 0, "0")]
 
 
 _TABLE_POINTS = 4000

@@ -100,10 +100,10 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
     two = _rate(client, order)
     own, stages = ((now - then) / MANY for then, now in zip(before, site.processor(), strict=True))
     site.show(f"on another host: {away:.2f} s each; two do {two / one:.2f} of what one does")
-    told, kills = _troubled(site, client, order, jobs, cut, every)
+    asked, kills = _troubled(site, client, order, jobs, cut, every)
     reference = _comparable(_report(client, first))
-    same = sum(_comparable(_report(client, job)) == reference for job in told)
-    done = sum(_state(client, job) == "done" for job in told)
+    same = sum(_comparable(_report(client, job)) == reference for job in asked)
+    done = sum(_state(client, job) == "done" for job in asked)
     listed = {row["id"] for row in client.get("/workers").json()["items"]}
     extra, shown = away - beside, f"{away - beside:.2f} ({away:.2f} there, {beside:.2f} here)"
     shared = BOTH if (os.cpu_count() or 1) > 1 else None
@@ -115,8 +115,8 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
             figure("two workers beside one", two / one, "{:.2f}", least=shared),
             figure("processor s per job", own + stages, most=JOB_S, shown=parts),
             figure("workers killed", kills, least=1.0),
-            fact("every job done once", done == len(told), f"{done} of {len(told)}"),
-            fact("reports equal to the undisturbed one", same == len(told), f"{same} of {len(told)}"),
+            fact("every job done once", done == len(asked), f"{done} of {len(asked)}"),
+            fact("reports equal to the undisturbed one", same == len(asked), f"{same} of {len(asked)}"),
             fact("all hosts are listed", wanted <= listed, ", ".join(sorted(listed))),
         ),
         (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}; one was cut off for {cut:g} s",),
@@ -271,13 +271,13 @@ def _night(
             before, all_before, began = cpu_s(site.server.pid), site.processor()[0], time.monotonic()
             order.with_name("tomorrow").touch()
             kill, kills = kill_now_and_then(site, site.places, every, again), 0
-            told = began
+            shown = began
             while (over := _ask(database, OVER)[0][0]) < machines:
                 if time.monotonic() - began > START_S + PATIENCE_S * machines:
                     raise RuntimeError(f"{over} of {machines} recalibrations were over in time")
-                if time.monotonic() - told > every:
-                    told = time.monotonic()
-                    site.show(f"{over} of {machines} after {told - began:.0f} s")
+                if time.monotonic() - shown > every:
+                    shown = time.monotonic()
+                    site.show(f"{over} of {machines} after {shown - began:.0f} s")
                 kills = kill()
                 time.sleep(1.0)
             seconds = time.monotonic() - began
@@ -321,10 +321,10 @@ def _fits(arms: list[Machine], made: Path, outputs: Path) -> float:
         orders += [{"arguments": [str(request), stage], "log": str(outputs / "log")} for stage in STAGES]
     command = [*fitting_program().command, *orders[0]["arguments"]]
     lines = "".join(f"{json.dumps(order)}\n" for order in orders[1:])
-    taken, said = _processor(command, lines)
-    done = said.count('"stays": true')
+    taken, printed = _processor(command, lines)
+    done = printed.count('"stays": true')
     if done != len(orders):
-        raise RuntimeError(f"{done} of {len(orders)} stages were done: {said[-300:]}")
+        raise RuntimeError(f"{done} of {len(orders)} stages were done: {printed[-300:]}")
     return taken / len(arms)
 
 

@@ -58,9 +58,9 @@ class Site:
     def served(self, command: Sequence[str] = ()) -> Iterator[httpx2.Client]:
         """Start the server, with no jobs of its own; a client of it. At the end all is ended."""
         given = command or [*COMMAND, "serve", "--port", "0", "--data-dir", str(self.data), "--json"]
-        self.server, said = self.started(given, {"HILFIT_LOCAL_JOBS": "0"})
+        self.server, up = self.started(given, {"HILFIT_LOCAL_JOBS": "0"})
         try:
-            with httpx2.Client(base_url=json.loads(said)["url"] + API, timeout=600) as client:
+            with httpx2.Client(base_url=json.loads(up)["url"] + API, timeout=600) as client:
                 yield client
         except Exception:
             self.log.flush()

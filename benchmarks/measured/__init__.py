@@ -1,6 +1,6 @@
 """``hilfit bench measured``: identification and loop on measured machines, and the page that shows it.
 
-The data stays where it is (see ``docs/measured-machines.md`` for whose it is); what is absent is skipped and said.
+The data stays where it is (see ``docs/measured-machines.md`` for whose it is); what is absent is skipped, with a line.
 """
 
 from __future__ import annotations

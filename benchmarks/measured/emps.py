@@ -29,7 +29,7 @@ from fitting.residual.terms import Term
 MACHINE = Path(__file__).parent / "machines" / "emps.yaml"
 FORCE_PER_VOLT = 35.1507  # N/V, the drive's published gain
 PERIOD_ROWS = 6240
-#: Of its recordings: two periods to fit, two to hear the noise on, the pulses to predict.
+#: Of its recordings: two periods to fit, two to measure the noise on, the pulses to predict.
 ROLES = ("train", "repeat", "validate")
 #: Published base model and relative errors in percent: own motion, and predicted on the pulses.
 PUBLISHED = {"M": 95.1089, "Fv": 203.5034, "Fc": 20.3935, "offset": -3.1648}
@@ -50,7 +50,7 @@ class Emps:
     before, after, asymmetric : relative error on the own motion and on the pulses, percent, decimated by ten;
         of the base model, with what the loop added, and with asymmetric friction alone
     raw : the same of the base model on every sample
-    found : what the loop said
+    found : what the loop found
     residuals : speed, residual before and after, (K,) of the own motion, decimated
     """
 

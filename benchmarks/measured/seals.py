@@ -79,7 +79,7 @@ class Trial:
     Attributes
     ----------
     kept : that pressure, bar; None where there are only two
-    found : what the loop said
+    found : what the loop found
     fitted, fitted_std : N/bar, slope of the effect in the joint refit, with the other effects that were added
     before, after : error on the fitted recordings and on `validate` (None without one), N
     """

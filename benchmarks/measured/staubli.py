@@ -55,7 +55,7 @@ class Staubli:
     parameters : number of parameters that the recording tells
     base, after : errors of the base model, and with what the loop added
     trials : errors with effects that were refused, added on every joint all the same
-    found : what the loop said
+    found : what the loop found
     bandwidth_hz : of the identification filter
     joints : per joint relative error of every row before and after, percent
     friction : (name, published, here) of the drives' parameters

@@ -1,7 +1,7 @@
 """Mistakes that people make with machine files, wiring and recordings, one function each.
 
-A mistake takes a sound rig and gives what a person would have on disk: a machine file, columns, and what has to be said
-of it. ``None`` where it cannot be made on that rig (no such channel), or where nobody could see it.
+A mistake takes a sound rig and gives what a person would have on disk: a machine file, columns, and what they should be
+called. ``None`` where it cannot be made on that rig (no such channel), or where nobody could see it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Made:
     rig : columns
     machine : the machine file that is given
     codes : any of these names it rightly
-    words : so does one of these in the line that is said (with what explains the data as well)
+    words : so does one of these in the line that is printed (with what explains the data as well)
     joints : one of these has to be named too; empty: any
     roles : role that a stem is given in, where it is another than its own
     """
@@ -282,14 +282,14 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "exchanged_channels", *pair)
 
 
-def _chamber_exchanged(said: str, *stems: str) -> Make:
+def _chamber_exchanged(codes: str, *stems: str) -> Make:
     def make(rig: Rig, rng: Rng) -> Made | None:
         pair = _two(rig, rng)
         if pair is None:
             return None
         chamber = int(rng.integers(2))
         first, second = (_chambers(rig, joint)[chamber] for joint in pair)
-        return _made(_swapped(rig, first, second, *stems), said, *pair)
+        return _made(_swapped(rig, first, second, *stems), codes, *pair)
 
     return make
 

@@ -158,7 +158,7 @@ def _stribeck(claims: Claims, folder: str) -> Iterator[str]:
     yield f"![friction with a bump]({folder}/stribeck.svg)"
     yield ""
     found = "Found" if own.named else "Not found"
-    yield f"**Verdict.** {found}: the loop says {own.said}. The friction curve is {own.before:.1f} N from the truth before and"
+    yield f"**Verdict.** {found}: the loop says {own.findings}. The friction curve is {own.before:.1f} N from the truth before and"
     yield f"{own.after:.1f} N after (root mean square over the speeds drawn); the joint's error on `validate` went from {before:.3g} to"
     yield f"{after:.3g} N m at a noise floor of {floor:.3g}."
     yield ""
@@ -224,8 +224,8 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
         (own["contenders"]["hierarchical"]["condition_number"], own["contenders"]["one_shot"]["condition_number"])
         for own in every
     ]
-    told = [(a, b) for a, b in pairs if a is not None and b is not None]
-    conditioned = sum(a < (1.0 - _EQUAL / 100.0) * b for a, b in told)
+    known = [(a, b) for a, b in pairs if a is not None and b is not None]
+    conditioned = sum(a < (1.0 - _EQUAL / 100.0) * b for a, b in known)
     refits = [own["contenders"]["joint_refit"]["overall"] / own["contenders"]["one_shot"]["overall"] for own in every]
     better, worse, _ = _sides(every, unloaded=True)
     order = (
@@ -234,7 +234,7 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
         else "fitting in two stages gains something even then"
     )
     return (
-        f"The two stages are better conditioned on {conditioned} of {len(told)} machines. Held against a one-shot regression of the "
+        f"The two stages are better conditioned on {conditioned} of {len(known)} machines. Held against a one-shot regression of the "
         f"same recordings, {order}: what the hierarchy is worth is that it uses the free cylinders at all, and that friction "
         "can be looked at apart. The joint refit of both stages, weighted by the noise, has a smaller error than the one-shot "
         f"regression on {sum(ratio < 1.0 for ratio in refits)} of {len(refits)}. Where a machine has more than its model and its "

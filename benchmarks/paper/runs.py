@@ -221,7 +221,7 @@ def checks(claims: Claims) -> tuple[Check, ...]:
             "{:.2f}",
             most=1.2,
         ),
-        fact("Stribeck friction is named at its joint", bump.named, bump.said),
+        fact("Stribeck friction is named at its joint", bump.named, bump.findings),
         Check(
             "friction curve after the loop over before, distance from the truth",
             bump.after / bump.before,
@@ -259,7 +259,7 @@ class StribeckRun:
     truth, base, corrected : (N,) N: the plant's, the base model's, the corrected model's
     before, after : N, root mean square distance of the two models' curves from the truth
     named : whether the loop names Stribeck friction at the joint, alone or in a set
-    said : what the loop said
+    findings : what the loop names
     errors : N m on the validation motion: noise floor, before, after
     """
 
@@ -271,7 +271,7 @@ class StribeckRun:
     before: float
     after: float
     named: bool
-    said: str
+    findings: str
     errors: tuple[float, float, float]
 
 
@@ -289,7 +289,7 @@ def stribeck_run(seed: int) -> StribeckRun:
     before, after = (float(np.sqrt(np.mean((curve - truth) ** 2))) for curve in curves)
     errors = found.report["errors"][JOINT]
     sets = named(found.report)
-    said = ", ".join(" or ".join(f"{name} at {joint}" for name, joint in own) for own in sets) or "nothing"
+    findings = ", ".join(" or ".join(f"{name} at {joint}" for name, joint in own) for own in sets) or "nothing"
     return StribeckRun(
         case.undeclared[0].size,
         speed,
@@ -299,7 +299,7 @@ def stribeck_run(seed: int) -> StribeckRun:
         before,
         after,
         any(("stribeck", JOINT) in own for own in sets),
-        said,
+        findings,
         (errors["noise_floor"], errors["before"]["validate"], errors["after"]["validate"]),
     )
 

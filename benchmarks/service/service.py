@@ -190,12 +190,12 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, sh
         make_case(case, default_machine(), 0, seconds=FITTED_S)
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", f"{directory}/data"]
         with (
-            running(words, subprocess.DEVNULL) as (server, said),
-            httpx2.Client(base_url=said["url"] + API, timeout=LONGEST_S) as client,
+            running(words, subprocess.DEVNULL) as (server, up),
+            httpx2.Client(base_url=up["url"] + API, timeout=LONGEST_S) as client,
         ):
             wait_until(lambda: bool(client.get("/live").json()), START_S, "the first live frame")
             start = before_the_first_frame(server.pid)
-            port = int(said["url"].rpartition(":")[2])
+            port = int(up["url"].rpartition(":")[2])
             take_precedence()  # the clients of a site have computers of their own
             with strangers(others, LONGEST_S + seconds):
                 before, began = cpu_s(server.pid), time.monotonic()

@@ -122,8 +122,8 @@ def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) 
     data = ["--data-dir", str(directory / f"data-{workers}"), "--json"]
     environment = _environment(url)
     with ExitStack() as stack:
-        server, said = stack.enter_context(running(["serve", "--port", "0", *data], log, environment))
-        client = stack.enter_context(httpx2.Client(base_url=said["url"] + API, timeout=60))
+        server, up = stack.enter_context(running(["serve", "--port", "0", *data], log, environment))
+        client = stack.enter_context(httpx2.Client(base_url=up["url"] + API, timeout=60))
         names = [["worker", "--name", f"worker-{number}"] for number in range(1, workers)]
         hosts = [server, *(stack.enter_context(running([*name, *data], log, environment))[0] for name in names)]
         order = order_of(client, directory / "case")

@@ -202,7 +202,7 @@ class Weather:
         return self._now is None and all(self.seen[fault.name] for fault in self.faults)
 
     @property
-    def said(self) -> str:
+    def shown(self) -> str:
         """Present faults, behind a comma."""
         return "" if self._now is None else f", {self._now.name}"
 

@@ -43,7 +43,7 @@ class Host:
     command: list[str]
     log: Path
     process: subprocess.Popen[str] | None = None
-    said: str | None = None
+    line: str | None = None
     starts: int = 0
     up: threading.Event = field(default_factory=threading.Event)
     began: float = 0.0
@@ -69,7 +69,7 @@ class Host:
         assert process.stdout is not None
         line = process.stdout.readline().strip()
         if line and process is self.process:
-            self.said, self.since = line, time.monotonic()
+            self.line, self.since = line, time.monotonic()
             self.took = self.since - self.began
             self.up.set()
 
@@ -98,7 +98,7 @@ class Herd:
 
     Parameters
     ----------
-    order : file that every host is told by (:class:`benchmarks.storm.host.HostOrder`)
+    order : file that every host reads its order in (:class:`benchmarks.storm.host.HostOrder`)
     workers : names of the workers beside the server, and what starts a command on the host of each
 
     Attributes
@@ -283,7 +283,7 @@ class Killing:
     def __init__(self, herd: Herd, chance: random.Random, rate: float, show: Show, weather: Weather | None) -> None:
         self.weather = weather
         self._herd, self._chance, self._rate, self._show = herd, chance, rate, show
-        self._began = self._due = self._told = time.monotonic()
+        self._began = self._due = self._shown = time.monotonic()
 
     @property
     def past(self) -> float:
@@ -302,9 +302,9 @@ class Killing:
             if now >= self._due and _kill_one(self._herd, chance):
                 # From when it was due: a storm that falls behind catches up.
                 self._due = max(self._due + chance.expovariate(self._rate), now + BREATH_S)
-            if now - self._told > 10.0:
-                self._told = now
-                seen = "" if self.weather is None else self.weather.said
+            if now - self._shown > 10.0:
+                self._shown = now
+                seen = "" if self.weather is None else self.weather.shown
                 self._show(f"{self.past:3.0f} s: {self._herd.total} killed{seen}")
             time.sleep(0.02)
 

@@ -39,7 +39,7 @@ from benchmarks.storm.faults import (
 from benchmarks.storm.host import HostOrder, worker_directory
 from benchmarks.storm.processes import REAL_KILLS, Herd, Killing, OnHost
 from benchmarks.storm.stages import STAGES
-from benchmarks.storm.traffic import Client, Told, Traffic, becomes_quiet, prepare, real_order, undisturbed
+from benchmarks.storm.traffic import Acknowledged, Client, Traffic, becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
@@ -167,23 +167,23 @@ class Storm:
         names = [] if url is None else [f"worker-{number + 1}" for number in range(WORKERS)]
         here = [list[str]] * WORKERS
         herd = Herd(order, dict(zip(names, elsewhere.starters or here, strict=False)), directory)
-        told, own = Told(), [worker_directory(order, name) for name in names]
-        client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
+        noted, own = Acknowledged(), [worker_directory(order, name) for name in names]
+        client = Client(lambda: herd.server.line if herd.server.up.is_set() else None, noted)
         try:
             with _database(files, url, herd) as database:
                 name, recording = prepare(client, machine)
                 count_results(database)
                 order_real, real_s = (
-                    self._first_real(client, told, name, directory / "case") if self.real else ({}, 0.0)
+                    self._first_real(client, noted, name, directory / "case") if self.real else ({}, 0.0)
                 )
-            traffic = Traffic(client, told, name, recording)
+            traffic = Traffic(client, noted, name, recording)
             traffic.start()
-            course = self._killed(herd, told, traffic, weather, postgresql, order_real)
+            course = self._killed(herd, noted, traffic, weather, postgresql, order_real)
             traffic.stop()
             end = self._ended(herd, client, QUIET_S + 2 * self.real * real_s)
             seen = DataDirectory(files.root, storage)
             with _database(seen, url) as database:
-                checks = list(all_checks(database, seen, told, own))
+                checks = list(all_checks(database, seen, noted, own))
             if url is not None and postgresql is not None:
                 checks.append(amcheck(url, postgresql.programs))
         finally:
@@ -193,22 +193,24 @@ class Storm:
         found = (
             course.check(self.kills),
             *_killed_real(herd, self.real, course.after, course.after_s),
-            *_weather(weather, herd, told, course.revived),
+            *_weather(weather, herd, noted, course.revived),
         )
-        return Outcome((*found, *end, *checks, *_said(herd, told)))
+        return Outcome((*found, *end, *checks, *_logs(herd, noted)))
 
-    def _first_real(self, client: Client, told: Told, machine: str, case: Path) -> tuple[dict[str, Any], float]:
+    def _first_real(
+        self, client: Client, noted: Acknowledged, machine: str, case: Path
+    ) -> tuple[dict[str, Any], float]:
         """Order a real identification that nothing hits, and wait for it; return its order, and how many s it took."""
         order = real_order(client, machine, case)
         self.show("a real identification, undisturbed")
         asked = time.monotonic()
-        told.undisturbed = undisturbed(client, order)
+        noted.undisturbed = undisturbed(client, order)
         took = time.monotonic() - asked
         self.show(f"it took {took:.1f} s")
         return order, took
 
     def _killed(
-        self, herd: Herd, told: Told, traffic: Traffic, weather: Weather, database: PostgreSQL | None,
+        self, herd: Herd, noted: Acknowledged, traffic: Traffic, weather: Weather, database: PostgreSQL | None,
         order: dict[str, Any],
     ) -> _Course:  # fmt: skip
         """Kill, with weather, until all that is asked for was seen; then while real identifications run."""
@@ -217,7 +219,7 @@ class Storm:
         killing = Killing(herd, self.chance, AIM * self.kills / self.seconds, show, weather)
 
         def wanted(past: float) -> bool:
-            places = {cancel.where for cancel in told.cancels.values()}
+            places = {cancel.where for cancel in noted.cancels.values()}
             missing = not weather.all_seen or (self.everywhere and not places.issuperset(STAGES))
             return past < self.seconds or herd.total < self.kills or (bool(weather.faults) and missing)
 
@@ -278,10 +280,10 @@ class _Course:
         return Check("processes killed", self.total, shown, "at least", float(kills), str(kills))
 
 
-def _said(herd: Herd, told: Told) -> tuple[Check, ...]:
+def _logs(herd: Herd, noted: Acknowledged) -> tuple[Check, ...]:
     """Check what the logs hold, and how requests were answered."""
     errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
-    answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
+    answers = ", ".join(f"{count} x {status}" for status, count in sorted(noted.answers.items()))
     return Check("errors in the logs", None, errors), Check("answers by status (0: none)", None, answers)
 
 
@@ -295,7 +297,7 @@ def _left(herd: Herd) -> dict[str, int]:
         time.sleep(0.3)
 
 
-def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterator[Check]:
+def _weather(weather: Weather, herd: Herd, noted: Acknowledged, revived: bool) -> Iterator[Check]:
     """Check what happened beside kills, and how the hosts took it."""
     seen = ", ".join(f"{count} times {name}" for name, count in sorted(weather.seen.items())) or "none"
     missing = [fault.name for fault in weather.faults if not weather.seen[fault.name]]
@@ -306,10 +308,10 @@ def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterato
     yield Check("starts refused meanwhile", herd.refused.total(), refused or "none")
     if revived:
         yield Check("PostgreSQL", None, "ended by itself on the full disk, and was started again")
-    broke = told.answers.get(500, 0)
+    broke = noted.answers.get(500, 0)
     yield figure("answers 500", broke, most=0)
-    poor = f"{len(told.poor)}" if not told.poor else f"{len(told.poor)}: {'; '.join(told.poor[:3])}"
-    yield figure("refusals that do not say what to do", len(told.poor), most=0, shown=poor)
+    poor = f"{len(noted.poor)}" if not noted.poor else f"{len(noted.poor)}: {'; '.join(noted.poor[:3])}"
+    yield figure("refusals that do not say what to do", len(noted.poor), most=0, shown=poor)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The clients of a storm: they order, cancel, record and note what they were told; no answer, and they ask again."""
+"""The clients of a storm: they order, cancel, record and note what was acknowledged; no answer, and they ask again."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ class Cancelled:
 
 
 @dataclass
-class Told:
+class Acknowledged:
     """What the server acknowledged.
 
     Attributes
     ----------
     orders : key of an order -> id of the identification that was made
-    rows : id of a recording -> most rows that the server said were recorded
+    rows : id of a recording -> most rows that the server reported as recorded
     answers : how many by status; 0: none came
     poor : refusals that are no problem document in one line, or 503 without saying when to come again
     cancels : by job
@@ -75,9 +75,9 @@ class Told:
 class Client:
     """Asks whatever server there is at the moment."""
 
-    def __init__(self, address: Callable[[], str | None], told: Told) -> None:
+    def __init__(self, address: Callable[[], str | None], noted: Acknowledged) -> None:
         self._address = address
-        self._told = told
+        self._noted = noted
         self._lock = threading.Lock()
 
     def ask(self, method: str, path: str, content: Any = None, headers: dict[str, str] | None = None) -> Any:
@@ -110,13 +110,13 @@ class Client:
         """Note a refusal that does not name what is wrong and what to do."""
         detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
         if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
-            self._told.poor.append(f"{what}: {found}")
+            self._noted.poor.append(f"{what}: {found}")
         if answer.status == 503 and answer.getheader("Retry-After") is None:
-            self._told.poor.append(f"{what} without Retry-After: {detail}")
+            self._noted.poor.append(f"{what} without Retry-After: {detail}")
 
     def _count(self, status: int) -> None:
         with self._lock:
-            self._told.answers[status] = self._told.answers.get(status, 0) + 1
+            self._noted.answers[status] = self._noted.answers.get(status, 0) + 1
 
 
 class Traffic:
@@ -127,9 +127,9 @@ class Traffic:
     recording : of which identifications are made
     """
 
-    def __init__(self, client: Client, told: Told, machine: str, recording: str) -> None:
+    def __init__(self, client: Client, noted: Acknowledged, machine: str, recording: str) -> None:
         self._client = client
-        self._told = told
+        self._noted = noted
         self._machine = machine
         self._recording = recording
         self._stop = threading.Event()
@@ -154,7 +154,7 @@ class Traffic:
             body = {"machine": self._machine, "recordings": [{"id": self._recording}], "label": key}
             made = self._until(partial(self._ordered, key, body))
             if made is not None:
-                self._told.orders[key] = made
+                self._noted.orders[key] = made
                 if number % 2:
                     self._to_cancel.put(made)
                 number += 1
@@ -182,10 +182,10 @@ class Traffic:
             there = row["stage"] if row["state"] == "running" and row["stage"] in STAGES else "queue"
             if asked or CANCELLED_IN.index(there) >= CANCELLED_IN.index(where):
                 asked = True
-                self._told.asked.add(job)
+                self._noted.asked.add(job)
                 code, answer = self._client.ask("POST", f"/jobs/{job}/cancel")
                 if code == 202 and answer["state"] in ("queued", "running", "cancelled"):
-                    self._told.cancels[job] = Cancelled(identification, time.time(), there)
+                    self._noted.cancels[job] = Cancelled(identification, time.time(), there)
                     return job
             time.sleep(0.03)
         return None
@@ -196,8 +196,8 @@ class Traffic:
             key = f"storm-real-{number}"
             made = self._until(partial(self._ordered, key, order | {"label": key}, math.inf))
             if made is not None:
-                self._told.orders[key] = made
-                self._told.real.append(key)
+                self._noted.orders[key] = made
+                self._noted.real.append(key)
 
     def _ordered(self, key: str, body: dict[str, Any], most: float = MOST_OPEN) -> str | None:
         _, status = self._client.ask("GET", "/status")
@@ -226,7 +226,7 @@ class Traffic:
                 code, answer = self._client.ask("POST", "/recordings", body)
                 if code == 201:
                     number += 1
-                    self._told.rows[answer["id"]] = 0
+                    self._noted.rows[answer["id"]] = 0
                     self._follow(answer["id"])
                     self._stop.wait(2.0)
             except NoAnswerError:
@@ -242,7 +242,7 @@ class Traffic:
                 if self._stop.wait(0.5):
                     return
                 continue
-            self._told.rows[id] = max(self._told.rows[id], int(row["statistics"].get("rows") or 0))
+            self._noted.rows[id] = max(self._noted.rows[id], int(row["statistics"].get("rows") or 0))
             if row["state"] != "recording":
                 return
             time.sleep(0.1)

@@ -110,8 +110,8 @@ def command_errors(folder: Path, machine: Machine, truth: ValvePlantTruth, joint
         pressures = Pressures(*chambers, supply=float(supply[k]), tank=float(tank[k]))
         true = float(inverse(wished, pressures)[number])
         if 0.0 < abs(true) <= axis.largest[WAYS[0 if true > 0 else 1]]:
-            told = axis.command(float(speed[k]), head[k], rod[k], supply[k], tank[k], True)
-            errors.append(abs(told - true))
+            command = axis.command(float(speed[k]), head[k], rod[k], supply[k], tank[k], True)
+            errors.append(abs(command - true))
     return errors
 
 
@@ -190,8 +190,8 @@ def case_text(line: Line) -> str:
     """Write one line for the terminal."""
     parts = []
     for name, axis in line["axes"].items():
-        said = ", ".join("|".join(found) for found in axis["named"]) or "nothing"
-        parts.append(f"{name} {axis['error']:.3f}/{axis['floor']:.3f} {said}")
+        names = ", ".join("|".join(found) for found in axis["named"]) or "nothing"
+        parts.append(f"{name} {axis['error']:.3f}/{axis['floor']:.3f} {names}")
     true = ", ".join(f"{e['id']} ({e['form']}) at {e['joint'] or 'all'}" for e in line["effects"]) or "nothing"
     return f"{line['case']}: {true}: " + "; ".join(parts)
 
@@ -211,12 +211,12 @@ def inverse_of(answer: Answer) -> Inverse:
     moving = [False] * len(axes)
 
     def inverse(speed: FloatArray, p: Pressures) -> FloatArray:
-        told = np.zeros(len(axes))
+        commands = np.zeros(len(axes))
         for j, axis in enumerate(axes):
             assert axis.command is not None
-            told[j] = axis.command(float(speed[j]), float(p.head[j]), float(p.rod[j]), p.supply, p.tank, moving[j])
-            moving[j] = told[j] != 0.0
-        return told
+            commands[j] = axis.command(float(speed[j]), float(p.head[j]), float(p.rod[j]), p.supply, p.tank, moving[j])
+            moving[j] = commands[j] != 0.0
+        return commands
 
     return inverse
 

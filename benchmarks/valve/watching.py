@@ -1,8 +1,8 @@
-"""The monitor of valves on simulated machines: quiet while they are healthy, and what it says of changes.
+"""The monitor of valves on simulated machines: quiet while they are healthy, and what it reports of changes.
 
 Each machine is identified by its own recordings. Then it works for long, its usual numbers are learnt and watched on;
-and once more it works after one change to the first of its axes, which nobody tells the monitor of. What is fed to the
-monitor are rows as a ring buffer has them.
+and once more it works after one change to the first of its axes, of which the monitor is not informed. It is fed rows
+as a ring buffer has them.
 """
 
 from __future__ import annotations
@@ -58,19 +58,19 @@ def watched(folder: Path, key: ValveKey) -> Found:
     judged = [read_recording(folder / "validate.parquet", machine, "validate")]
     (folder / "valve.json").write_text(json.dumps(identify_valves(machine, train, judged).report), encoding="utf-8")
     work = list(_worked(key))
-    healthy = _said(folder, machine, [own.rows for own in work if not own.change])
+    healthy = _monitored(folder, machine, [own.rows for own in work if not own.change])
     drifting = np.array([False, *(bool(one["drifting"]) for one in healthy)])
     alarms = int(np.count_nonzero(drifting[1:] & ~drifting[:-1]))
     found: Found = {"case": key.text, "blocks": len(healthy), "alarms": alarms, "changes": []}
     memory = (folder / "memory.json").read_bytes()
     for name, form, size in CHANGES:
         (folder / "memory.json").write_bytes(memory)  # a change is watched from where the healthy machine stood
-        said = _said(folder, machine, [own.rows for own in work if own.change == name])
-        first = next((number for number, one in enumerate(said, 1) if one["drifting"]), None)
-        last = next(own for own in said[-1]["joints"] if own["joint"] == machine.joints[0].name)
+        reports = _monitored(folder, machine, [own.rows for own in work if own.change == name])
+        first = next((number for number, one in enumerate(reports, 1) if one["drifting"]), None)
+        last = next(own for own in reports[-1]["joints"] if own["joint"] == machine.joints[0].name)
         spec = ValveEffectSpec(name, form, machine.joints[0].name, size)
         found["changes"].append(
-            {"change": name, "blocks": first, "axes": sorted({axis for one in said for axis in one["drifting"]}),
+            {"change": name, "blocks": first, "axes": sorted({axis for one in reports for axis in one["drifting"]}),
              "moved": last.get("moved", []), "true": _true(truth, with_effect(machine, truth, spec), spec)}
         )  # fmt: skip
     return found
@@ -96,16 +96,16 @@ def _worked(key: ValveKey) -> Iterator[_Work]:
         yield _Work(change, rows)
 
 
-def _said(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
+def _monitored(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
     """Monitor each block; between motions rows are missing."""
     rules = Rules()
     order = Order("valves", folder / "valve.json", folder / "machine.yaml", "", folder / "memory.json", rules)
     followed = Speeds(order.model, machine, rules)
     cutter = Windows(followed.overlap, followed.block_samples(rules.block_s))
     windows = (window for rows in several for window in cutter.push(rows, missed=1))
-    said = list[Mapping[str, Any]]()
-    watch(followed, tuple(channel.name for channel in machine.channels), order, windows, said.append)
-    return said
+    reports = list[Mapping[str, Any]]()
+    watch(followed, tuple(channel.name for channel in machine.channels), order, windows, reports.append)
+    return reports
 
 
 def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectSpec) -> dict[str, float]:
@@ -130,9 +130,8 @@ def checks(found: Sequence[Found], show: Show) -> list[Check]:
         right += len(own["axes"]) == 1 and own["blocks"] is not None
         named += set(own["true"]) <= set(moved)
         errors += [moved[name] / true - 1.0 for name, true in own["true"].items() if name in moved]
-        told = ", ".join(f"{name} {value:+.4f}" for name, value in moved.items())
-        true = ", ".join(f"{name} {value:+.4f}" for name, value in own["true"].items())
-        show(f"{case}: {own['change']}: after {own['blocks']} blocks at {', '.join(own['axes'])}: {told} (true {true})")
+        by, true = (", ".join(f"{k} {v:+.4f}" for k, v in numbers.items()) for numbers in (moved, own["true"]))
+        show(f"{case}: {own['change']}: after {own['blocks']} blocks at {', '.join(own['axes'])}: {by} (true {true})")
     blocks = sum(one["blocks"] for one in found)
     waited = [own["blocks"] for _, own in changes if own["blocks"] is not None]
     off = 100.0 * float(np.quantile(np.abs(errors or [0.0]), 0.9))

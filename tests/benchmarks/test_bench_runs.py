@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.attribution import making, runs, summary
-from benchmarks.attribution.judging import Said
+from benchmarks.attribution.judging import Findings
 from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
 from benchmarks.attribution.recipe import (
     KINDS,
@@ -248,7 +248,7 @@ def unsimulated() -> Any:
 def test_a_case_can_be_judged_at_several_bands(monkeypatch: pytest.MonkeyPatch) -> None:
     def judge(machine: Any, recordings: list[Any], bootstrap: int, bands: Any) -> Any:
         name = (("stribeck", "boom"),)
-        return [Said((), (), {}, depends=True), Said((name,), (), {}), Said((name,), (), {})][: len(bands)]
+        return [Findings((), (), {}, depends=True), Findings((name,), (), {}), Findings((name,), (), {})][: len(bands)]
 
     monkeypatch.setattr(runs, "judge", judge)
     monkeypatch.setattr(runs, "make_case", lambda key, selection: unsimulated())
