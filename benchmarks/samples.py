@@ -100,14 +100,11 @@ def findings_text(report: Report) -> str:
     return "; ".join(parts)
 
 
-def true_effects(truth: dict[str, Any]) -> list[tuple[str | None, str | None]]:
-    """List the plant's effects, as (id, joint); the id is None for what is in no catalogue."""
-    return [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
-
-
 def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     """Check what has to be so of one case."""
-    loop, true, sets = report["loop"], true_effects(truth), named(report)
+    loop, sets = report["loop"], named(report)
+    # The id is None for what is in no catalogue.
+    true = [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
     before, after = (over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
     if not true:

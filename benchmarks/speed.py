@@ -86,11 +86,11 @@ def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show =
             return took
 
         plain = one("four recordings of 60 s, both stages", four, False, True)
-        checks.append(_seconds("both stages on four of 60 s, CPU", plain["cpu"], 1.5))
+        checks.append(figure("both stages on four of 60 s, CPU", plain["cpu"], "{:.2f} s", most=1.5))
         largest = plain["megabytes"]
         if loop:
             whole = one("the same with the loop", four, True, False)
-            checks.append(_seconds("with the loop, wall time", whole["wall"], 30.0))
+            checks.append(figure("with the loop, wall time", whole["wall"], "{:.2f} s", most=30.0))
             largest = max(largest, whole["megabytes"])
         checks.append(memory("four of 60 s", largest))
         times = []
@@ -126,10 +126,6 @@ def linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
     return figure("cost of the last minutes over the first", ratio, most=1.3, shown=shown)
 
 
-def _seconds(name: str, value: float, target: float) -> Check:
-    return figure(name, value, "{:.2f} s", most=target)
-
-
 def memory(name: str, value: float) -> Check:
     """Compare peak memory with its target, MB."""
     return figure(f"peak memory, {name}", value, "{:.0f} MB", most=MEMORY)
@@ -139,20 +135,11 @@ def identified(
     machine: Path, recordings: list[tuple[str, Path]], output: Path, *, loop: bool, warm: bool
 ) -> dict[str, float]:
     """Measure s and peak MB of an identification in a process of its own; results in ``output/timed``."""
-    order = {
-        "machine": str(machine),
-        "recordings": [(role, str(file)) for role, file in recordings],
-        "output": str(output),
-        "loop": loop,
-        "warm": warm,
-    }
-    done = subprocess.run(
-        [sys.executable, "-c", _CHILD, json.dumps(order)],
-        stdout=subprocess.PIPE,
-        text=True,
-        check=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-    )
+    files = [(role, str(file)) for role, file in recordings]
+    order = {"machine": str(machine), "recordings": files, "output": str(output), "loop": loop, "warm": warm}
+    command = [sys.executable, "-c", _CHILD, json.dumps(order)]
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, env=environment)
     took = json.loads(done.stdout.splitlines()[-1])
     return {key: float(took[key]) for key in ("wall", "cpu", "megabytes")}
 

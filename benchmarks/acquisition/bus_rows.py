@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.acquisition import masters
-from benchmarks.acquisition.channels import Devices, machine_of
+from benchmarks.acquisition.channels import Devices, busy_s, machine_of
+from benchmarks.acquisition.faults import unbalanced
 from benchmarks.acquisition.masters import AGE_S, PATIENCE_S, Row, Seen
 from benchmarks.targets import Outcome, Show, fact, figure
 from daq.acquisition.acquisition import AcquisitionProcess
@@ -41,12 +42,6 @@ from daq.recordings.recording_files import read_table
 NODES = 2
 DOWN_S = (0.3, 2.5)  # that a gateway is away
 IDLE = 0.02  # of a core that all threads but the cycle's may take meanwhile
-
-
-def _beside_the_cycle_s(pid: int) -> float:
-    """Read the processor time of all threads of a process but its first, s."""
-    tasks = [task for task in Path(f"/proc/{pid}/task").iterdir() if task.name != str(pid)]
-    return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
 
 
 def _until_fresh(ring: RingReader) -> tuple[float, int]:
@@ -130,9 +125,9 @@ def _listened(random: np.random.Generator) -> Seen:
             time.sleep(random.uniform(0, 0.5))
             gateway.end()
             time.sleep(0.2)
-            before, began, down = _beside_the_cycle_s(ring.writer_pid), time.monotonic(), random.uniform(0.5, 2.5)
-            time.sleep(down)
-            busy = (_beside_the_cycle_s(ring.writer_pid) - before) / (time.monotonic() - began)
+            before, began = busy_s(ring.writer_pid, beside_first=True), time.monotonic()
+            time.sleep(random.uniform(0.5, 2.5))
+            busy = (busy_s(ring.writer_pid, beside_first=True) - before) / (time.monotonic() - began)
             seen.failed = f"{100 * busy:.1f} % of a core while it is away" if busy > IDLE else ""
             gateway = _Gateway(gateway.port)
             seen.recovery, seen.wrong = _until_fresh(ring)
@@ -158,8 +153,7 @@ def _killed(random: np.random.Generator) -> Seen:
                 recorder.wait()
             except AcquisitionError:
                 seen.recovery, seen.failed = time.monotonic() - killed, ""
-            ledger = json.loads(read_table(path).metadata["hilfit.ledger"])
-            seen.unbalanced = sum(e["produced"] != e["stored"] + sum(e["dropped"].values()) for e in ledger.values())
+            seen.unbalanced = unbalanced(json.loads(read_table(path).metadata["hilfit.ledger"]))
     return seen
 
 

@@ -90,10 +90,10 @@ class Devices:
         self._process.stdout.close()
 
 
-def busy_s(pid: int) -> float:
-    """Read the processor time of all threads of a process in s, exactly (``/proc/PID/task/*/schedstat``)."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
-    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
+def busy_s(pid: int, beside_first: bool = False) -> float:
+    """Read the processor time of all threads of a process, or of all but its first, s (proc(5): schedstat)."""
+    tasks = [task for task in Path(f"/proc/{pid}/task").iterdir() if not beside_first or task.name != str(pid)]
+    return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
 
 
 def run(machines: Sequence[int], seconds: float, show: Show) -> Outcome:

@@ -14,7 +14,7 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from benchmarks.targets import Outcome, Show, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.recorder import Recorder, RecordingSummary
 from daq.acquisition.ring import RingReader
@@ -150,10 +150,11 @@ class Case:
 class Bench:
     """A running simulated machine, its acquisition, its recorder, and every frame since the start."""
 
-    def __init__(self, directory: Path, stack: ExitStack, real_time: bool) -> None:
-        self.declared, truth = machine_of_three_buses()
-        self.truth = truth
-        self.machine = stack.enter_context(SimulatedMachine(self.declared, truth, seed=SEED, workdir=directory / "sim"))
+    def __init__(self, stack: ExitStack, real_time: bool) -> None:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
+        self.declared, self.truth = machine_of_three_buses()
+        machine = SimulatedMachine(self.declared, self.truth, seed=SEED, workdir=directory / "sim")
+        self.machine = stack.enter_context(machine)
         how = None if real_time else Simulation(speed=1.0, lockstep=True, patience_s=PATIENCE_LOCKSTEP_S)
         acquired = load_machine(self.machine.machine_path).model_copy(update={"simulation": how})
         self.acquisition = stack.enter_context(AcquisitionProcess(acquired, ring_seconds=600))
@@ -194,8 +195,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) ->
     """Cause every fault so many times and measure what it cost."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
-        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
-        bench = Bench(directory, stack, real_time)
+        bench = Bench(stack, real_time)
         cases = [case for case in _cases(bench.declared) if only is None or only in case.name]
         broken = ""
         try:
@@ -331,6 +331,16 @@ def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tu
     return found, apart
 
 
+def unbalanced(ledger: Mapping[str, Any]) -> int:
+    """Count the channels of which produced is not stored + dropped."""
+    return sum(own["produced"] != own["stored"] + sum(own["dropped"].values()) for own in ledger.values())
+
+
+def _balance(summary: RecordingSummary) -> Check:
+    shown = f"{len(summary.ledger)} channels, {summary.rows} rows"
+    return fact("produced = stored + dropped", not unbalanced(summary.ledger), shown)
+
+
 def _outcome(
     cases: Sequence[Case], rows: npt.NDArray[np.void], summary: RecordingSummary, skipped: int, machine: Machine
 ) -> Outcome:
@@ -347,18 +357,13 @@ def _outcome(
     frozen = [case for case in cases if case.kind == "freeze"]
     lying = [case for case in cases if case.kind in UNKNOWABLE]
     worst = max(max(case.recoveries) for case in cases)
-    unbalanced = [
-        name
-        for name, entry in summary.ledger.items()
-        if entry["produced"] != entry["stored"] + sum(entry["dropped"].values())
-    ]
     covered = np.zeros(len(rows), dtype=np.bool_)
     for case in cases:
         for began, _, back in case.spans:
             covered |= (rows["monotonic_ns"] >= began) & (rows["monotonic_ns"] <= (back or rows["monotonic_ns"][-1]))
     quiet = int((rows["quality"][~covered] != Quality.FRESH).sum())
     checks = [
-        fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
+        _balance(summary),
         figure("wrong values called fresh", sum(c.wrong for c in honest), most=0),
         figure("values lost by other devices", sum(c.others for c in cases), most=0),
         figure("slowest recovery", worst, "{:g} s", most=RECOVERY_S, shown=f"{worst:.2f} s of {faults}"),
@@ -396,8 +401,7 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
     """Cause faults at random for so long."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
-        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
-        bench = Bench(directory, stack, real_time=False)
+        bench = Bench(stack, real_time=False)
         faults = faults_of(bench.declared)
         with RingReader(bench.acquisition.ring_name) as ring:
             acquisition = ring.writer_pid
@@ -421,12 +425,11 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
                 show(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")
         statistics = bench.acquisition.statistics()
         summary = bench.recorder.stop()
-    unbalanced = [n for n, e in summary.ledger.items() if e["produced"] != e["stored"] + sum(e["dropped"].values())]
     settled = [size for at, size in memory if at >= SETTLED_SHARE * 60 * minutes]
     growth = (settled[-1] - settled[0]) / _MB
     grown = f"{growth:+.1f} MB after the first quarter, {settled[-1] / _MB:.0f} MB at the end"
     checks = (
-        fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
+        _balance(summary),
         figure("frames that are not in the recording", summary.missed_cycles, most=0),
         figure("cycles skipped", statistics.skipped, most=0),
         figure("faults that were not overcome", unrecovered, most=0, shown=f"{unrecovered} of {count}"),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from benchmarks.cases import Line, append, one_blas_thread, refuse_existing
-from benchmarks.commands.benchmark import benchmark, chosen
+from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen
 from benchmarks.targets import Outcome, Show
 from daq.errors import InputError
 
@@ -46,9 +46,6 @@ def _arms(text: str | None) -> tuple[ArmKind, ...]:
 Cases = Annotated[
     str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
 ]
-Results = Annotated[
-    Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
-]
 Apart = Annotated[
     bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
 ]
@@ -68,12 +65,12 @@ def attribution(
     show: Show,
     cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    seed: Seed = 0,
     workers: Annotated[int, typer.Option(help="Processes, each with one BLAS thread.", min=1)] = 1,
     output: Results = None,
     compare: Annotated[Path | None, typer.Option(help="Results of another run: which cases changed.")] = None,
-    cache: Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")] = None,
-    only_make: Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")] = False,
+    cache: Cache = None,
+    only_make: OnlyMake = False,
     apart: Apart = False,
     only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
     arms: Arms = None,
@@ -132,7 +129,7 @@ def mismatch(
     cases: Annotated[
         str, typer.Option(help="How many of each class: sound, one, two, outside.")
     ] = "one=40,two=20,outside=20,sound=60",
-    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    seed: Seed = 0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Results, a line each.")] = None,
 ) -> Outcome:
     """Count right names of what bends one of two position sensors: many cases, without the efforts' search."""

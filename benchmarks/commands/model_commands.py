@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.cases import one_blas_thread
-from benchmarks.commands.benchmark import benchmark, chosen, known, rising
+from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen, known, rising
 from benchmarks.commands.benchmark import directory as existing
 from benchmarks.targets import ARMS, Arm, Outcome, Show
 
@@ -167,12 +167,10 @@ def paper(
 def valve(
     show: Show,
     cases: Annotated[int, typer.Option(help="Machines; each is healthy once and has one effect once.", min=1)] = 60,
-    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
-    cache: Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")] = None,
-    only_make: Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")] = False,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
-    ] = None,
+    seed: Seed = 0,
+    cache: Cache = None,
+    only_make: OnlyMake = False,
+    output: Results = None,
     closed_loop: Annotated[int, typer.Option(help="Healthy machines that follow a path by their inverse.", min=0)] = 6,
     healthy: Annotated[bool, typer.Option("--healthy", help="Leave the cases with an effect out.")] = False,
     watch: Annotated[
