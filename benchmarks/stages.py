@@ -19,15 +19,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.attribution.judging import recordings_of
+from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, rate, silent
-from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Residual, RigidBody, StageResults
 from fitting.pipeline.stage_names import quiet
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
-from fitting.regression.design import Design
-from sim_backends.plant.cases import Case, simulate_case
+from sim_backends.plant.cases import simulate_case
 from sim_backends.plant.truth import SensorQuality
 
 #: What is compared, and what the comparison of a report calls it.
@@ -56,7 +55,7 @@ def stages(
             case = simulate_case(arm, number, (), quality)
             session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
             design, fit = session.plain.design, session.base_model.fit
-            truth = truth_vector(case, design)
+            truth = truth_vector(case.machine, case.truth, design)
             compared, results = compare_ways(session)
             rigid = results[RigidBody]
             for way, estimate in zip(
@@ -74,20 +73,6 @@ def stages(
     return Outcome(
         (*_coverage(hits), *_hierarchy(conditions, held_out)), _notes(conditions, held_out, parameter_errors(errors))
     )
-
-
-def truth_vector(case: Case, design: Design) -> FloatArray:
-    """Return true drive and base parameters (p,) of a simulated case, in the design's order."""
-    drive: list[float] = []
-    for joint, names in zip(case.machine.joints, design.parameters.drive, strict=True):
-        if joint.cylinder is not None:
-            own: Mapping[str, float] = vars(case.truth.cylinders[joint.name])
-        else:
-            direct = case.truth.drives[joint.name]
-            own = {"J": direct.inertia, "f_c": direct.f_c, "f_v": direct.f_v}
-        drive += [own[name] for name in names]
-    pi = np.array([link.as_list() for link in case.truth.links])
-    return np.concatenate([drive, design.parameters.base.from_standard(pi)])
 
 
 def kind_of(name: str) -> str:

@@ -26,7 +26,7 @@ from benchmarks.attribution.judging import recordings_of
 from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, place_of, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED, delayed
-from benchmarks.attribution.verdicts import true_values
+from benchmarks.attribution.verdicts import truth_vector
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.loop.session import Session
@@ -114,9 +114,7 @@ def stored_apart(folder: Path | None, case: BenchCase, selection: Selection | No
 def _in_true_noise(session: Session, case: BenchCase) -> Model:
     """Fit the base model with the noise that is left at the true parameters."""
     prepared = session.plain
-    design, truth = prepared.design, true_values(case.machine, case.truth)
-    base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
-    theta = np.array([truth[base.get(name, name)] for name in design.parameters.names])
+    design, theta = prepared.design, truth_vector(case.machine, case.truth, prepared.design)
 
     def whitenings(loaded: bool) -> tuple[Whitening, ...]:
         own, joints = [i for i in prepared.fitted if design.segments[i].loaded == loaded], range(len(design.blocks))

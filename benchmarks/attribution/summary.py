@@ -134,16 +134,13 @@ def _outside(lines: Sequence[Line]) -> list[Check]:
     explains: what a catalogue effect with its parameters reproduces within the noise is not outside the catalogue."""
     found = []
     beyond = [line for line in lines if not untellable(line)]
-    for words, own, target in (("outside", beyond, True), ("outside, those within noise of a name", None, False)):
-        among = [line for line in lines if line not in beyond] if own is None else own
+    near = [line for line in lines if line not in beyond]
+    for words, among, target in (("outside", beyond, True), ("outside, those within noise of a name", near, False)):
         right = sum(line["result"] == "right" for line in among)
         wrong = sum(line["result"] == "wrong" and _named_for_sure(line) for line in among)
-        found.append(
-            rate(f"{words}: law, joint and variable right", right, len(among), *(("at least", 0.95) if target else ()))
-        )
-        found.append(
-            rate(f"{words}: a catalogue name, likely", wrong, len(among), *(("at most", 0.02) if target else ()))
-        )
+        least, most = (("at least", 0.95), ("at most", 0.02)) if target else ((), ())
+        found.append(rate(f"{words}: law, joint and variable right", right, len(among), *least))
+        found.append(rate(f"{words}: a catalogue name, likely", wrong, len(among), *most))
     visible = [line for line in beyond if line.get("apart") and line["apart"]["seen"] >= TARGETS["outside"][0]]
     right = sum(line["result"] == "right" for line in visible)
     found.append(rate("outside, as large in the noise of positions: right", right, len(visible)))

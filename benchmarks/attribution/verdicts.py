@@ -11,6 +11,8 @@ from benchmarks.attribution.judging import Findings, Place
 from benchmarks.attribution.making import TrueEffect
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import reduce_parameters
+from fitting.arrays import FloatArray
+from fitting.regression.design import Design
 from sim_backends.plant.truth import Truth
 
 #: Results of a case, as they stand in the table.
@@ -119,6 +121,13 @@ def true_values(machine: Machine, truth: Truth) -> dict[str, float]:
     if base.regrouping.shape[1] != pi.size:  # friction and drive inertia of each joint are standard parameters, too
         pi = np.hstack([pi, np.zeros((len(pi), base.regrouping.shape[1] // len(pi) - pi.shape[1]))])
     return values | dict(zip(base.names, base.from_standard(pi).tolist(), strict=True))
+
+
+def truth_vector(machine: Machine, truth: Truth, design: Design) -> FloatArray:
+    """Return true drive and base parameters (p,), in the design's order."""
+    values, base = true_values(machine, truth), design.parameters.base
+    names = dict(zip(base.expressions, base.names, strict=True))
+    return np.array([values[names.get(name, name)] for name in design.parameters.names])
 
 
 def intervals(values: Mapping[str, tuple[float, float]], truth: Mapping[str, float]) -> list[Interval]:

@@ -118,14 +118,11 @@ def residuals(x: FloatArray, before: FloatArray, after: FloatArray, label: str, 
 
     def draw(figure: Any) -> None:
         axes = figure.subplots(1, 2, sharex=True, sharey=True)
-        for ax, y, colour, title in (
-            (axes[0], before, _BEFORE, "base model"),
-            (axes[1], after, _AFTER, "after the loop"),
-        ):
+        panels = ((before, _BEFORE, "base model"), (after, _AFTER, "after the loop"))
+        for ax, (y, colour, title) in zip(axes, panels, strict=True):
             step = max(1, -(-len(x) // _POINTS))
             ax.plot(x[::step], y[::step], ".", color=colour, markersize=2.5, alpha=0.45)
-            order = np.argsort(x, kind="stable")
-            parts = np.array_split(order, _BINS)
+            parts = np.array_split(np.argsort(x, kind="stable"), _BINS)
             ax.plot([x[p].mean() for p in parts], [y[p].mean() for p in parts], color="black", linewidth=1.4)
             ax.set_title(f"{title}: {np.std(y):.3g} {unit}", fontsize=10)
             ax.set_xlabel(label)

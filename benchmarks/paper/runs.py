@@ -14,9 +14,10 @@ import numpy as np
 
 import hilfit
 from benchmarks.attribution.judging import recordings_of
+from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.measured import sets
 from benchmarks.samples import files_of, named
-from benchmarks.stages import compare_ways, truth_vector
+from benchmarks.stages import compare_ways
 from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, figure, silent
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
@@ -133,7 +134,7 @@ def arm_run(arm: Arm, seed: int) -> ArmRun:
     compared, results = compare_ways(session)
     design = session.plain.design
     two, first = results[RigidBody].two_stage, len(design.parameters.names) - len(session.base)
-    truth = truth_vector(case, design)
+    truth = truth_vector(case.machine, case.truth, design)
     base = tuple(
         (name, float(two.theta[k]), float(two.std[k]), float(truth[k]))
         for k, name in enumerate(design.parameters.names)

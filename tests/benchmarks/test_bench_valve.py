@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.targets import silent
 from benchmarks.valve import judging, scoring
 from benchmarks.valve.drawing import KINDS, ValveKey, at_limit, floor, misfit, order_of
 from benchmarks.valve.judging import Answer, AxisAnswer, identified
+from benchmarks.valve.runs import run
 from benchmarks.valve.scoring import case_text, checks, command_errors, large, named, scored, true_delay, true_edge
 from daq.errors import InputError
 from daq.machine.machine_file import machine_to_yaml
@@ -209,6 +211,12 @@ def test_a_version_without_valves_says_so_in_one_line(tmp_path: Path, monkeypatc
     monkeypatch.delattr("hilfit.identify_valve", raising=False)
     with pytest.raises(InputError, match=r"hilfit\.identify_valve is not there: .*--only-make"):
         identified(tmp_path)
+
+
+def test_results_of_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello\nworld\n")
+    with pytest.raises(InputError, match="line 1 is no result of 'hilfit bench valve'"):
+        run(1, 0, None, False, tmp_path / "notes.txt", 0, False, silent)
 
 
 def test_without_an_inverse_no_command_is_asked(tmp_path: Path) -> None:
