@@ -305,11 +305,8 @@ TRACES: dict[str, Row] = {
 }
 
 
-AT_ONCE = 3  # times of a row beside each other: most of each is waiting
-
-
-#: How many times run beside each other, and what.
-TABLES: tuple[tuple[int, dict[str, Row]], ...] = ((AT_ONCE, masters.ROWS), (AT_ONCE, ROWS), (1, TRACES))
+#: How many times of a row run beside each other (most of each is waiting), and what.
+TABLES: tuple[tuple[int, dict[str, Row]], ...] = ((3, masters.ROWS), (3, ROWS), (1, TRACES))
 
 
 def names() -> tuple[str, ...]:
@@ -335,11 +332,8 @@ def run_rows(times: int, seed: int, only: str | None, show: Show) -> Outcome:
             notes += [f"    {one.failed}" for one in found if one.failed][:3]
     marked = [one.marked for one in seen if one.marked is not None]
     recoveries = [one.recovery for one in seen if one.recovery is not None]
-    frames, wrong, failed = (
-        sum(one.frames for one in seen),
-        sum(one.wrong for one in seen),
-        sum(bool(one.failed) for one in seen),
-    )
+    frames, wrong = sum(one.frames for one in seen), sum(one.wrong for one in seen)
+    failed = sum(bool(one.failed) for one in seen)
     return Outcome(
         (
             figure("frames of ours after another master's first", frames, most=0),

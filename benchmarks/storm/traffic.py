@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from benchmarks.service.hosts import API, FITTED
 from benchmarks.storm.stages import STAGES
 
-API = "/api/v1"
 #: Jobs that may be open before no more are ordered.
 MOST_OPEN = 3
 PATIENCE_S = 15.0
@@ -269,7 +269,7 @@ def prepare(client: Client, machine: Path) -> tuple[str, str]:
 def real_order(client: Client, name: str, case: Path) -> dict[str, Any]:
     """Upload what real identifications are made of; the body of such an order."""
     chosen = []
-    for stem, role in (("train-1", "train"), ("validate", "validate")):
+    for role, stem in FITTED:
         place = f"/recordings/upload?machine={name}&role={role}&name={stem}.parquet"
         content = (case / f"{stem}.parquet").read_bytes()
         chosen.append({"id": _answer(partial(_created, client, place, content), READY_S)["id"], "role": role})
@@ -308,10 +308,8 @@ def becomes_quiet(client: Client, seconds: float) -> bool:
             if not off:
                 _, found = client.ask("GET", "/schedules")
                 for schedule in found["items"]:
-                    wish = {
-                        key: value for key, value in schedule.items() if key not in ("id", "created", "next", "last")
-                    }
-                    code, _ = client.ask("PUT", f"/schedules/{schedule['id']}", wish | {"enabled": False})
+                    id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
+                    code, _ = client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})
                     off = code == 200
             _, status = client.ask("GET", "/status")
             _, found = client.ask("GET", "/recordings?state=recording")

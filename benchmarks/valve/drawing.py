@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.attribution.recipe import draw_transducers
 from daq.machine.machine_file import Machine
+from fitting.arrays import FloatArray
 from sim_backends.valve.chambers import Chambers
 from sim_backends.valve.effects import VALVE_EFFECTS, ValveEffectSpec, valve_obstacle
 from sim_backends.valve.lands import Lands
@@ -122,8 +122,6 @@ def _write(place: Path, key: ValveKey, case: ValveCase) -> None:
     part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
     part.replace(place / "case.yaml")
 
-
-FloatArray = npt.NDArray[np.float64]
 
 BAND = 3.0  # Hz
 _STEP = 2.0e-3  # s

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from benchmarks.targets import Check, figure, rate
@@ -15,6 +14,7 @@ from benchmarks.valve.drawing import ValveKey, order_of
 from benchmarks.valve.judging import WAYS, Answer, AxisAnswer, Bar
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
+from fitting.arrays import FloatArray
 from sim_backends.valve.motion import Follow, working_motion
 from sim_backends.valve.tracking import Control, Inverse, Pressures, TrueInverse, linear_inverse, track
 from sim_backends.valve.truth import ValvePlantTruth, load_valve_truth
@@ -195,8 +195,6 @@ def case_text(line: Line) -> str:
     true = ", ".join(f"{e['id']} ({e['form']}) at {e['joint'] or 'all'}" for e in line["effects"]) or "nothing"
     return f"{line['case']}: {true}: " + "; ".join(parts)
 
-
-FloatArray = npt.NDArray[np.float64]
 
 SECONDS = 30.0
 CALM = 0.5  # of the travel, or of the speed
