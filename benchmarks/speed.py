@@ -208,17 +208,9 @@ def record(
     plan: CasePlan, seconds: float, effects: Sequence[EffectSpec], number: int, *, unloaded: bool = False
 ) -> dict[str, FloatArray]:
     """Record a motion of its own, with noise of its own; ``number`` distinguishes them."""
-    motion = random_motion(
-        plan.machine, np.random.default_rng([plan.seed, 60, number]), seconds, rods="unpinned" if unloaded else "pinned"
-    )
-    return record_beside_ideal(
-        plan.machine,
-        plan.truth,
-        motion,
-        undeclared=effects,
-        rng=np.random.default_rng([plan.seed, 50, number]),
-        shapes=np.random.default_rng([plan.seed, 13]),
-    )[0]
+    drawn, noise, shapes = (np.random.default_rng([plan.seed, *own]) for own in ((60, number), (50, number), (13,)))
+    motion = random_motion(plan.machine, drawn, seconds, rods="unpinned" if unloaded else "pinned")
+    return record_beside_ideal(plan.machine, plan.truth, motion, undeclared=effects, rng=noise, shapes=shapes)[0]
 
 
 def training(plan: CasePlan, minutes: float, *effects: EffectSpec) -> FloatTable:
@@ -237,10 +229,8 @@ def _found(report: Mapping[str, Any]) -> str:
     overall, loop = report["overall"], report["loop"]
     names = [f"{e['id']} ({e['joint'] or 'machine'})" for e in loop["effects"]]
     names += [f"a law of {law['variable']} ({law['joint']})" for law in loop["unexplained"]]
-    return (
-        f"{', '.join(names) or 'nothing'}; {overall['before']:.2f} to {overall['after']:.2f} noise floors on "
-        f"{overall['role']}"
-    )
+    change = f"{overall['before']:.2f} to {overall['after']:.2f} noise floors on {overall['role']}"
+    return f"{', '.join(names) or 'nothing'}; {change}"
 
 
 def _named(report: Mapping[str, Any], what: str, effect: EffectSpec) -> list[Check]:

@@ -58,9 +58,8 @@ def stages(
             truth = truth_vector(case.machine, case.truth, design)
             compared, results = compare_ways(session)
             rigid = results[RigidBody]
-            for way, estimate in zip(
-                WAYS, (rigid.two_stage, rigid.one_shot, rigid.one_shot_with_unloaded, fit), strict=True
-            ):
+            estimates = (rigid.two_stage, rigid.one_shot, rigid.one_shot_with_unloaded, fit)
+            for way, estimate in zip(WAYS, estimates, strict=True):
                 assert estimate is not None
                 conditions[way].append(compared["contenders"][WAYS[way]]["condition_number"])
                 held_out[way].append(compared["contenders"][WAYS[way]]["overall"])
@@ -70,9 +69,8 @@ def stages(
             for name, hit in zip(design.parameters.names, inside, strict=True):
                 hits[kind_of(name)].append(bool(hit))
             show(f"{arm} {number}: {100 * np.mean(inside):.1f} % of {len(inside)} intervals hold the truth")
-    return Outcome(
-        (*_coverage(hits), *_hierarchy(conditions, held_out)), _notes(conditions, held_out, parameter_errors(errors))
-    )
+    notes = _notes(conditions, held_out, parameter_errors(errors))
+    return Outcome((*_coverage(hits), *_hierarchy(conditions, held_out)), notes)
 
 
 def kind_of(name: str) -> str:

@@ -111,15 +111,13 @@ def run(machines: Sequence[int], seconds: float, show: Show) -> Outcome:
         )
         show(notes[-1])
     all_there, some_there = _commissioning(0), _commissioning(DEAD)
-    ratio = each[-1] / each[0]
+    ratio, few = each[-1] / each[0], NODES - DEAD
     checks = (
         figure("machines without a lost cycle", sound, least=MACHINES),
         figure("of a core for each", each[0], "{:.1f} %", most=CORE_PERCENT),
         figure("cost of each among most, over that of one alone", ratio, "{:.2f}"),
         figure(f"{NODES} nodes commissioned", all_there, "{:.2f} s", most=COMMISSIONED_S),
-        figure(
-            f"{NODES - DEAD} of {NODES} nodes commissioned, {DEAD} dead", some_there, "{:.2f} s", most=COMMISSIONED_S
-        ),
+        figure(f"{few} of {NODES} nodes commissioned, {DEAD} dead", some_there, "{:.2f} s", most=COMMISSIONED_S),
     )
     notes.append(f"{seconds:g} s each, load of the computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     return Outcome(checks, tuple(notes))

@@ -44,6 +44,7 @@ BEHIND = 25  # cycles for which may be marked what a lost answer leads to: its n
 AGE_S = 1e-3  # that the age of a fresh value may be wrong by
 COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder tells apart
 Row = Callable[[np.random.Generator], "Seen"]  # one time of it
+NOT_STORED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
 
 
@@ -200,9 +201,8 @@ class Run:
         declared, _ = default_machine()
         channel = uuid.uuid4().hex
         (bus,) = (bus for bus in declared.buses if isinstance(bus, CanopenBus))
-        bus = bus.model_copy(
-            update={"interface": "virtual", "channel": channel, "options": {}, "listen_s": LISTEN_S, "bitrate": None}
-        )
+        place = {"interface": "virtual", "channel": channel, "options": {}, "listen_s": LISTEN_S, "bitrate": None}
+        bus = bus.model_copy(update=place)
         channels = tuple(c for c in declared.channels if isinstance(c.source, CanSource))
         self.machine = declared.model_copy(update={"channels": channels, "buses": (bus,), "simulation": None})
         self.world = World(self.machine, channel)
@@ -251,10 +251,8 @@ class Run:
         self.marked.append(self._behind == 0 and not bool(fresh.all()))
         self._behind -= self._behind > 0
         self.frames.append(frame)
-        stored = np.isfinite(frame.values)[None, :] & ~np.isin(
-            frame.quality, (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
-        )
-        self.ledger.add(frame.quality[None, :], stored, np.array([FRAME], dtype=np.uint8))
+        stored = np.isfinite(frame.values) & ~np.isin(frame.quality, NOT_STORED)
+        self.ledger.add(frame.quality[None, :], stored[None, :], np.array([FRAME], dtype=np.uint8))
 
     def once(self, count: int = 1) -> None:
         """Run the cycles."""

@@ -100,12 +100,8 @@ def findings_of(examined: Examined) -> Findings:
     def place(joint: int | None) -> str | None:
         return None if joint is None else names[joint]
 
-    sets: list[tuple[Place, ...]] = [
-        tuple((effect, names[f.joint]) for effect in (f.effect.id, *f.rivals)) for f in findings
-    ]
-    laws: list[tuple[str, str | None]] = [
-        (law.law.law.variable(names), names[law.joint]) for law in examined.kinematics.laws
-    ]
+    sets: list[tuple[Place, ...]] = [tuple((e, names[f.joint]) for e in (f.effect.id, *f.rivals)) for f in findings]
+    laws: list[Place] = [(law.law.law.variable(names), names[law.joint]) for law in examined.kinematics.laws]
     for item in found.accepted:
         term = item.score.term
         if isinstance(term.content, Law):

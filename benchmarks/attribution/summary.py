@@ -194,9 +194,8 @@ def inseparable(lines: Sequence[Line]) -> list[str]:
             sets = [[list(member) for member in members] for members in line["said"]["sets"]]
             both = any(pair[0] in members and pair[1] in members for members in sets)
             alone = [pair[n] in [m for members in sets for m in members] for n in (0, 1)]
-            reported[
-                "both in a set" if both else "the true one" if alone[0] else "the other" if alone[1] else "neither"
-            ] += 1
+            one = "the true one" if alone[0] else "the other" if alone[1] else "neither"
+            reported["both in a set" if both else one] += 1
         distance = float(np.median([rival["beyond"] for _, rival in own]))
         words = ", ".join(f"{what} {n}" for what, n in reported.most_common())
         rows.append(f"{true} | {other}: {len(own)} cases, apart by {distance:.1f} in the median; said: {words}")
@@ -289,9 +288,8 @@ def redrawn(lines: Sequence[Line]) -> list[str]:
 
 def truth_text(line: Line) -> str:
     """Describe the true effects of a case in a few words."""
-    return (
-        " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())) or "-"
-    )
+    parts = [f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())]
+    return " + ".join(parts) or "-"
 
 
 def findings_text(line: Line) -> str:
@@ -407,9 +405,8 @@ def alternatives(findings: dict[str, Any]) -> list[list[tuple[str, str | None, f
     stated = findings.get("stated") or []
     if stated and isinstance(stated[0][0], list):
         return [[(str(name), joint, float(p)) for name, joint, p in own] for own in stated]
-    return [
-        [(str(name), joint, 1.0)] for name, joint in (*(members[0] for members in findings["sets"]), *findings["laws"])
-    ]
+    first = [members[0] for members in findings["sets"]]
+    return [[(str(name), joint, 1.0)] for name, joint in (*first, *findings["laws"])]
 
 
 def _right(line: Line, name: str, joint: str | None) -> bool:

@@ -70,9 +70,8 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], findings: Findings) -> V
         elif not findings.laws:
             result = "silent"
         else:
-            seen = any(v in variables for v, _ in findings.laws) or any(
-                findings.unknown.get(j, 0.0) >= 0.5 for j in joints if j
-            )
+            seen = any(v in variables for v, _ in findings.laws)
+            seen = seen or any(findings.unknown.get(j, 0.0) >= 0.5 for j in joints if j)
             fits = all(joint in joints for _, joint in findings.laws) and seen
             result = "right" if fits else "elsewhere"
     elif found:

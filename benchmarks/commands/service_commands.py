@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from benchmarks.commands.benchmark import benchmark, chosen, known, rising
-from benchmarks.targets import Outcome, Show
+from benchmarks.targets import Outcome, Show, together
 from daq.errors import InputError
 
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
@@ -30,13 +30,12 @@ def faults(
 
     ours, theirs = [name for name, _ in scripts()], names()
     known("--only", only, (*ours, *theirs), "is in no fault's name; there are")
-    outcome = Outcome(())
+    parts = []
     if only is None or any(only in name for name in ours):
-        outcome = run(times, seed, only, real_time, show)
+        parts.append(run(times, seed, only, real_time, show))
     if only is None or any(only in name for name in theirs):
-        bus = run_rows(times, seed, only, show)
-        outcome = Outcome((*outcome.checks, *bus.checks), (*outcome.notes, *bus.notes))
-    return outcome
+        parts.append(run_rows(times, seed, only, show))
+    return together(parts)
 
 
 @benchmark
@@ -156,6 +155,4 @@ def fleet(
 
     parts = [run(jobs, cut, every, show)] if jobs else []
     parts += [night(machines, arms, every, show)] if machines else []
-    return Outcome(
-        tuple(check for part in parts for check in part.checks), tuple(note for part in parts for note in part.notes)
-    )
+    return together(parts)

@@ -129,10 +129,8 @@ class Conformance:
         """Pair answers with what is right; an answer to inputs of its own brings that along."""
         pairs = {what: (own, answers.get(f"right.{what}", self.right.get(what))) for what, own in answers.items()}
         found = {what: (own, right) for what, (own, right) in pairs.items() if right is not None}
-        missing = [
-            what for what in self.right if what not in found and not any(w.startswith("right.") for w in answers)
-        ]
-        if missing:
+        missing = [what for what in self.right if what not in found]
+        if missing and not any(what.startswith("right.") for what in answers):
             raise AssertionError(f"the export does not answer {', '.join(missing)}")
         return found
 
@@ -228,9 +226,7 @@ class Conformance:
         if walk:
             own, rate = ", ".join(walk), self.model.machine.rate_hz
             row = f"m(k, 1:{n}), m(k, {n + 1}:{2 * n}), m(k, {2 * n + 1}:{3 * n}), m(k, {3 * n + 1}), "
-            row += (
-                "".join(f"{self.oil!r}, " for word in self.arguments["init"] if word == "temperature") + f"1 / {rate!r}"
-            )
+            row += f"{self.oil!r}, " * self.arguments["init"].count("temperature") + f"1 / {rate!r}"
             lines += ["m = csvread('moved.csv');", "for k = 1:rows(m)", "if k == 1"]
             lines += [f"[{own}, memory] = {self.name}('init', {row});", "else"]
             lines += [f"[{own}, memory] = {self.name}('step', {row}, memory);", "end"]
@@ -286,9 +282,8 @@ class Conformance:
         }
         names = [f"{word}[{k + 1}]" for word in ("q", "qd") for k in range(self.joints)]
         step = 1.0 / self.model.machine.rate_hz
-        found = simulate_fmu(
-            str(path), start_values=given, output=names, stop_time=_FORWARD_S, output_interval=step, step_size=step
-        )
+        times = {"stop_time": _FORWARD_S, "output_interval": step, "step_size": step}
+        found = simulate_fmu(str(path), start_values=given, output=names, **times)
         return np.array([found[name][-1] for name in names])
 
     def _unit(self, path: Path, kind: str) -> Answers:

@@ -65,12 +65,11 @@ class Emps:
     def checks(self) -> tuple[Check, ...]:
         """Check what publication and loop have to agree in."""
         apart = max(abs(100 * (self.base[name] / PUBLISHED[name] - 1)) for name in ("M", "Fv", "Fc"))
+        names = self.found.names
         return (
             percent("EMPS: largest difference from the published M, Fv, Fc", apart, 0.3),
             fact(
-                "EMPS: asymmetric friction found unaided",
-                "asymmetric_friction" in self.found.names,
-                ", ".join(self.found.names) or "nothing",
+                "EMPS: asymmetric friction found unaided", "asymmetric_friction" in names, ", ".join(names) or "nothing"
             ),
             percent("EMPS: relative error after the loop, own motion", self.after[0], 3.2),
             percent("EMPS: relative error after the loop, predicted on the pulses", self.after[1], 5.4),
@@ -78,17 +77,10 @@ class Emps:
 
     def section(self) -> str:
         """Write the section of the page."""
-        published = PUBLISHED
-        base = [
-            [
-                name,
-                unit,
-                f"{published[name]:.4f}",
-                f"{self.base[name]:.4f}",
-                f"{100 * (self.base[name] / published[name] - 1):+.2f} %",
-            ]
-            for name, unit in (("M", "kg"), ("Fv", "N s/m"), ("Fc", "N"), ("offset", "N"))
-        ]
+        base = []
+        for name, unit in (("M", "kg"), ("Fv", "N s/m"), ("Fc", "N"), ("offset", "N")):
+            own, published = self.base[name], PUBLISHED[name]
+            base.append([name, unit, f"{published:.4f}", f"{own:.4f}", f"{100 * (own / published - 1):+.2f} %"])
         own, cross = PUBLISHED_ERRORS
         errors = [
             ["base, published", f"{own:.2f} %", f"{cross:.2f} %"],

@@ -136,9 +136,8 @@ def read_run(path: Path) -> _Run:
     time = np.arange(0.0, stamps[-1], 0.01)
     displacement, pressure, force = (np.interp(time, stamps, table[:, k]) for k in (4, 5, 6))
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    return _Run(
-        time, _RETRACTED - 1e-3 * displacement, BAR * pressure, force, stamps[after] - stamps[after - 1] > _HOLE
-    )
+    missing = stamps[after] - stamps[after - 1] > _HOLE
+    return _Run(time, _RETRACTED - 1e-3 * displacement, BAR * pressure, force, missing)
 
 
 def half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
@@ -173,17 +172,8 @@ def readings(runs: Sequence[_Run]) -> tuple[float, tuple[Pressure, ...]]:
         friction = halves[:, 0] - area * halves[:, 1]
         error = float(np.std(friction, ddof=1) / np.sqrt(cycles))
         pressure = float((retracting.mean(axis=0)[1] + extending.mean(axis=0)[1]) / 2)
-        result.append(
-            Pressure(
-                bar=pressure / BAR,
-                friction=float(friction.mean()),
-                std=error,
-                width=float(halves[:, 0].mean()),
-                retracting=float(retracting[:, 2].mean()),
-                extending=float(extending[:, 2].mean()),
-                cycles=cycles,
-            )
-        )
+        width, inward, outward = (float(own.mean()) for own in (halves[:, 0], retracting[:, 2], extending[:, 2]))
+        result.append(Pressure(pressure / BAR, float(friction.mean()), error, width, inward, outward, cycles))
     return area, tuple(result)
 
 
@@ -272,14 +262,8 @@ def _written(directory: Path, machine: Machine, seal: str, bar: int, run: _Run) 
     used = run.time > _RUN_IN
     flags = np.where(run.missing[used], int(Quality.MISSING), int(Quality.FRESH))
     values = {"rod.position": run.position[used], "rod.pressure": run.pressure[used], "rod.load_cell": run.force[used]}
-    return write_recording(
-        directory / f"{seal}-{bar}.parquet",
-        machine,
-        "train",
-        run.time[used],
-        values,
-        quality=dict.fromkeys(values, flags),
-    )
+    path, quality = directory / f"{seal}-{bar}.parquet", dict.fromkeys(values, flags)
+    return write_recording(path, machine, "train", run.time[used], values, quality=quality)
 
 
 def _errors(session: Session, terms: Sequence[Term], found: Found | None = None) -> tuple[float, float | None]:

@@ -113,16 +113,10 @@ def checks(splits: list[Split]) -> tuple[Check, ...]:
     found = [
         Check("splits: base against least squares, geometric mean", mean, f"{mean:.3f} of {len(splits)} splits"),
         Check("splits: base against least squares, worst", worst.over, _at(worst, worst.over), "at most", MOST_OVER),
-        Check(
-            f"splits: base within {MOST_OVER_BETTER:g} of the better of least squares and possible",
-            share,
-            f"{100 * share:.0f} %",
-            "at least",
-            0.9,
-            "90 %",
-        ),
+        Check(f"splits: base within {MOST_OVER_BETTER:g} of the better of least squares and possible", share,
+              f"{100 * share:.0f} %", "at least", 0.9, "90 %"),
         Check("splits: the same, worst", better.over_better, _at(better, better.over_better), "at most", MOST_IN_ALL),
-    ]
+    ]  # fmt: skip
     for name, most in (("KUKA", KUKA), ("KUKA, swapped", KUKA_SWAPPED)):
         found += [
             figure(f"{name}: base at 3 Hz", s.base, "{:.2f} %", most=most)

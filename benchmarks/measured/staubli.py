@@ -145,9 +145,8 @@ def recording(data: Path, directory: Path) -> Path:
     def low(values: FloatArray) -> FloatArray:
         return np.asarray(signal.convolve(np.pad(values, 10 * step, mode="edge"), kernel, mode="valid")[::step])
 
-    positions, torques = (
-        np.loadtxt(data / name, delimiter=",", skiprows=1) for name in ("pos_read_data.csv", "curr_data.csv")
-    )
+    files = ("pos_read_data.csv", "curr_data.csv")
+    positions, torques = (np.loadtxt(data / name, delimiter=",", skiprows=1) for name in files)
     values = {}
     for joint in range(6):
         values[f"motor{joint + 1}.position"] = low(positions[:, joint])
@@ -255,8 +254,6 @@ def _friction(
         rows.append((f"fs{joint}", published[f"fs{joint}"], own[f"joint{joint}.f_c"]))
         if f"Ia{joint}" in published:
             rows.append((f"Ia{joint}", published[f"Ia{joint}"], own[f"joint{joint}.J"] + share * motor["Jm6"]))
-    rows += [
-        (f"{old}m6", published[f"{old}m6"], motor[f"{new}m6"])
-        for old, new in (("fv", "f_v"), ("fs", "f_c"), ("Ia", "J"))
-    ]
+    for old, new in (("fv", "f_v"), ("fs", "f_c"), ("Ia", "J")):
+        rows.append((f"{old}m6", published[f"{old}m6"], motor[f"{new}m6"]))
     return tuple(rows)

@@ -379,9 +379,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     tables = {}
     for stem, table in rig.tables.items():
         pressures = {c.name for c in rig.machine.channels if c.quantity in PRESSURES}
-        tables[stem] = {
-            k: np.asarray(v)[: len(v) - late] if k in pressures else np.asarray(v)[late:] for k, v in table.items()
-        }
+        tables[stem] = {name: v[: len(v) - late] if name in pressures else v[late:] for name, v in table.items()}
     return _made(replace(rig, tables=tables), "clock_offset late_channels")
 
 
@@ -586,9 +584,8 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     channel, own = _position(rig, joint, rng), rig.machine.joint(joint)
     reach = own.cylinder.stroke if own.cylinder and not channel.endswith("angle") else np.ptp(own.limits.position)
     some = ("train-1",) if rng.random() < 0.5 or rig.kind == "one" else ()
-    return _made(
-        changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some), "noisy", joint
-    )
+    noisy = changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some)
+    return _made(noisy, "noisy", joint)
 
 
 _mistake("link with the wrong sign")(_edit_dh("a", lambda v: -v, "length", 3, True))

@@ -132,9 +132,8 @@ def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:
     while time.monotonic() < until or not found:
         time.sleep(11)  # longer than its window
         place = page.locator("[data-frames]")
-        found.append(
-            {name: float(place.get_attribute(f"data-{name}")) for name in ("frames", "dropped", "longest", "rate")}
-        )
+        names = ("frames", "dropped", "longest", "rate")
+        found.append({name: float(place.get_attribute(f"data-{name}")) for name in names})
     return max(found, key=lambda one: one["dropped"])
 
 
@@ -182,9 +181,8 @@ def pictures(target: Path, only: str | None, show: Show, language: str = "en") -
         ids = furnish(site)
         for scheme in SCHEMES:
             for width, height in SIZES:
-                context = browser.new_context(
-                    viewport={"width": width, "height": height}, color_scheme=scheme, locale=language
-                )
+                size = {"width": width, "height": height}
+                context = browser.new_context(viewport=size, color_scheme=scheme, locale=language)
                 context.set_default_timeout(60_000)
                 page = context.new_page()
                 for name, (address, there) in VIEWS.items():

@@ -94,9 +94,8 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
     worst = {"f_c": 0.0, "K": 0.0, "f_v": 0.0, "f_s": 0.0, "m": 0.0}
     for each in own.cylinders:
         cells = []
-        for name, value, std, truth in zip(
-            each.names, each.theta, np.sqrt(np.diag(each.covariance)), each.truth, strict=True
-        ):
+        deviations = np.sqrt(np.diag(each.covariance))
+        for name, value, std, truth in zip(each.names, each.theta, deviations, each.truth, strict=True):
             cells.append(f"{value:.4g} ± {std:.2g} ({truth:.4g})")
             inside += abs(value - truth) < _Z95 * std
             total += 1

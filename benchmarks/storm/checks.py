@@ -115,11 +115,9 @@ def all_checks(
 def jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check that every job ended, and once; its events are numbered without a hole."""
     rows = _rows(database, sa.select(job_store.jobs))
-    events = _rows(
-        database, sa.select(job_store.job_events).order_by(job_store.job_events.c.job, job_store.job_events.c.number)
-    )
+    table = job_store.job_events
     by_job: dict[str, list[Any]] = {row.id: [] for row in rows}
-    for event in events:
+    for event in _rows(database, sa.select(table).order_by(table.c.job, table.c.number)):
         by_job[event.job].append(event)
     wrong = []
     for row in rows:
@@ -131,9 +129,8 @@ def jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
             wrong.append(f"{row.id}: events {numbers}")
     yield _none("jobs that ended once", wrong, len(rows))
     states = Counter((row.kind, row.state) for row in rows)
-    yield Check(
-        "jobs by end", len(rows), ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
-    )
+    shown = ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
+    yield Check("jobs by end", len(rows), shown)
     # The storm's reasons: a stage or an acquisition that was killed several times over, and a cancel.
     reasons = ("SIGKILL", f"ended early, {TRIES} times over")
     expected = [row for row in rows if row.state == "done" or any(text in (row.error or "") for text in reasons)]
@@ -288,12 +285,8 @@ def schedules(database: Database) -> Iterator[Check]:
         if later != ["coalesced"] * (KEPT - 1):  # else it was one of so many missed at once that only these are kept
             wrong.append(slot)
     ordered = [slot.job for slot in slots if slot.state == "ordered"]
-    made = _rows(
-        database,
-        sa.select(recalibration_store.recalibrations.c.job).where(
-            recalibration_store.recalibrations.c.schedule.is_not(None)
-        ),
-    )
+    table = recalibration_store.recalibrations
+    made = _rows(database, sa.select(table.c.job).where(table.c.schedule.is_not(None)))
     if sorted(row.job for row in made) != sorted(ordered):
         wrong.append(f"{len(made)} recalibrations for {len(ordered)} slots")
     yield _none("slots that had their turn once", wrong, len(slots))

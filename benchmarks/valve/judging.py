@@ -85,13 +85,11 @@ def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
         return float(wanted.share)
 
     limit, pump = own["pump_limit"], {"pump_flow_limit"} if own["pump_limit"] or own["pump_power"] else set()
-    effects = [(effect["id"], *effect["indistinguishable_from"]) for effect in own["effects"]]
+    effects, ways = [(e["id"], *e["indistinguishable_from"]) for e in own["effects"]], own["directions"]
     return AxisAnswer(
         error=float(own["errors"]["handed_out"]),
         delay=bar(own["delay"]),
-        edges={
-            way: bar(own["directions"][way]["edge_at_2_percent"]) for way in WAYS if own["directions"][way]["moves"]
-        },
+        edges={way: bar(ways[way]["edge_at_2_percent"]) for way in WAYS if ways[way]["moves"]},
         largest=own["largest_recorded"],
         effects=(*effects, *((name,) for name in pump - {found[0] for found in effects})),
         laws=tuple(law["variable"] for law in own["unexplained"]),

@@ -113,9 +113,8 @@ def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectS
     joint = str(spec.joint)
     moved = dict[str, float]()
     for way, name, sign in (("extend", "head_in", 1.0), ("retract", "rod_in", -1.0)):
-        edges = [
-            truth.valves[joint].lands[name].edge - sign * truth.valves[joint].spool.null for truth in (healthy, changed)
-        ]
+        valves = [truth.valves[joint] for truth in (healthy, changed)]
+        edges = [valve.lands[name].edge - sign * valve.spool.null for valve in valves]
         moved[f"edge.{way}"] = edges[1] - edges[0]
         moved[f"delay.{way}"] = true_delay(changed, joint) - true_delay(healthy, joint)
     return {name: value for name, value in moved.items() if value}
