@@ -126,11 +126,8 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
         yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, findings_text(report))
         return
     right = len(sets) == 1 and true[0] in sets[0] and len(sets[0]) <= (1 if case in ALONE else 3)
-    yield fact(
-        f"{case}: named, {'alone' if case in ALONE else 'alone or in a set of three'}",
-        right and not loop["unexplained"],
-        findings_text(report),
-    )
+    how = "alone" if case in ALONE else "alone or in a set of three"
+    yield fact(f"{case}: named, {how}", right and not loop["unexplained"], findings_text(report))
     if true[0][1] is not None:
         before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
         shown = f"{before:.2f} before, {after:.2f} after"

@@ -133,11 +133,11 @@ def make_case(kind: str, number: int, seed: int) -> GapCase:
     plan, plant, blocks = motion_blocks(arm, arm_seed, fault)
     quality = draw_quality(rng, FULL_SCALE[arm])
     if kind == "sound":
-        quality = replace(
-            quality,
-            encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(12, 21)),
-            piston_resolution=float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4])),
+        turn, step = (
+            2 * float(np.pi) / 2 ** int(rng.integers(12, 21)),
+            float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4])),
         )
+        quality = replace(quality, encoder_resolution=turn, piston_resolution=step)
     specs = _specs(kind, rng, plan, blocks, quality)
     delay = float(rng.choice([0.0, 0.0, rng.uniform(-0.01, 0.01)])) if kind == "sound" else 0.0
     tables = _tables(plan, plant, blocks, [s for s, _ in specs], quality, rng, delay)

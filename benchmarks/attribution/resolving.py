@@ -125,13 +125,11 @@ def _closed_anyway(first: Examined, recorder: PlantRecorder, case: BenchCase) ->
 
 def _stated(found: Examined) -> list[Line]:
     names = [joint.name for joint in found.session.machine.joints]
-    return [
-        {
-            "terms": [[t.id, None if t.joint is None else names[t.joint]] for t in h.terms],
-            "probability": round(h.probability, 3),
-        }
-        for h in found.hypotheses[:4]
-    ]
+    stated = []
+    for one in found.hypotheses[:4]:
+        terms = [[term.id, None if term.joint is None else names[term.joint]] for term in one.terms]
+        stated.append({"terms": terms, "probability": round(one.probability, 3)})
+    return stated
 
 
 def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:

@@ -92,13 +92,7 @@ def run_case(order: Order) -> Line:
     seconds = time.process_time() - made
     outcome = verdict(key.kind, case.effects, findings)
     line |= asdict(outcome)
-    line["said"] = {
-        "sets": findings.sets,
-        "laws": findings.laws,
-        "stated": findings.stated,
-        "unknown": findings.unknown,
-        "nothing": findings.nothing,
-    }
+    line["said"] = {key: getattr(findings, key) for key in ("sets", "laws", "stated", "unknown", "nothing")}
     line["seconds"] = seconds / len(order.bands)
     if others:
         line["bands"] = {

@@ -64,6 +64,7 @@ def checks(lines: Sequence[Line]) -> list[Check]:
     outside, pairs = of("outside"), of("pairs")
     clean = sum(line["result"] in _NAMED and not line.get("surplus") for line in of("kinematic"))
     with_effects = [line for line in done if line["kind"] != "null"]
+    surplus = sum(line.get("surplus", 0) > 0 for line in with_effects)
     found = [
         rate("no effect: accused", count(null, "accused", "error"), len(null), "at most", 0.01),
         rate("a wrong name alone", sum(bool(line.get("wrong_alone")) for line in done), len(done), "at most", 0.005),
@@ -77,13 +78,7 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("small: right or in the set", count(small, *_NAMED), len(small)),
         *_outside(outside),
         rate("pairs: both right or in sets", count(pairs, *_NAMED), len(pairs), "at least", 0.9),
-        rate(
-            "surplus effects where one was found",
-            sum(line.get("surplus", 0) > 0 for line in with_effects),
-            len(with_effects),
-            "at most",
-            0.02,
-        ),
+        rate("surplus effects where one was found", surplus, len(with_effects), "at most", 0.02),
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
     found += _bands(done)

@@ -35,6 +35,8 @@ from fitting.signals.corrections import Corrections
 
 #: What was asked, to what was answered, (N, n) each.
 Answers = dict[str, FloatArray]
+#: What a motion is asked for: efforts of joints and of drives, pressures.
+FUNCTIONS = ("inverse_dynamics", "drive_efforts", "head_pressures", "rod_pressures")
 #: Answers of a function (its name, its arguments, how many outputs) at one moment.
 Ask = Callable[[str, Sequence[Any], int], list[Any]]
 #: ``q, qd, qdd, t``.
@@ -91,13 +93,8 @@ class Conformance:
             **self._of(settled, self.moments),
         }
         if self.memory:
-            names = {
-                "tau": "inverse_dynamics",
-                "force": "drive_efforts",
-                "head": "head_pressures",
-                "rod": "rod_pressures",
-            }
-            self.right |= {f"walk.{what}": own for what, own in self._of(carried, self.moved, names).items()}
+            walked = self._of(carried, self.moved, ("tau", "force", "head", "rod"))
+            self.right |= {f"walk.{what}": own for what, own in walked.items()}
         self.name, self.joints = identifier(model.machine.name), q.shape[1]
 
     def differences(self, to: str) -> dict[str, float]:
@@ -316,25 +313,18 @@ class Conformance:
 
         carried = tracer_of(self.model).carried
         given = (*(columns(word) for word in words), step * np.arange(len(found)))
-        named = {
-            "effort": "inverse_dynamics",
-            "drive": "drive_efforts",
-            "head": "head_pressures",
-            "rod": "rod_pressures",
-        }
-        right = self._of(carried, given, named)
+        right = self._of(carried, given, ("effort", "drive", "head", "rod"))
         right["gravity"] = motion.gravity(motion.at_rest(carried), given[0], temperature=self.oil)
         right["beyond"] = self._beyond(carried, given)
         answers = {word: columns(word) for word in outputs}
         return answers | {f"right.{word}": right[word] for word in outputs}
 
-    def _of(self, model: ArmModel, moved: Moved, names: Mapping[str, str] | None = None) -> Answers:
-        """Compute efforts and pressures of a motion by the model, named as functions or outputs."""
+    def _of(self, model: ArmModel, moved: Moved, names: Sequence[str] = FUNCTIONS) -> Answers:
+        """Compute efforts of joints and drives, and pressures (where there are any), of a motion by the model."""
         found = motion.on_motion(model, *moved, temperature=self.oil)
         head, rod = motion.pressures_of(found)
-        answers = {"inverse_dynamics": found.joint_effort(0), "drive_efforts": found.drive_effort(0)}
-        answers |= {"head_pressures": head, "rod_pressures": rod} if np.isfinite(head).all() else {}
-        return answers if names is None else {name: answers[what] for name, what in names.items() if what in answers}
+        answers = [found.joint_effort(0), found.drive_effort(0), *([head, rod] if np.isfinite(head).all() else [])]
+        return dict(zip(names, answers, strict=False))
 
     def _beyond(self, model: ArmModel, moved: Moved) -> FloatArray:
         segment = motion.on_motion(model, *moved, temperature=self.oil).design.segments[0]

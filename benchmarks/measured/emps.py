@@ -20,8 +20,8 @@ from scipy.io import loadmat
 from benchmarks.measured.page import found_text, percent, residuals, table
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
 from benchmarks.targets import Check, fact
-from daq.machine.machine_file import Machine, load_machine
-from daq.recordings.recording import Recording, read_recording, write_recording
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording, write_recording
 from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.residual.terms import Term
@@ -169,11 +169,9 @@ def evaluate(data: Path, directory: Path) -> Emps:
 
 
 def _whole(paths: dict[str, Path]) -> Session:
-    machine: Machine = load_machine(MACHINE)
-    recordings: list[Recording] = [
-        read_recording(paths["whole"], machine, "train"),
-        read_recording(paths["validate"], machine, "validate"),
-    ]
+    machine = load_machine(MACHINE)
+    files = (("whole", "train"), ("validate", "validate"))
+    recordings = [read_recording(paths[name], machine, role) for name, role in files]
     return Session(machine, recordings, Options(bandwidth_hz=BANDWIDTH_HZ))
 
 
@@ -197,9 +195,5 @@ def _errors(stacks: tuple[Stack, Stack], theta: FloatArray, low: Low) -> tuple[f
 
 def _published_names(session: Session, theta: FloatArray) -> dict[str, float]:
     values = dict(zip(session.plain.design.parameters.names, theta.tolist(), strict=True))
-    return {
-        "M": values["m1"],
-        "Fv": values["carriage.f_v"],
-        "Fc": values["carriage.f_c"],
-        "offset": values["carriage.f_0"],
-    }
+    own = ("m1", "carriage.f_v", "carriage.f_c", "carriage.f_0")
+    return {name: values[key] for name, key in zip(PUBLISHED, own, strict=True)}

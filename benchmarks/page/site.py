@@ -246,15 +246,9 @@ def tab(browser: Any, tablet: Tablet) -> Iterator[Any]:
         session = context.new_cdp_session(page)
         session.send("Network.enable")
         bytes_per_s = tablet.megabits * 1e6 / 8
-        session.send(
-            "Network.emulateNetworkConditions",
-            {
-                "offline": False,
-                "latency": tablet.latency_ms,
-                "downloadThroughput": bytes_per_s,
-                "uploadThroughput": bytes_per_s,
-            },
-        )
+        network = {"offline": False, "latency": tablet.latency_ms}
+        network |= {"downloadThroughput": bytes_per_s, "uploadThroughput": bytes_per_s}
+        session.send("Network.emulateNetworkConditions", network)
         session.send("Emulation.setCPUThrottlingRate", {"rate": tablet.cpu})
         yield page
     finally:

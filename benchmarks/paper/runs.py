@@ -210,18 +210,13 @@ def checks(claims: Claims) -> tuple[Check, ...]:
     counts = {each.counts for each in folding}
     ranks = {each.rank for each in folding}
     worst = {name: max(_apart(c, name) for each in claims.arms for c in each.cylinders) for name in ("f_c", "K")}
-    bump = claims.stribeck
+    bump, unseen = claims.stribeck, "error on the unseen motion"
     return (
         fact("parameters of a folding arm", counts == {PUBLISHED_COUNTS}, f"{own.counts[0]} to {own.counts[1]}"),
         fact("rank of its regressor by singular values", ranks == {PUBLISHED_COUNTS[1]}, str(own.rank)),
         Check("stage 1: f_c apart from the truth, worst cylinder", worst["f_c"], f"{100 * worst['f_c']:.1f} %"),
         Check("stage 1: K apart from the truth, worst cylinder", worst["K"], f"{100 * worst['K']:.1f} %"),
-        figure(
-            "error on the unseen motion over the noise floor, all joints of the arm shown",
-            over_floor(own),
-            "{:.2f}",
-            most=1.2,
-        ),
+        figure(f"{unseen} over the noise floor, all joints of the arm shown", over_floor(own), "{:.2f}", most=1.2),
         fact("Stribeck friction is named at its joint", bump.named, bump.findings),
         Check(
             "friction curve after the loop over before, distance from the truth",
