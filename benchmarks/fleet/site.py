@@ -24,8 +24,7 @@ import httpx2
 from benchmarks.fleet.namespaces import HERE, NETWORK, Host, hosts
 from benchmarks.service.hosts import API, COMMAND, ONE_CORE, end, started, wait_until
 from benchmarks.service.postgresql import AbsentError, postgresql_server
-from benchmarks.service.start import cpu_with_children_s
-from benchmarks.storm.processes import descendants
+from benchmarks.service.start import cpu_with_children_s, descendants
 from benchmarks.targets import Show
 
 #: Seconds for something to come up.

@@ -3,6 +3,6 @@
 ``runs`` computes, ``page`` draws and writes. Nothing on the page is typed: numbers and verdicts are the runs'.
 """
 
-from benchmarks.paper.runs import run
+from benchmarks.paper.page import run
 
 __all__ = ["run"]

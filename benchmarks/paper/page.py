@@ -4,16 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from benchmarks.measured.page import svg
-from benchmarks.paper.runs import PUBLISHED_COUNTS, PUBLISHED_STD, ArmRun, Claims, CylinderRun, over_floor
+from benchmarks.paper.runs import (
+    PUBLISHED_COUNTS,
+    PUBLISHED_STD,
+    ArmRun,
+    Claims,
+    CylinderRun,
+    StribeckRun,
+    checks,
+    claims_of,
+    over_floor,
+)
+from benchmarks.targets import Outcome, Show, silent
 from fitting.arrays import FloatArray
-
-if TYPE_CHECKING:
-    from benchmarks.paper.runs import ArmRun, CylinderRun, StribeckRun
 
 _UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)"}
 #: Percent: differences below are none.
@@ -22,6 +30,14 @@ _EQUAL = 0.05
 _MOST_FLOORS = 1.2
 #: Deviations from the truth beyond which a 95 % interval does not hold it.
 _Z95 = 1.96
+
+
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
+    """Make the runs, and the page where one is wanted."""
+    claims = claims_of(count, seed, data, show)
+    if page is not None:
+        write(page, claims)
+    return Outcome(checks(claims), claims.skipped)
 
 
 def write(page: Path, claims: Claims) -> None:

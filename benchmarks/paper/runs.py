@@ -18,7 +18,7 @@ from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.measured import sets
 from benchmarks.samples import files_of, named
 from benchmarks.stages import compare_ways
-from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, figure, silent
+from benchmarks.targets import ARMS, Arm, Check, Show, fact, figure
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.linkage import lever_arm
@@ -109,10 +109,8 @@ class Claims:
     skipped: tuple[str, ...]
 
 
-def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
-    """Make the runs, and the page where one is wanted."""
-    from benchmarks.paper.page import write
-
+def claims_of(count: int, seed: int, data: Path, show: Show) -> Claims:
+    """Make the runs: so many arms of each kind, the bump, and the measured machines whose data is there."""
     arms = []
     for kind in ARMS:
         for number in range(seed, seed + count):
@@ -121,10 +119,7 @@ def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silen
     show("folding arm with Stribeck friction: the loop")
     found = stribeck_run(seed)
     measured, skipped = _measured(data, show)
-    claims = Claims(arms[0], tuple(arms), measured, found, skipped)
-    if page is not None:
-        write(page, claims)
-    return Outcome(checks(claims), skipped)
+    return Claims(arms[0], tuple(arms), measured, found, skipped)
 
 
 def arm_run(arm: Arm, seed: int) -> ArmRun:

@@ -16,11 +16,12 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.service.hosts import end
+from benchmarks.service.start import descendants
 from benchmarks.storm import stages
 from benchmarks.storm.faults import Weather
 from benchmarks.targets import Show
@@ -226,15 +227,6 @@ class Herd:
                 if line.startswith("Traceback"):
                     counts["traceback"] = counts.get("traceback", 0) + 1
         return counts
-
-
-def descendants(pid: int) -> Iterator[int]:
-    """Yield every process below one (proc(5))."""
-    with contextlib.suppress(OSError):
-        for task in Path(f"/proc/{pid}/task").iterdir():
-            for child in (task / "children").read_text().split():
-                yield int(child)
-                yield from descendants(int(child))
 
 
 def real_identification(pid: int) -> str:
