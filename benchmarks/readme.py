@@ -1,6 +1,6 @@
 """The results of the demonstrations in README.md, as the commands print them.
 
-``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they say there.
+``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they print there.
 ``hilfit bench demo`` runs the first again and compares the numbers, a test words and numbers.
 """
 

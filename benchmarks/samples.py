@@ -1,4 +1,4 @@
-"""The sample recordings: what the identification says of each, beside what the plant really was.
+"""The sample recordings: what the identification finds in each, beside what the plant really was.
 
 A directory holds one folder per case (machine file, five recordings, ``truth.yaml``); by default ``../shared/samples``
 beside the repository. The plant behind them shares no code with this project. Targets:

@@ -63,7 +63,7 @@ def _until_fresh(ring: RingReader) -> tuple[float, int]:
     return (first if good >= 5 else time.monotonic()) - began, wrong
 
 
-#: What every device says, in SI: 42 bar, 42 rad, 42 degC.
+#: What every device sends, in SI: 42 bar, 42 rad, 42 degC.
 VALUES = np.array([42e5, 42e5, 42.0, 42.0 + 273.15])
 
 

@@ -1,7 +1,7 @@
 """Every fault of the simulated machine at random moments, on CANopen, Modbus TCP and RTU.
 
-In lockstep, so that nothing is lost because the computer is busy: while a device is waited for, the machine stands
-still, and that time does not count. At the wall's clock (``real_time``) everything counts, on a quiet computer.
+In lockstep, so that nothing is lost because the computer is busy: while a device is waited for, the machine is
+halted, and that time does not count. At the wall's clock (``real_time``) everything counts, on a quiet computer.
 
 The plant idles with a known seed, so what every sensor measured at every SYNC is known here without asking anybody; its
 noise makes each sample different from its neighbours, so that a value of another SYNC is recognised. A recorder runs
@@ -42,7 +42,7 @@ SEED = 11
 WARM_UP_S = 7.0  # frozen values are detected by what is normal, and that takes five seconds to learn
 PAUSE_S = (0.2, 0.8)  # between recovery and the next fault
 LASTS_S = (0.4, 1.0)
-PATIENCE_LOCKSTEP_S = 0.4  # that the machine stands still for a device that does not answer
+PATIENCE_LOCKSTEP_S = 0.4  # that the machine is halted for a device that does not answer
 STANDS_STILL_S = 0.1  # a longer time between two frames is no time of the machine
 RECOVERY_S = 2.0
 PATIENCE_S = 60.0  # for a recovery that does not come
@@ -55,7 +55,7 @@ SERIAL = "line"
 NS = 1_000_000_000
 #: What a sensor reports that is wrong, and its device does not know: one value alone does not show it.
 UNKNOWABLE = ("noise_burst", "bias_step")
-#: Without SYNC machine time stands still, and what is polled with it.
+#: Without SYNC machine time is halted, and what is polled with it.
 STOPS_ALL = ("bus_off", "half_open")
 
 

@@ -42,7 +42,7 @@ LISTEN_S = 1.0  # ten heartbeats, also on a computer that is busy
 PATIENCE_S = 20.0
 BEHIND = 25  # cycles for which may be marked what a lost answer leads to: its node is started anew
 AGE_S = 1e-3  # that the age of a fresh value may be wrong by
-COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder tells apart
+COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder resolves
 Row = Callable[[np.random.Generator], "Seen"]  # one time of it
 NOT_STORED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
@@ -58,7 +58,7 @@ class World(threading.Thread):
         self.syncs = 0
         self.moments = [0]  # monotonic ns of each SYNC as it was sent, beginning with power-on
         self.answered = [0]  # and when the nodes had answered it
-        self.ours: deque[int] = deque()  # when SYNCs of ours left, that the nodes have not heard yet
+        self.ours: deque[int] = deque()  # when SYNCs of ours left, that the nodes have not received yet
         self.leads = False  # whether the other controller sends SYNC
         self.ended = threading.Event()
         self._limits = [channel.range or (-1.0, 1.0) for channel in machine.channels]
@@ -137,7 +137,7 @@ class _Counted(CanAccess):
     """Counts every frame that leaves the driver."""
 
     def __init__(self, world: World) -> None:
-        self.guest: Callable[[], bool] = lambda: False  # whether another master was heard
+        self.guest: Callable[[], bool] = lambda: False  # whether another master was detected
         self.sent = self.afterwards = 0
         self._world = world
 

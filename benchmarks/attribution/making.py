@@ -1,4 +1,4 @@
-"""Recordings of a case, with the effect's size scaled until it stands out as far as was drawn; cases on disk.
+"""Recordings of a case, with the effect's size scaled to the lambda that was drawn; cases on disk.
 
 A case on disk is a folder with the files that ``hilfit identify`` reads, and apart from them what is true.
 """
@@ -57,7 +57,7 @@ class TrueEffect:
     id, joint, size : as the plant has it
     seen : lambda (mismatch for what bends an encoder)
     reported : joint that a report gives it: None for one of the whole machine
-    variables : signals whose law shows it, where it stands in no catalogue
+    variables : signals whose law shows it, where it is in no catalogue
     """
 
     id: str

@@ -59,7 +59,7 @@ PAIRS = (
     ("encoder_eccentricity", "pin_play"),
     ("encoder_eccentricity", "joint_play"),
 )
-#: Faults of the effort that a third of the sound mismatches stand beside, and their sizes over the Coulomb friction.
+#: Faults of the effort in a third of the sound cases, and their sizes over the Coulomb friction.
 EFFORT_FAULTS = {"stribeck": 2.0, "position_dependent_friction": 1.5, "end_cushion": 6.0, "gas_spring": 10.0}
 #: Largest displacement of a sound structure under a usual force, and largest errors of geometry, m or rad.
 _LARGEST = {"encoder_offset": 0.1, "encoder_eccentricity": 0.03, "linkage_geometry": 0.01}

@@ -44,7 +44,7 @@ class Recipe:
     """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
-    as large as what is beyond them. ``positions``: an effect is as large as it stands out of all noise of inertia, too.
+    as large as what is beyond them. ``positions``: the size of an effect counts all noise of inertia, too.
     """
 
     arms: tuple[ArmKind, ...]

@@ -38,7 +38,7 @@ ALIKE = (
     "velocity_root_friction",
     "sensor_latency",
 )
-#: Sizes that leave doubts: of these classes in turn.
+#: Sizes that leave a posterior with several names: of these classes in turn.
 CLASSES = ("medium", "large")
 TARGET, FORETOLD = 0.85, 0.95
 

@@ -1,4 +1,4 @@
-"""Lambda: how far a true effect stands out of the noise once the base model has taken what it can.
+"""Lambda: how large a true effect is in the noise once the base model has taken what it can.
 
 ``lambda^2 = |P W d|^2`` with ``d`` the effect's waveform in the efforts (ideal transducers, the same disturbance with
 the effect and without; none at all for a delay or a gain, which would move the disturbance, too, and a delay's as

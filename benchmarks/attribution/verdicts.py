@@ -15,7 +15,7 @@ from fitting.arrays import FloatArray
 from fitting.regression.design import Design
 from sim_backends.plant.truth import Truth
 
-#: Results of a case, as they stand in the table.
+#: Results of a case, in the order of the table.
 RESULTS = ("right", "in set", "unexplained", "silent", "elsewhere", "partly", "wrong", "wrong set", "accused", "error")
 
 
@@ -29,7 +29,7 @@ class Verdict:
     wrong_alone : effects named without an alternative that the plant does not have
     surplus : findings (sets or laws) beyond the true effects, where those were found
     widest : members of the largest set
-    located : a law, or a set, stands at the joint of every true effect
+    located : a law, or a set, is at the joint of every true effect
     """
 
     result: str

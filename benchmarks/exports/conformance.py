@@ -42,7 +42,7 @@ Ask = Callable[[str, Sequence[Any], int], list[Any]]
 #: ``q, qd, qdd, t``.
 Moved = tuple[npt.NDArray[np.floating[Any]], ...]
 
-#: Settings under which the C has to compile without a word.
+#: Settings under which the C has to compile without a warning.
 STRICT = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-O2")
 #: What has to be installed for a format to be run, and how.
 NEEDS: dict[str, tuple[Callable[[], bool], str]] = {

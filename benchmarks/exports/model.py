@@ -4,7 +4,7 @@ Every format goes through one conformance class (:mod:`benchmarks.exports.confor
 cylinders with friction, stiffness and effects (six parallel axes, six twisted ones, each memory, faults of sensors),
 and on the models of sample recordings and of measured machines. The band is tried on the sample recordings of an
 independent plant, with the effects that are really there or a law in their place, and on measured machines without any;
-what those have that the model lacks is no noise: where their share is not what a band says, the model has to say so.
+what those have that the model lacks is no noise: where their share is not what a band says, the model has to report so.
 """
 
 from __future__ import annotations

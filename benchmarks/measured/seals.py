@@ -5,7 +5,7 @@ open. With the load cell's force as a measured external force, ``p A - F`` is wh
 ordinary machine file and the ordinary loop serve. A recording is one pressure; every pressure between the lowest and
 the highest is kept for `validate` once, and the loop is run each time.
 
-Beside the loop stands the elementary reading: half the width of the force loop at mid-stroke, less what the pressure
+Beside the loop there is the elementary reading: half the width of the force loop at mid-stroke, less what the pressure
 regulator's own hysteresis contributes, cycle by cycle; a straight line over the pressures, weighted by the spread
 of the cycles.
 """

@@ -2,7 +2,7 @@
 
 ``ways`` are all ways to the base parameters at the default bandwidth, same rows, same filter; *plain least squares* is
 one ordinary regression of everything on the ``train`` recordings, as a user would write it. Splits are all pairs of two
-motions of one machine in three bandwidths, nothing of the second used; beside the base that is handed out stand least
+motions of one machine in three bandwidths, nothing of the second used; beside the base that is handed out are least
 squares (a flat prior, all efforts alike) and the nearest fit within what is physically possible. Errors are
 ``100 |measured - predicted| / |measured|`` of joint efforts in the identification band."""
 

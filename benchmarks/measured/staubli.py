@@ -52,7 +52,7 @@ class Staubli:
 
     Attributes
     ----------
-    parameters : number of parameters that the recording tells
+    parameters : number of parameters that the recording determines
     base, after : errors of the base model, and with what the loop added
     trials : errors with effects that were refused, added on every joint all the same
     found : what the loop found
@@ -73,7 +73,7 @@ class Staubli:
     residuals: tuple[FloatArray, FloatArray, FloatArray]
 
     def checks(self) -> tuple[Check, ...]:
-        """Check what publication and an independent trial say."""
+        """Check against the publication and an independent trial."""
         refused = not set(REFUSED) & set(self.found.names)
         return (
             figure("TX40: parameters told", self.parameters, least=61.0, shown=str(self.parameters)),

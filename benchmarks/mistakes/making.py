@@ -47,7 +47,7 @@ class Made:
 CARRIES = 0.05
 #: How a mistake is made.
 Make = Callable[[Rig, Rng], Made | None]
-#: By name; what is drawn for a mistake depends on its place, so that later ones stand at the end.
+#: By name; what is drawn for a mistake depends on its place, so that later ones are at the end.
 MISTAKES: dict[str, Make] = {}
 PRESSURES = ("head_pressure", "rod_pressure")
 

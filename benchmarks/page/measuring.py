@@ -42,7 +42,7 @@ _EMPTY = """(drawn) => {
     requestAnimationFrame(step);
   });
 }"""
-#: Notes when the frame after the page's own header is there has been drawn: the name that stands in the document before
+#: Notes when the frame after the page's own header is there has been drawn: the name that is in the document before
 #: any script is no view.
 _WATCH = """
   new MutationObserver((_, observer) => {

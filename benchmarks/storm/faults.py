@@ -1,7 +1,7 @@
 """What happens in a storm beside kills: a full disk, a store that refuses to be written, a clock that is set.
 
 A disk that can be filled is a file system of its own in memory, which only root may mount; so is the attribute that
-makes SQLite's file and folder immutable. Where this process may not, the storm goes without and says so.
+makes SQLite's file and folder immutable. Where this process may not, the storm goes without, which a check shows.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _immutable(place: Path, wanted: bool) -> None:
 
 
 class ReadOnlySessions(Fault):
-    """PostgreSQL's transactions are read-only unless somebody says otherwise."""
+    """PostgreSQL's transactions are read-only unless a session sets otherwise."""
 
     name = "store read-only"
 

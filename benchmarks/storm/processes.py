@@ -26,7 +26,7 @@ from benchmarks.storm import stages
 from benchmarks.storm.faults import Weather
 from benchmarks.targets import Show
 
-#: Kind of a process by what stands in its command line.
+#: Kind of a process by a part of its command line.
 CHILDREN: Mapping[str, str] = {
     "daq.acquisition.acquisition_child": "acquisition",
     "storm/stages.py": "stage",

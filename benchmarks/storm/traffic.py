@@ -27,7 +27,7 @@ CANCELLED_IN = ("queue", *STAGES)
 
 
 class NoAnswerError(Exception):
-    """The server was gone, is still starting, or says that it cannot at the moment."""
+    """The server was gone, is still starting, or answers that it cannot at the moment."""
 
 
 @dataclass(frozen=True)

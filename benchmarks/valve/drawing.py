@@ -1,7 +1,7 @@
-"""What a case is made of, how far its effect stands out, and cases on disk: apart from what a fit may see, the truth.
+"""What a case is made of, how visible its effect is, and cases on disk: apart from what a fit may see, the truth.
 
 Every number of a run is a machine; it is recorded twice with the same motions, healthy (``null``) and with one
-undeclared effect (``large``). The three kinds of machines take turns. An effect stands out by what a healthy valve
+undeclared effect (``large``). The three kinds of machines take turns. An effect is visible by what a healthy valve
 would have done at the pressures that there were. The same, from what was measured of a healthy one, is the noise floor:
 no model can know more than the true one.
 """
