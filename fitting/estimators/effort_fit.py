@@ -159,7 +159,10 @@ class EffortRows:
 
     def _prior_rows(self, prior: Prior) -> FloatArray:
         """Return prior rows ``[A b]`` (R, p + 1) of unit noise."""
-        return np.column_stack(rows_of_prior(self._design.parameters, prior.without_delays(), self.columns))
+        parameters = self._design.parameters
+        known = np.column_stack(rows_of_prior(parameters, prior.without_delays(), self.columns))
+        expected = () if self._extra is None else self._extra.expected_rows(len(parameters))
+        return np.vstack([known, *(np.column_stack([own.A, own.b]) for own in expected)])
 
     def settled(self, prior: Prior) -> Prior:
         """Return the prior at the point that fits these rows; without the plausible arm where they refuse it."""

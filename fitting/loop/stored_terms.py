@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
 from fitting.effects import effect
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
@@ -24,6 +26,7 @@ def term_to_json(term: Term) -> dict[str, Any]:
         "rebuilt": list(term.rebuilt),
         "resampled": term.resampled,
         "held": list(term.held),
+        "expected": None if term.expected is None else term.expected.tolist(),
     }
 
 
@@ -31,7 +34,9 @@ def term_from_json(value: Mapping[str, Any]) -> Term:
     """Invert :func:`term_to_json`."""
     content: Effect | Law = effect(value["effect"]) if value["law"] is None else _law_from_json(value["law"])
     applied = tuple(value["rebuilt"]), value.get("resampled", False), tuple(value.get("held", ()))
-    return Term(content, value["joint"], dict(value["shape"]), *applied)
+    expected = value.get("expected")
+    expected = None if expected is None else np.array(expected)
+    return Term(content, value["joint"], dict(value["shape"]), *applied, expected)
 
 
 def _law_from_json(law: Mapping[str, Any]) -> Law:

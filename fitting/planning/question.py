@@ -69,7 +69,8 @@ class Question:
         parts = [tuple(next(rest) for _ in own) for own in shapes]
         extra = extra_columns(design, model.views, self.terms)
         rows = whitened(design, model.noise, model.fitted, extra)
-        self.recorded = products(with_prior(rows, design.parameters, prior))
+        expected = extra.expected_rows(len(design.parameters))
+        self.recorded = products((*with_prior(rows, design.parameters, prior), *expected))
         trained = [i for i in model.fitted if design.segments[i].role in ("train", "repeat", "operation")]
         length = sum(len(design.segments[i]) for i in trained) / design.bank.rate_hz
         self.training = products(whitened(design, model.noise, trained, extra)) / length  # per second

@@ -315,10 +315,21 @@ def white_noise_model(joints: int) -> NoiseModel:
 
 @dataclass(frozen=True)
 class Extra:
-    """Effect columns added to a design: ``columns[joint][segment]`` at full rate, (N, k), None where they are zero."""
+    """Effect columns added to a design: ``columns[joint][segment]`` at full rate, (N, k), None where they are zero.
+
+    ``expected`` (r, k) are rows of unit noise around zero, of what is known of their parameters before any data.
+    """
 
     names: tuple[str, ...]
     columns: Sequence[Sequence[FloatArray | None]]
+    expected: FloatArray | None = None
+
+    def expected_rows(self, parameters: int) -> tuple[WhiteRows, ...]:
+        """Return what is expected beside so many other ``parameters``, a block of its own; none without."""
+        if self.expected is None:
+            return ()
+        A = np.hstack([np.zeros((len(self.expected), parameters)), self.expected])
+        return (WhiteRows(A, np.zeros(len(A)), ()),)
 
     def beside(
         self, columns: FloatArray, bank: FilterBank, joint: int, index: int, r: FloatArray | None = None

@@ -129,21 +129,21 @@ def inverse_root(G: FloatArray) -> FloatArray:
     return root
 
 
-def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = ()) -> Fit:
-    """Solve least squares on whitened rows (:func:`factor`)."""
-    A = np.vstack([r.A for r in rows])
-    b = np.concatenate([r.b for r in rows])
+def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = (), expected: Sequence[WhiteRows] = ()) -> Fit:
+    """Solve least squares on whitened rows (:func:`factor`), and on those ``expected``, which are no joint's."""
+    A = np.vstack([r.A for r in (*rows, *expected)])
+    b = np.concatenate([r.b for r in (*rows, *expected)])
     found = factor(A, len(extra_names))
     projected = found.Q.T @ b
     told = np.zeros(A.shape[1], dtype=bool)
     told[found.told] = True
     residual = b - found.Q @ projected
-    ends = np.cumsum([len(r.b) for r in rows])[:-1]
+    ends = np.cumsum([len(r.b) for r in rows])
     return Fit(
         theta=found.root @ projected,
         covariance=found.root @ found.root.T,
         told=told,
-        orthonormal=tuple(np.split(found.Q, ends)),
-        residual=tuple(np.split(residual, ends)),
+        orthonormal=tuple(np.split(found.Q, ends)[: len(rows)]),
+        residual=tuple(np.split(residual, ends)[: len(rows)]),
         condition_number=found.condition_number,
     )

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import chain
 from typing import overload
 
 import numpy as np
@@ -53,6 +54,7 @@ def fit_rows(
     prior, late : what else is fitted (:func:`fitting.regression.prior.with_prior`); None for nothing
     """
     names = () if extra is None else extra.names
+    expected = () if extra is None else extra.expected_rows(len(design.parameters))
 
     def closing(prior: Prior | None) -> Closing:
         return lambda rows: rows if prior is None else with_prior(rows, design.parameters, prior, late)
@@ -60,11 +62,11 @@ def fit_rows(
     if not design.stored:
         white = whitened(design, noise, fitted, extra)
         if prior is not None and prior.arm is not None:
-            rows = closing(prior.unsettled())(white)
+            rows = (*closing(prior.unsettled())(white), *expected)
             prior = prior.settled(np.vstack([r.A for r in rows]), np.concatenate([r.b for r in rows]))
-        return _shared(solve(closing(prior)(white), names), design, prior), prior
+        return _shared(solve(closing(prior)(white), names, expected), design, prior), prior
     walk = _Walk(design, noise, tuple(fitted), extra, closing(None if prior is None else prior.unsettled()))
-    R = _folded(walk)
+    R = walk.folded()
     if prior is not None and prior.arm is not None:
         prior = prior.settled(R[:, :-1], R[:, -1])
         R = triangle([R, np.column_stack(prior.arm_rows(R.shape[1] - 1))])
@@ -82,11 +84,7 @@ def folded(
     design: Design, noise: NoiseModel, fitted: Sequence[int], extra: Extra, closing: Closing = lambda rows: rows
 ) -> FloatArray:
     """Compute the triangle of all joints' whitened rows ``[A b]`` over some segments (as :func:`fit_rows`)."""
-    return _folded(_Walk(design, noise, tuple(fitted), extra, closing))
-
-
-def _folded(walk: Iterable[Sequence[WhiteRows]]) -> FloatArray:
-    return triangle(np.vstack([np.column_stack([r.A, r.b]) for r in rows]) for rows in walk)
+    return _Walk(design, noise, tuple(fitted), extra, closing).folded()
 
 
 class _Walk:
@@ -102,6 +100,12 @@ class _Walk:
         for index in self._fitted:
             rows: Sequence[WhiteRows] = whitened(self._design, self._noise, (index,), self._extra)
             yield self._closing(rows) if index == self._fitted[-1] else rows
+
+    def folded(self) -> FloatArray:
+        """Compute the triangle of all rows ``[A b]``, and of what the extra columns' parameters are expected to be."""
+        expected = () if self._extra is None else self._extra.expected_rows(len(self._design.parameters))
+        parts = chain(self, [(rows,) for rows in expected])
+        return triangle(np.vstack([np.column_stack([r.A, r.b]) for r in rows]) for rows in parts)
 
 
 def _long_fit(found: Fit, R: FloatArray, walk: _Walk) -> Fit:

@@ -1,7 +1,8 @@
 """Laws of two measured signals: for what depends on a product, and on neither signal alone.
 
-A surface is a quadratic in each of two signals (nine tensor products of Bernstein polynomials), alone or times the sign
-of the joint's speed. It is only asked for where a law of one signal is about to be said, and has to be clearly better.
+A surface is a polynomial in each of two signals (tensor products of Bernstein's), alone or times the sign of the
+joint's speed. It is only asked for where a law of one signal is about to be said, by quadratics first, and has to be
+clearly better.
 A twist is the product of both alone: one function, so it is seen where nine are not worth their width, and offered
 beside the laws of one signal.
 """
@@ -13,16 +14,16 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy import special
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
-from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, Law
+from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, THROUGH_THE_ARM, Law
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 
 _OWN = ("piston_position", "piston_speed", "piston_acceleration", "cylinder_force")
 _NEIGHBOUR = ("joint_position", "piston_speed")
-_DEGREE = 2
 
 
 @dataclass(frozen=True)
@@ -34,17 +35,19 @@ class Surface(Law):
     second, second_other : the second signal, and the neighbour that has it (None: the joint's own)
     second_range : ends of its range
     twist : True where it is but the product of both signals, each from the middle of its range
+    degree : of its polynomials
     """
 
     second: str = ""
     second_other: int | None = None
     second_range: tuple[float, float] = (0.0, 1.0)
     twist: bool = False
+    degree: int = 2
 
     @property
     def functions(self) -> int:
         """Number of its columns."""
-        return 1 if self.twist else (_DEGREE + 1) ** 2
+        return 1 if self.twist else (self.degree + 1) ** 2
 
     @property
     def signals(self) -> tuple[tuple[str, int | None], ...]:
@@ -62,11 +65,11 @@ class Surface(Law):
         return super().uses_model or self.along.uses_model
 
     def basis(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        """Evaluate its functions (N, 9 or 1) at both signals, constant beyond their ranges."""
+        """Evaluate its functions (N, functions) at both signals, constant beyond their ranges."""
         ends = (self.knots[0], self.knots[-1]), self.second_range
         if self.twist:
             return np.asarray((_share(first, *ends[0]) - 0.5) * (_share(second, *ends[1]) - 0.5))[:, None]
-        u, w = _bernstein(first, *ends[0]), _bernstein(second, *ends[1])
+        u, w = _bernstein(first, *ends[0], self.degree), _bernstein(second, *ends[1], self.degree)
         return np.asarray((u[:, :, None] * w[:, None, :]).reshape(len(u), -1))
 
     def columns(self, view: DriveView) -> FloatArray:
@@ -84,9 +87,9 @@ def _share(values: FloatArray, low: float, high: float) -> FloatArray:
     return np.asarray(np.clip((values - low) / (high - low), 0.0, 1.0))
 
 
-def _bernstein(values: FloatArray, low: float, high: float) -> FloatArray:
-    u = _share(values, low, high)
-    return np.column_stack([(1 - u) ** 2, 2 * u * (1 - u), u**2])
+def _bernstein(values: FloatArray, low: float, high: float, degree: int) -> FloatArray:
+    u, k = _share(values, low, high)[:, None], np.arange(degree + 1)
+    return np.asarray(special.comb(degree, k) * u**k * (1 - u) ** (degree - k))
 
 
 def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surface]:
@@ -97,13 +100,13 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
     views = [model.views[index][joint] for index in model.fitted]
     ranges: dict[tuple[str, int | None], tuple[float, float]] = {}
     for name, other in signals:
-        shown = [v for v in views if v.segment.loaded or other is None]
+        shown = [v for v in views if v.segment.loaded or not _through_the_arm(name, other)]
         got = [OWN[name][1](v) if other is None else NEIGHBOUR[name][1](v, other) for v in shown]
         values = np.concatenate(got or [np.zeros(1)])
         if np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-300):
             ranges[name, other] = (float(values.min()), float(values.max()))
     for (first, other), (second, second_other) in combinations(ranges, 2):
-        loaded_only = other is not None or second_other is not None
+        loaded_only = _through_the_arm(first, other) or _through_the_arm(second, second_other)
         own_force = (OWN_FORCE, None) in ((first, other), (second, second_other))
         for signed in (True,) if own_force else (False, True):
             yield Surface(
@@ -119,6 +122,10 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
             )
 
 
+def _through_the_arm(signal: str, other: int | None) -> bool:
+    return other is not None and signal in THROUGH_THE_ARM
+
+
 def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Score | None:
     """Find the surface that gains most.
 
@@ -132,7 +139,7 @@ def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Sco
     best = max(scores, key=lambda s: s.gain)
     law = best.term.content
     assert isinstance(law, Surface)
-    coefficients = np.reshape(best.values, (_DEGREE + 1, _DEGREE + 1))
+    coefficients = np.reshape(best.values, (law.degree + 1, law.degree + 1))
     along = [float(np.sum((coefficients - coefficients.mean(axis=axis, keepdims=True)) ** 2)) for axis in (0, 1)]
     first, second = law.signals
     if first == alone or (second != alone and along[0] >= along[1]):

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
+from scipy import linalg
 
 from daq.scratch import ScratchArrays
 from fitting.arrays import FloatArray
@@ -32,6 +33,7 @@ class Term:
     rebuilt : values already applied to the signals themselves, per parameter; the fitted value is what is left of it
     resampled : of a delay: its samples were handed on late, interpolated; else what was sampled was late itself
     held : numbers of parameters that are at zero, as they would be beyond what is physically possible
+    expected : of a law: rows (r, k) of unit noise around zero, of what is expected of its parameters
     """
 
     content: Effect | Law
@@ -40,6 +42,7 @@ class Term:
     rebuilt: tuple[float, ...] = ()
     resampled: bool = False
     held: tuple[int, ...] = ()
+    expected: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def id(self) -> str:
@@ -138,7 +141,14 @@ def extra_columns(design: Design, views: Views, terms: Sequence[Term]) -> Extra:
         for kept, own in zip(table, made(index), strict=True):
             if own is not None:
                 kept[index] = own
-    return Extra(names, tuple(_BySegment(kept, len(design.segments)) for kept in table))
+    expected = _expected([term.expected for term in terms], widths)
+    return Extra(names, tuple(_BySegment(kept, len(design.segments)) for kept in table), expected)
+
+
+def _expected(parts: Sequence[FloatArray | None], widths: Sequence[int]) -> FloatArray | None:
+    """Join what is expected of several terms' parameters."""
+    rows = [np.zeros((0, k)) if own is None else own for own, k in zip(parts, widths, strict=True)]
+    return linalg.block_diag(*rows) if any(map(len, rows)) else None
 
 
 class _BySegment(Sequence[FloatArray | None]):
@@ -174,7 +184,8 @@ def beside(parts: Sequence[Extra]) -> Extra:
 
     names = tuple(name for part in parts for name in part.names)
     joints = zip(*(part.columns for part in parts), strict=True)
-    return Extra(names, [[joined(own) for own in zip(*joint, strict=True)] for joint in joints])
+    expected = _expected([part.expected for part in parts], widths)
+    return Extra(names, [[joined(own) for own in zip(*joint, strict=True)] for joint in joints], expected)
 
 
 @dataclass(frozen=True)
@@ -243,10 +254,12 @@ class Model:
         return [(i, slice(end - count, end)) for i, end, count in zip(self.fitted, ends, counts, strict=True)]
 
     def rows(self) -> tuple[WhiteRows, ...]:
-        """Return the whitened rows that this model was fitted on, prior included."""
+        """Return the whitened rows that this model was fitted on, prior included: by joint, then what laws expect."""
         rows = whitened(self.design, self.noise, self.fitted, self.extra)
         late = late_terms(self.terms, self.design.parameters)
-        return rows if self.prior is None else with_prior(rows, self.design.parameters, self.prior, late)
+        if self.prior is not None:
+            rows = with_prior(rows, self.design.parameters, self.prior, late)
+        return (*rows, *self.extra.expected_rows(len(self.design.parameters)))
 
     def values(self, number: int) -> FloatArray:
         """Return parameters of term ``number``, with what was moved into the signals."""

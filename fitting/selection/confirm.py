@@ -10,9 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-
-from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate, worse_joint
 from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut, held_out_gain
@@ -20,13 +17,10 @@ from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.witness import Witness, witness
 from fitting.residual.confirmation.witness import objection as of_the_load
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
-from fitting.residual.laws import Law
 from fitting.residual.null import Null
 from fitting.residual.scoring import Score, white_columns
-from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
-from fitting.selection import priors
-from fitting.selection.evidence import curve_precision, least_gain
+from fitting.selection.evidence import least_gain
 
 
 class Signals(Protocol):
@@ -89,7 +83,7 @@ class Gate:
 
     def asked(self, choice: Score, before: Model, trial: Model) -> Answer:
         """Return the objections to the last term of ``trial``."""
-        held_out, seen = self.judged(before, trial, _expected(choice))
+        held_out, seen = self.judged(before, trial)
         reason = objection(held_out, seen)
         load = _witness(before, choice.term)
         if not reason and isinstance(choice.term.content, Effect) and load is not None:
@@ -120,16 +114,12 @@ class Gate:
             self._last = model, term, plain, self._signals.rebuilt(plain)
         return self._last[3]
 
-    def judged(
-        self, before: Model, trial: Model, precision: FloatArray | None = None
-    ) -> tuple[HeldOut, OnValidate | None]:
-        """Compute the gains of a trial's last term on held-out blocks and on the validation motion.
-
-        ``precision`` (k, k) is of what is expected of its parameters before any data.
-        """
+    def judged(self, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None]:
+        """Compute the gains of a trial's last term on held-out blocks and on the validation motion."""
         # A column of what was moved holds what is left of it: the signals before tell more.
         plain = self._last[2] if self._last is not None and trial is self._last[3] else trial
-        held_out = held_out_gain(before.rows(), plain.rows(), trial.design.bank.reduced_rate_hz, precision)
+        expected = trial.terms[-1].expected is not None
+        held_out = held_out_gain(before.rows(), plain.rows(), trial.design.bank.reduced_rate_hz, expected)
         mirrored = self._signals.mirrored(before, trial) if trial.terms[-1].rebuilt else None
         held_out = replace(held_out, inflation=_inflation(before, plain, trial))
         if not self._validate:
@@ -188,18 +178,6 @@ def silence(validate: OnValidate | None) -> str:
 def too_faint(choice: Score, held_out: HeldOut) -> bool:
     """Return whether a gain is insignificant against the noise of just the rows that show it."""
     return choice.gain / held_out.inflation <= least_gain(choice.live)
-
-
-def _expected(choice: Score) -> FloatArray | None:
-    """Return the prior precision of a law's coefficients; None for what is no curve.
-
-    The same curves are expected where a block is left out as where the law was chosen.
-    """
-    law = choice.term.content
-    if not isinstance(law, Law) or isinstance(law, Surface):
-        return None
-    sizes = priors.amplitudes(float(np.sqrt(max(choice.gain, 0.0))))
-    return curve_precision(choice.information, choice.information @ np.asarray(choice.values), priors.LENGTHS, sizes)
 
 
 def _driving(term: Term, before: Model, trial: Model) -> str:

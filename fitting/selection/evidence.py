@@ -117,10 +117,10 @@ def curve_evidence(gram: FloatArray, products: FloatArray, roots: FloatArray, am
     return np.asarray(0.5 * np.sum(scale * turned**2 / spread - np.log(spread), axis=-1))
 
 
-def curve_precision(
+def expected_curve(
     gram: FloatArray, products: FloatArray, lengths: tuple[float, ...], amplitudes: FloatArray
 ) -> FloatArray:
-    """Compute a spline's inverse prior covariance (n, n) at the most probable length and amplitude.
+    """Compute a spline's prior at the most probable length and amplitude: rows (n, n) of unit noise around zero.
 
     Parameters
     ----------
@@ -132,20 +132,22 @@ def curve_precision(
     length, size = np.unravel_index(int(np.argmax(values)), values.shape)
     root = roots[length]
     seen = max(float(np.trace(root.T @ gram @ root)), 1e-300)
-    return np.asarray(np.linalg.pinv(root @ root.T, hermitian=True) * seen / float(amplitudes[size]) ** 2)
+    spread, vectors = np.linalg.eigh(root @ root.T)
+    std = np.sqrt(np.maximum(spread, ROUNDING * spread[-1])) * float(amplitudes[size]) / np.sqrt(seen)
+    return np.asarray((vectors / std).T)
 
 
 def with_curve(model: Local, columns: FloatArray) -> tuple[Local, FloatArray]:
     """Add a smooth curve's ``columns`` (M, n) to a model, and return all parameters' moves (p + n,).
 
-    The curve's prior is that of :func:`curve_precision`, in the noise that it leaves.
+    The curve's prior is that of :func:`expected_curve`, in the noise that it leaves.
     """
     r, whole, noise = model.residual, np.hstack([model.columns, columns]), model.noise
     free = columns - model.columns @ np.linalg.solve(model.known, model.columns.T @ columns)
     for _ in range(2):
         sizes = priors.amplitudes(float(np.sqrt(r @ r / noise)))
-        curve = curve_precision(columns.T @ free / noise, free.T @ r / noise, priors.LENGTHS, sizes)
-        precision = linalg.block_diag(model.precision, noise * curve)
+        curve = expected_curve(columns.T @ free / noise, free.T @ r / noise, priors.LENGTHS, sizes)
+        precision = linalg.block_diag(model.precision, noise * curve.T @ curve)
         values = np.asarray(np.linalg.solve(whole.T @ whole + precision, whole.T @ r))
         rest = r - whole @ values
         noise = max(float(rest @ rest) / model.rows, 1e-30)

@@ -17,7 +17,15 @@ from fitting.residual.simple_formulas import simple_curves
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.evidence import curve_evidence, curve_roots, formula_gains, log_mean, log_sum, named_evidence
+from fitting.selection.evidence import (
+    curve_evidence,
+    curve_roots,
+    expected_curve,
+    formula_gains,
+    log_mean,
+    log_sum,
+    named_evidence,
+)
 from fitting.selection.gains import Sizes
 from fitting.selection.rated import Rated
 from fitting.selection.trust import Trust
@@ -25,6 +33,8 @@ from fitting.signals.splines import spline_knots
 
 #: Basis functions that a law may have in the end: as many as its curve takes.
 RESOLUTIONS = (4, 6, 8, 12, 16, 24, 32)
+#: Degrees that a surface of two signals may have.
+DEGREES = (2, 3, 4, 5)
 
 
 class RatedLaws:
@@ -124,19 +134,25 @@ def _either(curve: FloatArray, formula: FloatArray) -> FloatArray:
 
 
 def resolved(model: Model, score: Score) -> Score:
-    """Return the law with the most probable number of basis functions: narrow bumps need many."""
+    """Return the law with the most probable number of basis functions, as narrow bumps need many; a curve as smooth
+    as is most probable."""
     law = score.term.content
     assert isinstance(law, Law)
+    contents: list[Law]
     if isinstance(law, Surface):
-        return score
-    values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
-    terms = [
-        replace(score.term, content=replace(law, knots=tuple(spline_knots(values, count).tolist())))
-        for count in RESOLUTIONS
-    ]
-    trials = score_terms(model, terms, [1] * len(terms))
+        contents = [law] if law.twist else [replace(law, degree=degree) for degree in DEGREES]
+    else:
+        values = np.concatenate([law.values(model.views[index][score.term.joint or 0]) for index in model.fitted])
+        contents = [replace(law, knots=tuple(spline_knots(values, count).tolist())) for count in RESOLUTIONS]
+    terms = [replace(score.term, content=content) for content in contents]
+    trials = score_terms(model, terms, [score.grid] * len(terms))
     if not trials:
         return score
     gain, live = np.array([s.gain for s in trials]), np.array([float(s.live) for s in trials])
     shown = np.sqrt(np.maximum(gain.max(), 9.0))
-    return trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]
+    best = trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]
+    if isinstance(law, Surface):
+        return best
+    products, sizes = best.information @ np.asarray(best.values), priors.amplitudes(float(np.sqrt(best.gain)))
+    expected = expected_curve(best.information, products, priors.LENGTHS, sizes)
+    return replace(best, term=replace(best.term, expected=expected))

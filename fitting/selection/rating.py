@@ -48,7 +48,6 @@ class Rating:
     ) -> None:
         self._visible, self._settled = visible, settled
         self._inflations: dict[int, float] = {}
-        self._unknown = 1
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
@@ -60,8 +59,10 @@ class Rating:
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
 
-    def rated(self, scores: Mapping[int, Score]) -> list[Rated]:
-        """Rate all explanations of finite evidence, best first; ``scores`` as of :meth:`Candidates.scores`."""
+    def rated(self, scores: Mapping[int, Score], surfaces: Sequence[Score] = ()) -> list[Rated]:
+        """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
+        ``surfaces``, which are no candidates.
+        """
         names: dict[Family, list[int]] = {}
         laws: dict[int, list[int]] = {}
         for number, score in scores.items():
@@ -73,37 +74,41 @@ class Rating:
             else:
                 names.setdefault(family(term), []).append(number)
         self._trust.weigh(names.values(), laws.values(), scores)
-        rated = self._explanations(names, laws, scores)
+        self._inflations = {}
+        rated = self._explanations(names, laws, scores, surfaces)
         if self._settled:
-            numbers = {score.term.label: n for n, score in scores.items()}
-            heads: dict[int, tuple[int, Score]] = {}
+            heads: dict[int, Score] = {}
             for r in rated:
                 if r.term.joint is not None and not r.term.everywhere and r.score.gain > priors.SMALLEST**2:
-                    heads.setdefault(r.term.joint, (numbers[r.term.label], r.score))
+                    heads.setdefault(r.term.joint, r.score)
             self._inflations = self._trust.inflations(heads)
             self._trust.divide(self._inflations, scores)
-            rated = self._explanations(names, laws, scores)
+            rated = self._explanations(names, laws, scores, surfaces)
         return rated
 
     def _explanations(
-        self, names: Mapping[Family, Sequence[int]], laws: Mapping[int, Sequence[int]], scores: Mapping[int, Score]
+        self,
+        names: Mapping[Family, Sequence[int]],
+        laws: Mapping[int, Sequence[int]],
+        scores: Mapping[int, Score],
+        surfaces: Sequence[Score],
     ) -> list[Rated]:
         """Rate all explanations with the present shares of their gains."""
         catalogued = sum(f[0] != "law" for f in names)
-        self._unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
+        unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
-        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / self._unknown))
+        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / unknown))
         result = self._names.of_families(names, scores, each, law_each)
         covered = self._covered(names, scores)
         for joint, own in laws.items():
             result += self._laws.of_joint(joint, own, scores, law_each, covered)
-        return by_formula(_against_leftovers(result))
+        result = _against_leftovers(result)
+        return by_formula([*result, *(self._surface(score, law_each, result) for score in surfaces)])
 
-    def of_surface(self, score: Score, rated: Sequence[Rated]) -> Rated:
-        """Rate a surface, no candidate of its own, beside those that were rated."""
+    def _surface(self, score: Score, prior: float, rated: Sequence[Rated]) -> Rated:
+        """Rate a surface beside the laws that were rated, each of log prior odds ``prior``."""
         joint = score.term.joint or 0
         laws = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Law)]
-        prior = float(np.log(priors.UNKNOWN / priors.NOTHING / self._unknown))
         against = laws[0].against if laws else 0.0
         return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
 

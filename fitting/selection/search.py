@@ -164,8 +164,9 @@ class Search:
         self.scored = scored
         return best
 
-    def _rated(self, model: Model, drawing: bool = True) -> list[Rated]:
-        """Rate all candidates beside a model, the noisy regressors' bias taken off contenders, if drawing.
+    def _rated(self, model: Model, drawing: bool = True, there: Score | None = None) -> list[Rated]:
+        """Rate all candidates beside a model, the noisy regressors' bias taken off contenders, if drawing; and what was
+        ``there`` where it is a surface, which is none.
 
         Scores of the last model are kept: after a rejection only the odds against leftovers change.
         """
@@ -173,15 +174,17 @@ class Search:
             self.scored = self._scores_beside(model)
         scores, drawn = self.scored.scores, self.scored.drawn
         self.rating = Rating(self.candidates, model, self._visible(model), self._failed(), settled=self.settled)
-        rated = self.rating.rated(scores)
-        number = {score.term.label: n for n, score in scores.items()}
+        surface = there is not None and isinstance(there.term.content, Surface) and not there.term.content.twist
+        surfaces = score_terms(model, [there.term], [there.grid]) if surface and there is not None else []
+        rated = self.rating.rated(scores, surfaces)
+        number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
         drawing = drawing and self.draws.wanted
-        while drawing and (chosen := [r for r in _contending(rated) if r.term.label not in drawn]):
+        while drawing and (chosen := [r for r in _contending(rated) if r.term.label in number.keys() - drawn]):
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
-            rated = self.rating.rated(scores)
+            rated = self.rating.rated(scores, surfaces)
         return rated
 
     def _scores_beside(self, model: Model) -> _Scored:
@@ -315,6 +318,7 @@ class Search:
         found = best_surface(self.model, law.term.joint, score.term.content.signals[0])
         if found is None:
             return law
+        found = resolved(self.model, found)
         one, two = (
             float(named_evidence(np.array([s.gain]), np.array([float(s.live)]), np.array([np.sqrt(s.gain)]))[0, 0])
             for s in (law, found)
@@ -376,18 +380,13 @@ class Search:
         known = next((m for m in (self.base, self.before.model) if m.terms == tuple(rest)), None)
         model = self.signals.refit(rest) if known is None else known
         all_, self.accepted = self.accepted, others
-        rated = self._beside(self._rated(model), rest)
-        own, content = family(item.score.term), item.score.term.content
-        if isinstance(content, Surface) and not content.twist:
-            scores = score_terms(model, [item.score.term], [item.score.grid])
-            rated = [*rated, *(self.rating.of_surface(score, rated) for score in scores)]
-        rated = self._at_best_shapes(rated)
-        slot = Slot.of(item, rated)
+        rated = self._at_best_shapes(self._beside(self._rated(model, there=item.score), rest))
+        slot, own = Slot.of(item, rated), family(item.score.term)
         self.accepted = all_
-        named = isinstance(content, Effect)
+        named = isinstance(item.score.term.content, Effect)
         choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.SAID else None
         instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
-        if final or (choice is not None and (family(choice.term) == own or instead in self.held)):
+        if final or instead in self.held or (choice is not None and family(choice.term) == own):
             return slot
         self.held.add(instead)
         self.accepted, self.model = others, model

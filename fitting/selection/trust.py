@@ -50,11 +50,11 @@ class Trust:
         self._share_scatter(known, scores)
         self._share_bias(known, others, scores)
 
-    def inflations(self, heads: Mapping[int, tuple[int, Score]]) -> dict[int, float]:
-        """Compute the noise inflation, by joint, of the rows that show the most probable there: number and score."""
+    def inflations(self, heads: Mapping[int, Score]) -> dict[int, float]:
+        """Compute the noise inflation, by joint, of the rows that show the most probable there."""
         result = {}
-        for joint, (number, score) in heads.items():
-            shown = self._candidates.shown(self._model, number, score.values)
+        for joint, score in heads.items():
+            shown = Candidates(self._model, [score.term], [1]).shown(self._model, 0, score.values)
             result[joint] = Leftover.of(self._model, shown).inflation(shown)
         return result
 

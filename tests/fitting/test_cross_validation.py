@@ -22,7 +22,11 @@ RATE = 8.0
 def gain_of(rows: list[WhiteRows], candidate: int, precision: np.ndarray | None = None) -> HeldOut:
     """What left-out blocks say of the last columns, beside the same model without them."""
     before = [WhiteRows(r.A[:, :-candidate], r.b, r.sections) for r in rows]
-    return held_out_gain(before, rows, RATE, precision)
+    if precision is None:
+        return held_out_gain(before, rows, RATE)
+    known = np.zeros((candidate, rows[0].A.shape[1]))
+    known[:, -candidate:] = np.linalg.cholesky(precision).T
+    return held_out_gain(before, [*rows, WhiteRows(known, np.zeros(candidate), ())], RATE, True)
 
 
 def rows_of(seed: int, size: float, joints: int = 2, length: int = 700) -> list[WhiteRows]:

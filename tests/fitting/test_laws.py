@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -26,7 +27,11 @@ from synthetic_arm import (
 from fitting.effects.base import DriveView
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
+from fitting.regression.design import Design
+from fitting.regression.solving import solve
+from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import OWN, Law, Way, laws
+from fitting.residual.terms import Term, fit_model
 from fitting.signals.corrections import Corrections
 
 
@@ -117,3 +122,38 @@ def test_a_valve_that_a_neighbours_pressure_opens_is_said_as_a_law_of_that_press
 def test_friction_that_settles_after_a_reversal_is_said_as_its_law() -> None:
     law = only_law(lambda motion: -25.0 * np.expm1(-ages(motion.v[:, 1]) / 1.5) * np.sign(motion.v[:, 1]))
     assert law.signal == "time_since_reversal" and law.signed
+
+
+@pytest.mark.slow
+def test_a_law_is_fitted_as_smooth_as_its_evidence_expects(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no row tells a curve its coefficients are those between their neighbours, and nothing else changes."""
+    machine, arm = planar_machine(2), truth(2)
+    added = []
+    for role, seed in USUAL:
+        motion = make_motion(machine, role, seed, 60.0)
+        extra = np.zeros_like(force(machine, arm, motion))
+        extra[:, 1] = 900.0 * (motion.x[:, 1] - 0.15)
+        added.append(extra)
+    session = make_session(machine, arm, added=added, seconds=60.0, options=Options(bootstrap=0))
+    model = session.base_model
+    (law,) = (own for own in laws(model.views, 1, model.fitted) if own.signal == "time" and not own.signed)
+    # Twice as long as the recordings: no row reaches its second half.
+    knots = np.linspace(law.knots[0], 2.0 * law.knots[-1], len(law.knots) - 6)
+    wide = replace(law, knots=(*[knots[0]] * 3, *knots.tolist(), *[knots[-1]] * 3))
+    rows = np.diff(np.eye(wide.functions), n=2, axis=0)
+    free, smooth = (
+        fit_model(model.design, model.noise, model.fitted, [Term(wide, 1, expected=own)], session.prior)
+        for own in (None, rows)
+    )
+    part = smooth.term_slice(0)
+    assert not free.fit.told[part].all() and smooth.fit.told[part].all()
+    values = smooth.fit.theta[part]
+    assert np.diff(values, n=2)[-4:] == pytest.approx(0.0, abs=1e-6 * np.abs(values).max())
+    assert [len(own) for own in smooth.fit.residual] == [len(own) for own in model.fit.residual]
+    assert len(smooth.rows()) == 3, "what is expected of a law is a block of its own"
+    solved = solve(smooth.rows())
+    assert solved.theta == pytest.approx(smooth.fit.theta, rel=1e-6, abs=1e-6 * np.abs(values).max())
+    monkeypatch.setattr(Design, "stored", True)
+    long = fit_rows(model.design, model.noise, model.fitted, smooth.extra, session.prior)[0]
+    assert long.theta == pytest.approx(smooth.fit.theta, rel=1e-5, abs=1e-5 * np.abs(values).max())
+    assert [len(own) for own in long.orthonormal] == [len(own) for own in long.residual]

@@ -19,6 +19,7 @@ from fitting.residual.scoring import score_terms
 from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
+from fitting.selection.rated_laws import resolved
 from fitting.signals.corrections import Corrections
 
 MACHINE, ARM = planar_machine(3), truth(3)
@@ -26,13 +27,13 @@ TWIST, MIDDLE = 400.0, 0.0  # N/rad^2, rad
 RECORDINGS = (("unloaded", 1), ("train", 2), ("train", 4), ("repeat", 2), ("validate", 3))
 
 
-def session_with(force: object) -> Session:
-    """Recordings with ``force(segment)`` (N,) on top of joint 1's drive effort, where the arm is loaded."""
+def session_with(force: object, unloaded: bool = False) -> Session:
+    """Recordings with ``force(segment)`` (N,) on top of joint 1's drive effort, where the arm is loaded or always."""
     design, _ = exact_views(MACHINE, ARM, recordings=RECORDINGS)
     added = []
     for segment in design.segments:
         extra = np.zeros_like(segment.q)
-        if segment.loaded:
+        if segment.loaded or unloaded:
             extra[:, 0] = force(segment)  # type: ignore[operator]
         added.append(extra)
     return make_session(MACHINE, ARM, RECORDINGS, added=added)
@@ -114,8 +115,9 @@ def test_a_law_of_one_signal_stays_one() -> None:
     assert law.signal == "piston_position"
 
 
-def test_its_functions_are_a_partition_of_one_and_exact_for_products() -> None:
-    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "", "joint_position", 2, (0.0, 4.0))
+@pytest.mark.parametrize("degree", [2, 3, 5])
+def test_its_functions_are_a_partition_of_one_and_exact_for_products(degree: int) -> None:
+    law = Surface("joint_position", 1, True, True, (-1.0, 2.0), "", "joint_position", 2, (0.0, 4.0), degree=degree)
     rng = np.random.default_rng(0)
     u, w = rng.uniform(-1, 2, 200), rng.uniform(0, 4, 200)
     basis = law.basis(u, w)
@@ -140,6 +142,31 @@ def test_it_is_stored_and_read_back() -> None:
     assert term_from_json(term_to_json(one)) == one
     valve = replace(one, content=replace(one.content, only="negative"))
     assert term_from_json(term_to_json(valve)) == valve
+
+
+@pytest.mark.slow
+def test_oil_and_hoses_of_neighbours_act_with_the_arm_off_and_their_poses_do_not() -> None:
+    through = {law.loaded_only: set[str]() for law in surfaces(session_with(product).base_model, 0)}
+    for law in surfaces(session_with(product).base_model, 0):
+        through[law.loaded_only] |= {f"{name}{'' if other is None else ' of another'}" for name, other in law.signals}
+    assert "piston_speed of another" in through[False] and "joint_position of another" not in through[False]
+
+
+@pytest.mark.slow
+def test_a_bend_along_a_sum_of_signals_takes_a_higher_degree() -> None:
+    """The loss of a gallery that two cylinders share, ``s |s|`` of both flows."""
+
+    def loss(segment: object) -> np.ndarray:
+        flow = segment.v[:, 0] + 0.8 * segment.v[:, 1]  # type: ignore[attr-defined]
+        return np.asarray(2e4 * flow * np.abs(flow))
+
+    model = session_with(loss, unloaded=True).base_model
+    quadratic = best_surface(model, 0, ("piston_speed", 1))
+    assert quadratic is not None
+    found = resolved(model, quadratic)
+    assert isinstance(found.term.content, Surface) and found.term.content.degree > 2
+    assert found.term.content.signals == (("piston_speed", 1), ("piston_speed", None))
+    assert found.gain - quadratic.gain > least_gain(found.live) and found.grid == quadratic.grid
 
 
 @pytest.mark.slow

@@ -62,7 +62,7 @@ class HeldOut:
 
 
 def held_out_gain(
-    before: Sequence[WhiteRows], after: Sequence[WhiteRows], rate_hz: float, precision: FloatArray | None = None
+    before: Sequence[WhiteRows], after: Sequence[WhiteRows], rate_hz: float, expected: bool = False
 ) -> HeldOut:
     """Compute the held-out gain of the last columns of a model beside the model without them.
 
@@ -71,19 +71,16 @@ def held_out_gain(
     Parameters
     ----------
     before, after : whitened rows of every joint without and with the candidate, whose ``k`` columns are the last ones
-        (a prior's rows at the end of a joint are always fitted)
+        (a prior's rows, at the end of a joint or in a block of their own, are always fitted)
     rate_hz : rate of the rows
-    precision : (k, k) of what is expected of its parameters before any data, around zero (a curve is
-        smooth); None: sizes in any direction of what is seen of them, as large as all rows say
+    expected : True where ``after`` has rows of what is expected of its parameters (a curve is smooth); else
+        these are in any direction of what is seen of them, as large as all rows say
     """
     candidate = after[0].A.shape[1] - before[0].A.shape[1]
-    A, b = unit_columns(after)
-    sizes = np.linalg.norm(np.vstack([r.A[:, -candidate:] for r in after]), axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)  # a column that no row shows stays zero
-    expected = np.zeros((A.shape[1], A.shape[1]))
-    own = slice(A.shape[1] - candidate, None)
-    expected[own, own] = _as_seen(A, b, candidate) if precision is None else precision / np.outer(sizes, sizes)
-    folds = zip(_densities(before, rate_hz), _densities(after, rate_hz, expected), strict=True)
+    precision = np.zeros((after[0].A.shape[1],) * 2)
+    if not expected:
+        precision[-candidate:, -candidate:] = _as_seen(*unit_columns(after), candidate)
+    folds = zip(_densities(before, rate_hz), _densities(after, rate_hz, precision), strict=True)
     values = np.array([2.0 * (with_it - without) for without, with_it in folds])
     if len(values) < 2:
         return HeldOut(0.0, 0.0, len(values), 0.0)

@@ -55,7 +55,7 @@ def with_doubts(model: Model) -> Model:
     """
     if model.design.stored:
         return model
-    rows = model.rows()
+    rows = model.rows()[: len(model.fit.residual)]  # by joint: the covariance knows already what laws expect
     covariance = _with_shapes(model, rows)
     hidden = law_variances(model, rows)
     freedom = degrees_of_freedom(rows, model.fit.covariance, model.noise, model.design)
