@@ -36,7 +36,7 @@ from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.faults.fault_runner import begin, end
-from sim_backends.plant.plant_process import AHEAD
+from sim_backends.plant.plant_process import BLOCK
 
 SEED = 11
 WARM_UP_S = 7.0  # frozen values are detected by what is normal, and that takes five seconds to learn
@@ -299,7 +299,7 @@ def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
     """
     plant = Plant(machine, truth, rng=np.random.default_rng(SEED))
-    blocks = [plant.advance(1), *(plant.advance(AHEAD) for _ in range(-(-periods // AHEAD)))]
+    blocks = [plant.advance(1), *(plant.advance(BLOCK) for _ in range(-(-periods // BLOCK)))]
     return np.asarray(np.concatenate(blocks))
 
 

@@ -126,7 +126,7 @@ def findings_of(examined: Examined) -> Findings:
     base = dict(zip(parameters.base.expressions, parameters.base.names, strict=True))
     values = {
         base.get(name, name): (float(value), float(std))
-        for name, value, std, determined in zip(parameters.names, fit.theta, fit.std, fit.told, strict=False)
+        for name, value, std, determined in zip(parameters.names, fit.theta, fit.std, fit.determined, strict=False)
         if determined
     }
     return Findings(tuple(sets), tuple(laws), values, _stated(found, findings, names), *_beyond(found, names))

@@ -91,7 +91,7 @@ def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:
         for band in BANDS:
             session = Session(machine, own, Options(loop=False, bandwidth_hz=band))
             try:
-                base, design = session.handed_base, session.plain.design
+                base, design = session.weighted_base, session.plain.design
             except RecordingError:
                 refused.append(f"{name} at {band:g} Hz: no stretch is as long as the filter")
                 continue

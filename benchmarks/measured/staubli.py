@@ -164,7 +164,7 @@ def session_of(path: Path) -> Session:
 def base_errors(session: Session) -> tuple[int, Errors]:
     """Count the parameters that the recording determines; return the base model's errors."""
     model = refitted(session, ())
-    return int(np.count_nonzero(model.fit.told)), _errors(model)
+    return int(np.count_nonzero(model.fit.determined)), _errors(model)
 
 
 def evaluate(data: Path, directory: Path) -> Staubli:

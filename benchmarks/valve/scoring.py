@@ -227,7 +227,7 @@ def followed(folder: Path, key: ValveKey, answer: Answer) -> dict[str, Any]:
     path = next(p.path for p in working_motion(guesses, rng, SECONDS, CALM) if isinstance(p, Follow))
     linear, late = linear_inverse(guesses), np.array([axis.delay[0] + HALF_A_CYCLE for axis in answer.axes.values()])
     ways = {
-        "feedback": Control(linear, ahead=False),
+        "feedback": Control(linear, feedforward=False),
         "linear": Control(linear),
         "inverse": Control(inverse_of(answer)),
         "preview": Control(inverse_of(answer), preview=late),
