@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.commands.saying import BENCHMARKS
+from benchmarks.commands.benchmark import BENCHMARKS
 from daq.console import print_json
 
 #: Modules whose commands there are, in the order of the list.
-for _module in ("loop", "identification", "valve", "export", "acquisition", "service"):
+for _module in ("loop", "model", "service"):
     import_module(f"benchmarks.commands.{_module}_commands")
 
 

@@ -62,13 +62,7 @@ def beside_readme(report: Mapping[str, Any]) -> float:
 
 
 def demonstration(seed: int = USUAL[0], seconds: float = USUAL[1]) -> Outcome:
-    """Run the demo into a temporary directory.
-
-    Parameters
-    ----------
-    seed : of the plant's noise and of the motions
-    seconds : length of each recording in machine time
-    """
+    """Run the demo into a temporary directory."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="hilfit-demo-") as name:
         output = Path(name)

@@ -26,14 +26,7 @@ _BACK_PRESSURE = 7.0e5  # Pa: what the simulated valves keep in a chamber that e
 
 
 def run(arms: tuple[Arm, ...] = ARMS, seed: int = 0, long_runs: int = 20, show: Show = silent) -> Outcome:
-    """Design a motion for one arm of each kind, and its yardstick.
-
-    Parameters
-    ----------
-    seed : of the arms and of the search
-    long_runs : how many long runs make the yardstick
-    show : gets a line per arm as it is done
-    """
+    """Design a motion for one arm of each kind, and its yardstick."""
     found = []
     for arm in arms:
         seconds, condition, best, kept = measure(arm, seed, long_runs)

@@ -1,7 +1,7 @@
 """The picture on the first screen of README and site: what one joint's model leaves, before and after the loop.
 
 ``python -m benchmarks.picture docs/_static/before-after.png`` (``make picture``): the arm of the demonstration,
-offline, with friction that depends on the piston position at joint 2, which no file says.
+offline, with friction that depends on the piston position at joint 2, which no file declares.
 """
 
 from __future__ import annotations

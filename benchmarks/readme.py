@@ -1,6 +1,6 @@
 """The results of the demonstrations in README.md, as the commands print them.
 
-``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they say there.
+``make readme`` runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary folders and puts what they print there.
 ``hilfit bench demo`` runs the first again and compares the numbers, a test words and numbers.
 """
 
@@ -49,12 +49,12 @@ def numbers(result: str) -> list[float]:
 
 def main() -> None:
     """Run the demonstrations and write their results into README.md."""
-    for more, block, said in (([], _BLOCK, said_by_the_demo), (["--valve"], _VALVES, said_of_valves)):
+    for more, block, extract in (([], _BLOCK, said_by_the_demo), (["--valve"], _VALVES, said_of_valves)):
         with TemporaryDirectory(prefix="hilfit-readme-") as folder:
             command = [sys.executable, "-m", "server.commands.command_line", "demo", *more]
             environment = {**os.environ, "COLUMNS": "80"}
             done = subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True, env=environment)
-        result = said(done.stdout)
+        result = extract(done.stdout)
         text = README.read_text(encoding="utf-8")
         README.write_text(block.sub(lambda _, result=result: result, text), encoding="utf-8")  # type: ignore[misc]
         print(result, end="")

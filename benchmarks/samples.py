@@ -1,4 +1,4 @@
-"""The sample recordings: what the identification says of each, beside what the plant really was.
+"""The sample recordings: what the identification finds in each, beside what the plant really was.
 
 A directory holds one folder per case (machine file, five recordings, ``truth.yaml``); by default ``../shared/samples``
 beside the repository. The plant behind them shares no code with this project. Targets:
@@ -56,7 +56,7 @@ def samples(directory: Path = SAMPLES, only: str | None = None, show: Show = sil
         report = identify_case(place)
         seconds = time.process_time() - started
         truth = yaml.safe_load((place / "truth.yaml").read_text(encoding="utf-8"))
-        show(f"{case}: {said(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
+        show(f"{case}: {findings_text(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
         found += [*checks(case, report, truth), *of_sizes(case, report, truth), *complete(case, report)]
     return Outcome(tuple(found))
 
@@ -91,7 +91,7 @@ def named(report: Mapping[str, Any]) -> list[list[tuple[str, str | None]]]:
     return [[(own["id"], own["joint"]) for own in (effect, *effect["indistinguishable_from"])] for effect in effects]
 
 
-def said(report: Report) -> str:
+def findings_text(report: Report) -> str:
     """Describe verdict, effects with their sets, and laws."""
     loop = report["loop"]
     parts = [loop["verdict"]]
@@ -100,14 +100,11 @@ def said(report: Report) -> str:
     return "; ".join(parts)
 
 
-def true_effects(truth: dict[str, Any]) -> list[tuple[str | None, str | None]]:
-    """List the plant's effects, as (id, joint); the id is None for what is in no catalogue."""
-    return [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
-
-
 def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     """Check what has to be so of one case."""
-    loop, true, sets = report["loop"], true_effects(truth), named(report)
+    loop, sets = report["loop"], named(report)
+    # The id is None for what is in no catalogue.
+    true = [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
     before, after = (over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
     if not true:
@@ -126,14 +123,11 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
         joint = str(truth["effects"][0]["joint"])
         laws = {(law["joint"], law["variable"]) for law in loop["unexplained"]}
         fits = not sets and bool(laws) and all(j == joint for j, _ in laws) and (joint, "piston_position") in laws
-        yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, said(report))
+        yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, findings_text(report))
         return
     right = len(sets) == 1 and true[0] in sets[0] and len(sets[0]) <= (1 if case in ALONE else 3)
-    yield fact(
-        f"{case}: named, {'alone' if case in ALONE else 'alone or in a set of three'}",
-        right and not loop["unexplained"],
-        said(report),
-    )
+    how = "alone" if case in ALONE else "alone or in a set of three"
+    yield fact(f"{case}: named, {how}", right and not loop["unexplained"], findings_text(report))
     if true[0][1] is not None:
         before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
         shown = f"{before:.2f} before, {after:.2f} after"
@@ -149,13 +143,13 @@ def complete(case: str, report: Report) -> Iterator[Check]:
             for e in report["errors"].values()
         )
         yield figure(f"{case}: worst joint, after over before", worst, "{:.3f}", most=1.0)
-    told = all(c["reason"] for c in loop["candidates"]) and all(e["smallest"] > 0 for e in loop["detection_limits"])
-    told = told and bool(loop["candidates"]) and bool(loop["detection_limits"])
+    whole = all(c["reason"] for c in loop["candidates"]) and all(e["smallest"] > 0 for e in loop["detection_limits"])
+    whole = whole and bool(loop["candidates"]) and bool(loop["detection_limits"])
     counts = f"{len(loop['candidates'])} candidates, {len(loop['detection_limits'])} limits"
-    yield fact(f"{case}: candidates have reasons, limits have sizes", told, counts)
+    yield fact(f"{case}: candidates have reasons, limits have sizes", whole, counts)
     if loop["verdict"] == "ambiguous":
         experiment = loop["next_experiment"]
-        yield fact(f"{case}: an experiment separates the set", bool(experiment["separates"]), said(report))
+        yield fact(f"{case}: an experiment separates the set", bool(experiment["separates"]), findings_text(report))
 
 
 def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
@@ -168,7 +162,7 @@ def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check
             left = joint["after"]["validate"] / joint["before"]["validate"]
             yield figure(f"{case}: error left at {effect['joint']}", left, "{:.2f}", most=0.4)
         if effect["id"] == "base_tilt":
-            # To first order in an angle of two degrees; which way it leans is not told.
+            # To first order in an angle of two degrees; its direction is not known.
             angle = float(np.hypot(own["tilt_1"]["value"], own["tilt_2"]["value"]))
             off = 100 * abs(angle / size - 1)
             yield figure(f"{case}: angle of the base", off, "{:g} %", most=20.0, shown=f"{off:.1f} % off")

@@ -19,15 +19,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks.attribution.judging import recordings_of
+from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, rate, silent
-from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Residual, RigidBody, StageResults
 from fitting.pipeline.stage_names import quiet
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
-from fitting.regression.design import Design
-from sim_backends.plant.cases import Case, simulate_case
+from sim_backends.plant.cases import simulate_case
 from sim_backends.plant.truth import SensorQuality
 
 #: What is compared, and what the comparison of a report calls it.
@@ -41,21 +40,9 @@ KINDS = ("m", "K", "f_c", "f_v", "f_s", "base")
 
 
 def stages(
-    count: int,
-    seed: int = 0,
-    arms: tuple[Arm, ...] = ARMS,
-    encoder_std: float | None = None,
-    show: Show = silent,
+    count: int, seed: int = 0, arms: tuple[Arm, ...] = ARMS, encoder_std: float | None = None, show: Show = silent
 ) -> Outcome:
-    """Run ``count`` arms of each kind.
-
-    Parameters
-    ----------
-    count, seed : seeds are ``seed``, ``seed + 1``, ...
-    arms : which kinds
-    encoder_std : noise of both position sensors, rad and m, instead of good ones'
-    show : takes a line per arm
-    """
+    """Run ``count`` arms of each kind."""
     quality = SensorQuality()
     if encoder_std is not None:
         quality = replace(quality, encoder_std=encoder_std, piston_std=encoder_std)
@@ -68,12 +55,11 @@ def stages(
             case = simulate_case(arm, number, (), quality)
             session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
             design, fit = session.plain.design, session.base_model.fit
-            truth = truth_vector(case, design)
+            truth = truth_vector(case.machine, case.truth, design)
             compared, results = compare_ways(session)
             rigid = results[RigidBody]
-            for way, estimate in zip(
-                WAYS, (rigid.two_stage, rigid.one_shot, rigid.one_shot_with_unloaded, fit), strict=True
-            ):
+            estimates = (rigid.two_stage, rigid.one_shot, rigid.one_shot_with_unloaded, fit)
+            for way, estimate in zip(WAYS, estimates, strict=True):
                 assert estimate is not None
                 conditions[way].append(compared["contenders"][WAYS[way]]["condition_number"])
                 held_out[way].append(compared["contenders"][WAYS[way]]["overall"])
@@ -83,23 +69,8 @@ def stages(
             for name, hit in zip(design.parameters.names, inside, strict=True):
                 hits[kind_of(name)].append(bool(hit))
             show(f"{arm} {number}: {100 * np.mean(inside):.1f} % of {len(inside)} intervals hold the truth")
-    return Outcome(
-        (*_coverage(hits), *_hierarchy(conditions, held_out)), _notes(conditions, held_out, parameter_errors(errors))
-    )
-
-
-def truth_vector(case: Case, design: Design) -> FloatArray:
-    """Return true drive and base parameters (p,) of a simulated case, in the design's order."""
-    drive: list[float] = []
-    for joint, names in zip(case.machine.joints, design.parameters.drive, strict=True):
-        if joint.cylinder is not None:
-            own: Mapping[str, float] = vars(case.truth.cylinders[joint.name])
-        else:
-            direct = case.truth.drives[joint.name]
-            own = {"J": direct.inertia, "f_c": direct.f_c, "f_v": direct.f_v}
-        drive += [own[name] for name in names]
-    pi = np.array([link.as_list() for link in case.truth.links])
-    return np.concatenate([drive, design.parameters.base.from_standard(pi)])
+    notes = _notes(conditions, held_out, parameter_errors(errors))
+    return Outcome((*_coverage(hits), *_hierarchy(conditions, held_out)), notes)
 
 
 def kind_of(name: str) -> str:
@@ -149,9 +120,7 @@ def _hierarchy(conditions: Mapping[str, list[float]], held_out: Mapping[str, lis
 
 
 def _notes(
-    conditions: Mapping[str, list[float]],
-    held_out: Mapping[str, list[float]],
-    errors: Mapping[tuple[str, str], float],
+    conditions: Mapping[str, list[float]], held_out: Mapping[str, list[float]], errors: Mapping[tuple[str, str], float]
 ) -> tuple[str, ...]:
     lines = [
         "error of parameters over the joint refit's (median over parameters), condition number and validation error in "

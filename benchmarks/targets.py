@@ -128,6 +128,11 @@ class Outcome:
     content: Mapping[str, Any] = field(default_factory=dict)
 
 
+def together(parts: Sequence[Outcome]) -> Outcome:
+    """Put the checks and notes of several parts one after another."""
+    return Outcome(tuple(c for part in parts for c in part.checks), tuple(n for part in parts for n in part.notes))
+
+
 def fact(name: str, holds: bool, shown: str) -> Check:
     """Check something that has to be so."""
     return Check(name, float(holds), shown, "at least", 1.0, _HOLDS)

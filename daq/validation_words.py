@@ -50,8 +50,8 @@ def in_words(problem: Mapping[str, Any]) -> str:
 
     What a check of ours raised is its own text; a kind of error that has no words here keeps pydantic's.
     """
-    told: Mapping[str, Any] = problem.get("ctx") or {}
-    context = {key: f"{value:g}" if isinstance(value, float) else value for key, value in told.items()}
+    values: Mapping[str, Any] = problem.get("ctx") or {}
+    context = {key: f"{value:g}" if isinstance(value, float) else value for key, value in values.items()}
     if problem["type"] in ("value_error", "assertion_error"):
         return str(problem["msg"]).partition(", ")[2]  # behind what pydantic calls it
     text = _TEXTS.get(problem["type"])

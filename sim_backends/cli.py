@@ -91,12 +91,12 @@ def simulate(
             speed,
             workdir or Path(scratch),
             faults=script,
-            said=lambda text: typer.echo(text, err=json),
+            show=lambda text: typer.echo(text, err=json),
         )
         with simulated:
             for path in motion or []:
                 write_whole(simulated.inbox / path.name, path.read_bytes())
-            _say_where(simulated, json)
+            _show_where(simulated, json)
             while not ended.wait(1.0):
                 simulated.check()
 
@@ -134,7 +134,7 @@ def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
         typer.echo(f"{path}: a guess, change it at will; simulate with: --truth {path}")
 
 
-def _say_where(simulated: SimulatedMachine, json: bool) -> None:
+def _show_where(simulated: SimulatedMachine, json: bool) -> None:
     """Print where the files are by which others meet the simulated machine."""
     if json:
         places = {"machine": simulated.machine_path, "inbox": simulated.inbox, "controller": simulated.status_path}

@@ -104,9 +104,9 @@ class _Process:
                 pass_fds=[end.fileno() for end in ends], env=environment,
             )  # fmt: skip
         self._received = b""
-        self._tell(configuration)
+        self._send(configuration)
 
-    def _tell(self, content: Mapping[str, Any]) -> None:
+    def _send(self, content: Mapping[str, Any]) -> None:
         assert self.popen.stdin is not None
         try:
             self.popen.stdin.write(json.dumps(content).encode() + b"\n")
@@ -139,7 +139,7 @@ class _Process:
 
     def order(self, content: Mapping[str, Any]) -> Any:
         """Order it and wait for its result."""
-        self._tell(content)
+        self._send(content)
         answer = self.answer(ORDER_PATIENCE)
         if "error" in answer:
             raise SimulationError(f"simulated {self.name}: {content['order']}: {answer['error']}")
@@ -197,8 +197,8 @@ class SimulatedMachine:
         Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
     faults : FaultScript, optional
         Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` says when.
-    said : callable
-        Told a line for each of them.
+    show : callable
+        Takes a line for each of them.
 
     Raises
     ------
@@ -217,7 +217,7 @@ class SimulatedMachine:
         speed: float = 1.0,
         workdir: str | Path = ".",
         faults: FaultScript | None = None,
-        said: Callable[[str], None] = lambda line: None,
+        show: Callable[[str], None] = lambda line: None,
     ) -> None:
         if not 0 < speed <= HIGHEST_SPEED:
             raise InputError(
@@ -237,7 +237,7 @@ class SimulatedMachine:
         self._faults = None
         if faults is not None:
             log = self.workdir / "faults.jsonl"
-            self._faults = FaultRunner(self, machine, faults.faults, log, said)
+            self._faults = FaultRunner(self, machine, faults.faults, log, show)
 
     def _checked(self, undeclared: Sequence[EffectSpec | ValveEffectSpec]) -> list[list[Any]]:
         """Check effects as the plant's process gets them (InputError if it cannot have them)."""

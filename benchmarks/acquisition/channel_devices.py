@@ -1,6 +1,6 @@
-"""CANopen nodes of many machines in one process, cheap enough to stand beside what is measured.
+"""CANopen nodes of many machines in one process, cheap enough to run beside what is measured.
 
-``python -m benchmarks.acquisition.channel_devices MACHINES NODES DEAD PORT`` says a port for each machine and serves
+``python -m benchmarks.acquisition.channel_devices MACHINES NODES DEAD PORT`` prints a port for each machine and serves
 until standard input ends. Nodes 1 to DEAD of each are not there. PORT is that of the first machine, 0 for a free one.
 """
 

@@ -90,20 +90,14 @@ class Devices:
         self._process.stdout.close()
 
 
-def busy_s(pid: int) -> float:
-    """Read the processor time of all threads of a process in s, exactly (``/proc/PID/task/*/schedstat``)."""
-    tasks = Path(f"/proc/{pid}/task").glob("*/schedstat")
-    return sum(int(task.read_text().split()[0]) for task in tasks) / 1e9
+def busy_s(pid: int, beside_first: bool = False) -> float:
+    """Read the processor time of all threads of a process, or of all but its first, s (proc(5): schedstat)."""
+    tasks = [task for task in Path(f"/proc/{pid}/task").iterdir() if not beside_first or task.name != str(pid)]
+    return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
 
 
-def run(machines: Sequence[int], seconds: float, say: Show) -> Outcome:
-    """Acquire so many machines at once, and measure.
-
-    Parameters
-    ----------
-    machines : numbers of machines, one run each
-    seconds : that each run takes
-    """
+def run(machines: Sequence[int], seconds: float, show: Show) -> Outcome:
+    """Acquire so many machines at once, and measure."""
     notes = [f"{'machines':>8s}  cycles  lost  values lost  slowest start of a cycle  of a core each  devices"]
     sound, each = 0, []
     for number in machines:
@@ -115,17 +109,15 @@ def run(machines: Sequence[int], seconds: float, say: Show) -> Outcome:
             f"{number:8d} {found['cycles']:7d} {found['lost']:5d} {found['values']:12d} {found['late_ms']:22.1f} ms"
             f" {found['core']:14.1f} % {found['devices']:6.1f} %"
         )
-        say(notes[-1])
+        show(notes[-1])
     all_there, some_there = _commissioning(0), _commissioning(DEAD)
-    ratio = each[-1] / each[0]
+    ratio, few = each[-1] / each[0], NODES - DEAD
     checks = (
         figure("machines without a lost cycle", sound, least=MACHINES),
         figure("of a core for each", each[0], "{:.1f} %", most=CORE_PERCENT),
         figure("cost of each among most, over that of one alone", ratio, "{:.2f}"),
         figure(f"{NODES} nodes commissioned", all_there, "{:.2f} s", most=COMMISSIONED_S),
-        figure(
-            f"{NODES - DEAD} of {NODES} nodes commissioned, {DEAD} dead", some_there, "{:.2f} s", most=COMMISSIONED_S
-        ),
+        figure(f"{few} of {NODES} nodes commissioned, {DEAD} dead", some_there, "{:.2f} s", most=COMMISSIONED_S),
     )
     notes.append(f"{seconds:g} s each, load of the computer {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     return Outcome(checks, tuple(notes))

@@ -1,7 +1,7 @@
 """Every fault of the simulated machine at random moments, on CANopen, Modbus TCP and RTU.
 
-In lockstep, so that nothing is lost because the computer is busy: while a device is waited for, the machine stands
-still, and that time does not count. At the wall's clock (``real_time``) everything counts, on a quiet computer.
+In lockstep, so that nothing is lost because the computer is busy: while a device is waited for, the machine is
+halted, and that time does not count. At the wall's clock (``real_time``) everything counts, on a quiet computer.
 
 The plant idles with a known seed, so what every sensor measured at every SYNC is known here without asking anybody; its
 noise makes each sample different from its neighbours, so that a value of another SYNC is recognised. A recorder runs
@@ -14,7 +14,7 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from benchmarks.targets import Outcome, Show, fact, figure
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.recorder import Recorder, RecordingSummary
 from daq.acquisition.ring import RingReader
@@ -36,26 +36,26 @@ from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
 from sim_backends.faults.fault_runner import begin, end
-from sim_backends.plant.plant_process import AHEAD
+from sim_backends.plant.plant_process import BLOCK
 
 SEED = 11
-WARM_UP_S = 7.0  # frozen values are told by what is normal, and that takes five seconds to learn
+WARM_UP_S = 7.0  # frozen values are detected by what is normal, and that takes five seconds to learn
 PAUSE_S = (0.2, 0.8)  # between recovery and the next fault
 LASTS_S = (0.4, 1.0)
-PATIENCE_LOCKSTEP_S = 0.4  # that the machine stands still for a device that does not answer
+PATIENCE_LOCKSTEP_S = 0.4  # that the machine is halted for a device that does not answer
 STANDS_STILL_S = 0.1  # a longer time between two frames is no time of the machine
 RECOVERY_S = 2.0
 PATIENCE_S = 60.0  # for a recovery that does not come
 SETTLED = 10  # rows in a row that are fresh on all channels: recovered
 SYNCS_AHEAD = 12  # among which the one is looked for that a row belongs to
 TOLERANCE = 2e-5  # of a value, for what float32 makes of it
-PLACES = 6  # wrong values of one fault that are told one by one
+PLACES = 6  # wrong values of one fault that are listed one by one
 NO_SYNC = 1_000
 SERIAL = "line"
 NS = 1_000_000_000
-#: What a sensor says that is wrong, and its device does not know: nobody can tell from that one value.
+#: What a sensor reports that is wrong, and its device does not know: one value alone does not show it.
 UNKNOWABLE = ("noise_burst", "bias_step")
-#: Without SYNC machine time stands still, and what is polled with it.
+#: Without SYNC machine time is halted, and what is polled with it.
 STOPS_ALL = ("bus_off", "half_open")
 
 
@@ -150,10 +150,11 @@ class Case:
 class Bench:
     """A running simulated machine, its acquisition, its recorder, and every frame since the start."""
 
-    def __init__(self, directory: Path, stack: ExitStack, real_time: bool) -> None:
-        self.declared, truth = machine_of_three_buses()
-        self.truth = truth
-        self.machine = stack.enter_context(SimulatedMachine(self.declared, truth, seed=SEED, workdir=directory / "sim"))
+    def __init__(self, stack: ExitStack, real_time: bool) -> None:
+        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
+        self.declared, self.truth = machine_of_three_buses()
+        machine = SimulatedMachine(self.declared, self.truth, seed=SEED, workdir=directory / "sim")
+        self.machine = stack.enter_context(machine)
         how = None if real_time else Simulation(speed=1.0, lockstep=True, patience_s=PATIENCE_LOCKSTEP_S)
         acquired = load_machine(self.machine.machine_path).model_copy(update={"simulation": how})
         self.acquisition = stack.enter_context(AcquisitionProcess(acquired, ring_seconds=600))
@@ -190,20 +191,11 @@ class Bench:
         return None
 
 
-def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> Outcome:
-    """Cause every fault so many times and measure what it cost.
-
-    Parameters
-    ----------
-    times : that each fault comes
-    seed : of when and for how long
-    only : part of a fault's name
-    real_time : at the wall's clock
-    """
+def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) -> Outcome:
+    """Cause every fault so many times and measure what it cost."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
-        directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
-        bench = Bench(directory, stack, real_time)
+        bench = Bench(stack, real_time)
         cases = [case for case in _cases(bench.declared) if only is None or only in case.name]
         broken = ""
         try:
@@ -211,7 +203,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, say: Show) -> 
             for case in cases:
                 for _ in range(times):
                     _one(bench, case, random)
-                say(f"{case.name:32s} {times} times")
+                show(f"{case.name:32s} {times} times")
         except HilfitError as error:  # what came until then counts all the same
             broken = str(error)
         summary = bench.recorder.stop()
@@ -307,7 +299,7 @@ def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
     """
     plant = Plant(machine, truth, rng=np.random.default_rng(SEED))
-    blocks = [plant.advance(1), *(plant.advance(AHEAD) for _ in range(-(-periods // AHEAD)))]
+    blocks = [plant.advance(1), *(plant.advance(BLOCK) for _ in range(-(-periods // BLOCK)))]
     return np.asarray(np.concatenate(blocks))
 
 
@@ -339,6 +331,16 @@ def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tu
     return found, apart
 
 
+def unbalanced(ledger: Mapping[str, Any]) -> int:
+    """Count the channels of which produced is not stored + dropped."""
+    return sum(own["produced"] != own["stored"] + sum(own["dropped"].values()) for own in ledger.values())
+
+
+def _balance(summary: RecordingSummary) -> Check:
+    shown = f"{len(summary.ledger)} channels, {summary.rows} rows"
+    return fact("produced = stored + dropped", not unbalanced(summary.ledger), shown)
+
+
 def _outcome(
     cases: Sequence[Case], rows: npt.NDArray[np.void], summary: RecordingSummary, skipped: int, machine: Machine
 ) -> Outcome:
@@ -355,18 +357,13 @@ def _outcome(
     frozen = [case for case in cases if case.kind == "freeze"]
     lying = [case for case in cases if case.kind in UNKNOWABLE]
     worst = max(max(case.recoveries) for case in cases)
-    unbalanced = [
-        name
-        for name, entry in summary.ledger.items()
-        if entry["produced"] != entry["stored"] + sum(entry["dropped"].values())
-    ]
     covered = np.zeros(len(rows), dtype=np.bool_)
     for case in cases:
         for began, _, back in case.spans:
             covered |= (rows["monotonic_ns"] >= began) & (rows["monotonic_ns"] <= (back or rows["monotonic_ns"][-1]))
     quiet = int((rows["quality"][~covered] != Quality.FRESH).sum())
     checks = [
-        fact("produced = stored + dropped", not unbalanced, f"{len(summary.ledger)} channels, {summary.rows} rows"),
+        _balance(summary),
         figure("wrong values called fresh", sum(c.wrong for c in honest), most=0),
         figure("values lost by other devices", sum(c.others for c in cases), most=0),
         figure("slowest recovery", worst, "{:g} s", most=RECOVERY_S, shown=f"{worst:.2f} s of {faults}"),
@@ -383,3 +380,59 @@ def _outcome(
     load = os.getloadavg()[0]
     notes.append(f"load of the computer {load:.1f} on {os.cpu_count()} cores, {machine.rate_hz:g} Hz")
     return Outcome(tuple(checks), tuple(notes))
+
+
+BETWEEN_S = (0.5, 3.0)
+SETTLED_SHARE = 0.25  # of the time, after which memory is compared
+GROWTH_MB = 8.0  # that pools of the allocator may still fill up by
+_MB = 2.0**20
+
+
+def resident(pid: int) -> float:
+    """Read the resident memory of a process in bytes, without what it shares (proc(5): statm).
+
+    The ring is shared: it is resident as far as it was ever written to, which takes its ten minutes of machine time.
+    """
+    _, whole, shared, *_ = Path(f"/proc/{pid}/statm").read_text().split()
+    return (int(whole) - int(shared)) * os.sysconf("SC_PAGE_SIZE")
+
+
+def soak(minutes: float, seed: int, show: Show) -> Outcome:
+    """Cause faults at random for so long."""
+    random = np.random.default_rng(seed)
+    with ExitStack() as stack:
+        bench = Bench(stack, real_time=False)
+        faults = faults_of(bench.declared)
+        with RingReader(bench.acquisition.ring_name) as ring:
+            acquisition = ring.writer_pid
+        bench.read(WARM_UP_S)
+        began, memory, count, unrecovered = time.monotonic(), [], 0, 0
+        shown_at = began
+        while (now := time.monotonic()) - began < 60 * minutes:
+            name, fault = faults[int(random.integers(len(faults)))]
+            begin(bench.machine, bench.declared, fault)
+            bench.read(random.uniform(*LASTS_S))
+            end(bench.machine, bench.declared, fault)
+            count += 1
+            if bench.recovered(time.monotonic_ns()) is None:
+                unrecovered += 1
+                show(f"{name}: not all fresh again after {PATIENCE_S:g} s")
+            bench.read(random.uniform(*BETWEEN_S))
+            bench.rows.clear()  # a recording of hours is the recorder's business, not this process's
+            memory.append((now - began, resident(acquisition)))
+            if now - shown_at > 60:
+                shown_at = now
+                show(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")
+        statistics = bench.acquisition.statistics()
+        summary = bench.recorder.stop()
+    settled = [size for at, size in memory if at >= SETTLED_SHARE * 60 * minutes]
+    growth = (settled[-1] - settled[0]) / _MB
+    grown = f"{growth:+.1f} MB after the first quarter, {settled[-1] / _MB:.0f} MB at the end"
+    checks = (
+        _balance(summary),
+        figure("frames that are not in the recording", summary.missed_cycles, most=0),
+        figure("cycles skipped", statistics.skipped, most=0),
+        figure("faults that were not overcome", unrecovered, most=0, shown=f"{unrecovered} of {count}"),
+        figure("growth of acquisition's memory", growth, "{:g} MB", most=GROWTH_MB, shown=grown),
+    )
+    return Outcome(checks, (f"{minutes:g} min, load of the computer {os.getloadavg()[0]:.1f}",))

@@ -2,7 +2,7 @@
 
 Independent nodes (:mod:`sim_backends.devices.canopen_device`) on a virtual bus, at the wall's clock. Values count the
 SYNCs, so that it is known of each which SYNC sampled it, and when that was sent; every frame of ours is counted where
-it leaves the driver. What a busy computer marks by itself (a tick that begins late, nodes that answer late) is told
+it leaves the driver. What a busy computer marks by itself (a tick that begins late, nodes that answer late) is kept
 apart from what was done to the bus.
 """
 
@@ -42,8 +42,9 @@ LISTEN_S = 1.0  # ten heartbeats, also on a computer that is busy
 PATIENCE_S = 20.0
 BEHIND = 25  # cycles for which may be marked what a lost answer leads to: its node is started anew
 AGE_S = 1e-3  # that the age of a fresh value may be wrong by
-COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder tells apart
+COUNTED = 900  # SYNCs after which values begin again: as many as a 12-bit encoder resolves
 Row = Callable[[np.random.Generator], "Seen"]  # one time of it
+NOT_STORED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
 
 
@@ -57,7 +58,7 @@ class World(threading.Thread):
         self.syncs = 0
         self.moments = [0]  # monotonic ns of each SYNC as it was sent, beginning with power-on
         self.answered = [0]  # and when the nodes had answered it
-        self.ours: deque[int] = deque()  # when SYNCs of ours left, that the nodes have not heard yet
+        self.ours: deque[int] = deque()  # when SYNCs of ours left, that the nodes have not received yet
         self.leads = False  # whether the other controller sends SYNC
         self.ended = threading.Event()
         self._limits = [channel.range or (-1.0, 1.0) for channel in machine.channels]
@@ -136,7 +137,7 @@ class _Counted(CanAccess):
     """Counts every frame that leaves the driver."""
 
     def __init__(self, world: World) -> None:
-        self.guest: Callable[[], bool] = lambda: False  # whether another master was heard
+        self.guest: Callable[[], bool] = lambda: False  # whether another master was detected
         self.sent = self.afterwards = 0
         self._world = world
 
@@ -200,9 +201,8 @@ class Run:
         declared, _ = default_machine()
         channel = uuid.uuid4().hex
         (bus,) = (bus for bus in declared.buses if isinstance(bus, CanopenBus))
-        bus = bus.model_copy(
-            update={"interface": "virtual", "channel": channel, "options": {}, "listen_s": LISTEN_S, "bitrate": None}
-        )
+        place = {"interface": "virtual", "channel": channel, "options": {}, "listen_s": LISTEN_S, "bitrate": None}
+        bus = bus.model_copy(update=place)
         channels = tuple(c for c in declared.channels if isinstance(c.source, CanSource))
         self.machine = declared.model_copy(update={"channels": channels, "buses": (bus,), "simulation": None})
         self.world = World(self.machine, channel)
@@ -251,10 +251,8 @@ class Run:
         self.marked.append(self._behind == 0 and not bool(fresh.all()))
         self._behind -= self._behind > 0
         self.frames.append(frame)
-        stored = np.isfinite(frame.values)[None, :] & ~np.isin(
-            frame.quality, (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID, Quality.HELD)
-        )
-        self.ledger.add(frame.quality[None, :], stored, np.array([FRAME], dtype=np.uint8))
+        stored = np.isfinite(frame.values) & ~np.isin(frame.quality, NOT_STORED)
+        self.ledger.add(frame.quality[None, :], stored[None, :], np.array([FRAME], dtype=np.uint8))
 
     def once(self, count: int = 1) -> None:
         """Run the cycles."""
@@ -288,31 +286,25 @@ class Run:
         return seen
 
 
-def _power_up(run: Run) -> None:
-    run.world.leads = True
-    run.world.master(0x080, b"")
+def _sends(*frames: tuple[int, bytes], leads: bool = True) -> Callable[[Run], None]:
+    """Send frames of another master, which then leads by its SYNC or not."""
 
+    def act(run: Run) -> None:
+        for identifier, data in frames:
+            run.world.master(identifier, data)
+        run.world.leads = leads
 
-def _starts(run: Run) -> None:
-    run.world.master(0x000, b"\x01\x00")
-    run.world.leads = True
-
-
-def _resets(run: Run) -> None:
-    run.world.master(0x000, b"\x81\x00")
-    run.world.master(0x000, b"\x01\x00")
+    return act
 
 
 def _asks(run: Run) -> None:
-    run.world.master(0x600 + next(iter(run.world.nodes)), b"\x40\x00\x10\x00\0\0\0\0")
-    run.world.leads = True
+    _sends((0x600 + next(iter(run.world.nodes)), b"\x40\x00\x10\x00\0\0\0\0"))(run)
 
 
 def _rebuilt(run: Run) -> None:
     assert run.driver.port is not None
     run.driver.port.fail(can.CanOperationError("the interface was reset"))
-    run.world.leads = True
-    run.world.master(0x080, b"")
+    _sends((0x080, b""))(run)
 
 
 def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
@@ -439,9 +431,11 @@ def _in_steps(node: SimulatedNode) -> None:
 
 
 ROWS: dict[str, Row] = {
-    "another master powers up": _led(_power_up, True),
-    "another master starts nodes": _led(_starts, True),
-    "another master resets nodes, no SYNC": _led(_resets, False),
+    "another master powers up": _led(_sends((0x080, b"")), True),
+    "another master starts nodes": _led(_sends((0x000, b"\x01\x00")), True),
+    "another master resets nodes, no SYNC": _led(
+        _sends((0x000, b"\x81\x00"), (0x000, b"\x01\x00"), leads=False), False
+    ),
     "another SDO client": _led(_asks, True),
     "rebuilt while another master leads": _led(_rebuilt, False),
     "another master's SYNC before the start": _there_before(_sends_sync),

@@ -1,30 +1,32 @@
-"""How far the true effect is from nothing and from other names of the catalogue: what this data can tell at all.
+"""How far the true effect is from nothing and from other names of the catalogue: what this data can separate at all.
 
 The noise is what a fit is left with at the *true* parameters on an undisturbed model: noise of the efforts, and what
 noise of the positions makes of the regressors. Its spectrum is taken from all fitted recordings without the effect.
 ``seen`` is lambda in that noise: about lambda in the noise of the efforts alone, and much less where a heavy link's
-acceleration has to be told from a coarse encoder.
+acceleration has to be separated from a coarse encoder.
 
 A rival that is fitted together with the base takes the part ``gain`` of the true waveform's ``lambda^2``. What is left,
 ``sqrt(lambda^2 - gain)``, is how far the data speak against it: the root of the noncentrality of a test between both.
-Below :data:`TELLABLE` a test at one per cent cannot tell them more often than not, so they belong in one set. For an
-effect that stands in no catalogue it says how far the data are from its nearest catalogue name.
+Below :data:`TELLABLE` a test at one per cent does not separate them more often than not, so they belong in one set. For
+an effect in no catalogue it is how far the data are from its nearest catalogue name.
 
 The waveform is the plant's own, without noise; the rivals' columns are the fit's, in every shape of their grids.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.attribution.coverage import true_values
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, undisturbed
+from benchmarks.attribution.making import DELAY, OF_THE_SIGNAL, BenchCase, opened, place_of, undisturbed
 from benchmarks.attribution.recipe import KINEMATIC, Selection
 from benchmarks.attribution.sight import FITTED, delayed
+from benchmarks.attribution.verdicts import truth_vector
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.loop.session import Session
@@ -51,7 +53,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Apart:
-    """What can be told of a case.
+    """What can be separated in a case.
 
     Attributes
     ----------
@@ -97,12 +99,22 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
     return Apart(float(np.sqrt(total)), tuple(sorted(found, key=lambda rival: rival.beyond)))
 
 
+def stored_apart(folder: Path | None, case: BenchCase, selection: Selection | None = None) -> Apart | None:
+    """Read or compute a case's separability; kept beside a cached case until it is deleted there."""
+    file = None if folder is None else place_of(folder, case.key, selection) / "apart.json"
+    if file is not None and file.is_file():
+        content = json.loads(file.read_text(encoding="utf-8"))
+        return None if content is None else Apart(content["seen"], tuple(Rival(**r) for r in content["rivals"]))
+    found = apart(case, selection)
+    if file is not None:
+        file.write_text(json.dumps(None if found is None else asdict(found), indent=1), encoding="utf-8")
+    return found
+
+
 def _in_true_noise(session: Session, case: BenchCase) -> Model:
     """Fit the base model with the noise that is left at the true parameters."""
     prepared = session.plain
-    design, truth = prepared.design, true_values(case.machine, case.truth)
-    base = dict(zip(design.parameters.base.expressions, design.parameters.base.names, strict=True))
-    theta = np.array([truth[base.get(name, name)] for name in design.parameters.names])
+    design, theta = prepared.design, truth_vector(case.machine, case.truth, prepared.design)
 
     def whitenings(loaded: bool) -> tuple[Whitening, ...]:
         own, joints = [i for i in prepared.fitted if design.segments[i].loaded == loaded], range(len(design.blocks))

@@ -1,4 +1,4 @@
-"""The fit's side of the benchmark: machine file and recordings in, what it says out. It sees nothing else."""
+"""The fit's side of the benchmark: machine file and recordings in, findings out. It sees nothing else."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ Stated = tuple[str, str | None, float]
 
 
 @dataclass(frozen=True)
-class Said:
-    """What an identification says.
+class Findings:
+    """What an identification finds.
 
     Attributes
     ----------
     sets : per finding the effects that it may be, as (effect id, joint; None: the whole machine), the best first
     laws : (variable, joint) of each law of an unknown effect
     values : parameter name to (value, standard deviation); ``joint1.f_c`` and base-parameter names
-    stated : per finding what is said with its probability, the best first: (effect id, or variable of a law; joint;
+    stated : per finding every candidate with its probability, the best first: (effect id, or variable of a law; joint;
         probability)
     unknown : joint to the probability that it has an effect of no catalogue, where that is more than nothing
     nothing : probability that nothing is missing, where nothing was found; else None
-    depends : whether it is said that this depends on the bandwidth
+    depends : whether the report makes it depend on the bandwidth
     """
 
     sets: tuple[tuple[Place, ...], ...]
@@ -67,7 +67,7 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
 
 def judge(
     machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float] = (1.0,)
-) -> list[Said]:
+) -> list[Findings]:
     """Run the loop on recordings, with at most so many replicas, and put what it found into plain names.
 
     Parameters
@@ -78,8 +78,8 @@ def judge(
     hz = [min(band * own.bank.bandwidth_hz, machine.rate_hz / 5) for band in bands]
     others = {band: Options(bootstrap=bootstrap, bandwidth_hz=at) for band, at in zip(bands, hz, strict=True)}
     examined = [Examined.of(own if band == 1.0 else Session(machine, recordings, others[band])) for band in bands]
-    said = [said_of(one) for one in examined]
-    return said if len(bands) == 1 else [replace(s, depends=_depends(e)) for s, e in zip(said, examined, strict=True)]
+    found = [findings_of(one) for one in examined]
+    return found if len(bands) == 1 else [replace(f, depends=_depends(e)) for f, e in zip(found, examined, strict=True)]
 
 
 def _depends(examined: Examined) -> bool:
@@ -92,7 +92,7 @@ def _depends(examined: Examined) -> bool:
     return any(families for _, families in other_bands(examined.session.search.session, moved.corrections))
 
 
-def said_of(examined: Examined) -> Said:
+def findings_of(examined: Examined) -> Findings:
     """Return what the loop found, in plain names."""
     findings, found = examined.kinematics.findings, examined.attribution
     names = tuple(joint.name for joint in examined.session.machine.joints)
@@ -100,12 +100,8 @@ def said_of(examined: Examined) -> Said:
     def place(joint: int | None) -> str | None:
         return None if joint is None else names[joint]
 
-    sets: list[tuple[Place, ...]] = [
-        tuple((effect, names[f.joint]) for effect in (f.effect.id, *f.rivals)) for f in findings
-    ]
-    laws: list[tuple[str, str | None]] = [
-        (law.law.law.variable(names), names[law.joint]) for law in examined.kinematics.laws
-    ]
+    sets: list[tuple[Place, ...]] = [tuple((e, names[f.joint]) for e in (f.effect.id, *f.rivals)) for f in findings]
+    laws: list[Place] = [(law.law.law.variable(names), names[law.joint]) for law in examined.kinematics.laws]
     for item in found.accepted:
         term = item.score.term
         if isinstance(term.content, Law):
@@ -113,7 +109,7 @@ def said_of(examined: Examined) -> Said:
         else:
             rivals = ((r.term.id, place(r.term.joint)) for r in item.rivals)
             members = tuple(dict.fromkeys([(term.id, place(term.joint)), *rivals]))
-            sets = [own for own in sets if own[0] != members[0]]  # a name is said once
+            sets = [own for own in sets if own[0] != members[0]]  # a name is listed once
             sets.append(members)
     added = {item.score.term.family for item in found.accepted}
     sets += [
@@ -130,10 +126,10 @@ def said_of(examined: Examined) -> Said:
     base = dict(zip(parameters.base.expressions, parameters.base.names, strict=True))
     values = {
         base.get(name, name): (float(value), float(std))
-        for name, value, std, told in zip(parameters.names, fit.theta, fit.std, fit.told, strict=False)
-        if told
+        for name, value, std, determined in zip(parameters.names, fit.theta, fit.std, fit.determined, strict=False)
+        if determined
     }
-    return Said(tuple(sets), tuple(laws), values, _stated(found, findings, names), *_beyond(found, names))
+    return Findings(tuple(sets), tuple(laws), values, _stated(found, findings, names), *_beyond(found, names))
 
 
 def _stated(

@@ -1,10 +1,16 @@
-"""Recordings of a case, with the effect's size scaled until it stands out as far as was drawn."""
+"""Recordings of a case, with the effect's size scaled to the lambda that was drawn; cases on disk.
+
+A case on disk is a folder with the files that ``hilfit identify`` reads, and apart from them what is true.
+"""
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -22,11 +28,13 @@ from benchmarks.attribution.recipe import (
     largest,
 )
 from benchmarks.attribution.sight import FITTED, Sight, delayed
-from daq.machine.machine_file import Machine
+from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
+from daq.recordings.recording import write_recording
+from daq.recordings.recording_files import read_table
 from fitting.arrays import FloatArray
 from sim_backends.plant.cases import STEMS, CasePlan, plan_case
 from sim_backends.plant.plant import Plant
-from sim_backends.plant.truth import SensorQuality, Truth
+from sim_backends.plant.truth import SensorQuality, Truth, load_truth, truth_to_yaml
 from sim_backends.undeclared import MISMATCH, UNDECLARED, EffectSpec, obstacle
 
 Tables = Mapping[str, Mapping[str, FloatArray]]
@@ -49,7 +57,7 @@ class TrueEffect:
     id, joint, size : as the plant has it
     seen : lambda (mismatch for what bends an encoder)
     reported : joint that a report gives it: None for one of the whole machine
-    variables : signals whose law shows it, where it stands in no catalogue
+    variables : signals whose law shows it, where it is in no catalogue
     """
 
     id: str
@@ -213,3 +221,62 @@ class _Workbench:
         if effect in (*KINEMATIC, *MISMATCH):
             return self.sight.mismatch(ideal, zeros=self.zeros if effect in ("backlash", *MISMATCH) else 0)
         return self.sight.broadband(ideal) if effect == "supply_ripple" else self.sight.force(ideal, bare)
+
+
+def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:
+    """Read the case from ``folder``, or make and keep it there."""
+    place = place_of(folder, key, selection)
+    description = place / "case.json"
+    if description.is_file():
+        content = json.loads(description.read_text(encoding="utf-8"))
+        if content["recipe"] == (selection or Selection()).recipe:
+            return _read(place, key, content)
+    case = make_case(key, selection)
+    shutil.rmtree(place, ignore_errors=True)
+    _write(place, case, (selection or Selection()).recipe)
+    return case
+
+
+def place_of(folder: Path, key: CaseKey, selection: Selection | None) -> Path:
+    """Return the folder of a case."""
+    return folder / f"seed{key.seed}-{key.kind}-{key.number:04d}{(selection or Selection()).text}"
+
+
+def _write(place: Path, case: BenchCase, recipe: int) -> None:
+    place.mkdir(parents=True)
+    (place / "machine.yaml").write_text(machine_to_yaml(case.machine), encoding="utf-8")
+    for stem, table in case.recordings.items():
+        values = {name: column for name, column in table.items() if name != "time"}
+        write_recording(place / f"{stem}.parquet", case.machine, stem.partition("-")[0], table["time"], values)
+    (place / "truth.yaml").write_text(truth_to_yaml(case.truth), encoding="utf-8")
+    content = {
+        "recipe": recipe,
+        "quality": asdict(case.quality),
+        "effects": [asdict(e) for e in case.effects],
+        "redrawn": [asdict(r) for r in case.redrawn],
+    }
+    # Written last and in one step: a folder with it is complete.
+    part = place / "case.json.part"
+    part.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    part.replace(place / "case.json")
+
+
+def _read(place: Path, key: CaseKey, content: dict[str, object]) -> BenchCase:
+    machine = load_machine(place / "machine.yaml")
+    recordings = {}
+    for stem in STEMS:
+        # Without the checks of a recording: they would refuse a few cases (coarse pressure transducers on a flat
+        # pressure pass for saturated), and a case has to be the same from a cache as without one.
+        table = read_table(place / f"{stem}.parquet")
+        recordings[stem] = {name: np.asarray(values, dtype=np.float64) for name, values in table.columns.items()}
+    effects, redrawn, quality = content["effects"], content["redrawn"], content["quality"]
+    assert isinstance(effects, list) and isinstance(redrawn, list) and isinstance(quality, dict)
+    return BenchCase(
+        key=key,
+        machine=machine,
+        recordings=recordings,
+        truth=load_truth(place / "truth.yaml"),
+        quality=SensorQuality(**quality),
+        effects=tuple(TrueEffect(**{**e, "variables": tuple(e["variables"])}) for e in effects),
+        redrawn=tuple(Redrawn(**r) for r in redrawn),
+    )

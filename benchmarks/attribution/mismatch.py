@@ -11,16 +11,16 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from benchmarks.attribution.judging import Said, recordings_of
+from benchmarks.attribution.judging import Findings, recordings_of
 from benchmarks.attribution.making import TrueEffect
 from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, TARGETS, draw_quality
 from benchmarks.attribution.sight import beyond, zeros_of
 from benchmarks.attribution.verdicts import verdict
+from benchmarks.cases import Line
 from benchmarks.targets import Check, rate
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
@@ -59,7 +59,7 @@ PAIRS = (
     ("encoder_eccentricity", "pin_play"),
     ("encoder_eccentricity", "joint_play"),
 )
-#: Faults of the effort that a third of the sound mismatches stand beside, and their sizes over the Coulomb friction.
+#: Faults of the effort in a third of the sound cases, and their sizes over the Coulomb friction.
 EFFORT_FAULTS = {"stribeck": 2.0, "position_dependent_friction": 1.5, "end_cushion": 6.0, "gas_spring": 10.0}
 #: Largest displacement of a sound structure under a usual force, and largest errors of geometry, m or rad.
 _LARGEST = {"encoder_offset": 0.1, "encoder_eccentricity": 0.03, "linkage_geometry": 0.01}
@@ -67,19 +67,18 @@ _MOST_MOVED = 0.005
 #: Share of the time that a play spends on either side: on one side alone it is an offset, on neither a compliance.
 _LEAST_CROSSED = 0.05
 _DRAWS = 200
+#: Cases in a row on the motions of one arm.
+PER_ARM = 6
 
 
 @dataclass(frozen=True)
 class GapCase:
     """A case: what the fit may see, and what it may not."""
 
-    kind: str
-    number: int
     machine: Machine
     tables: Tables
     effects: tuple[TrueEffect, ...]
-    quality: SensorQuality
-    note: str = ""
+    note: str
 
 
 @lru_cache(maxsize=3)
@@ -122,26 +121,26 @@ def _recorded(plant: Plant, plan: CasePlan, stem: str) -> Block:
     return Block(dt=1.0 / plan.machine.rate_hz, pinned=parts[0].pinned, **rows)
 
 
-def make_case(kind: str, number: int, seed: int, arms: Sequence[ArmKind] = tuple(ARMS), per_arm: int = 6) -> GapCase:
-    """Make a case of a class; ``per_arm`` of them in a row share the motions of one arm."""
+def make_case(kind: str, number: int, seed: int) -> GapCase:
+    """Make a case of a class; :data:`PER_ARM` of them in a row share the motions of one arm."""
     rng = np.random.default_rng([78, seed, CLASSES.index(kind), number])
-    group = number // per_arm
-    arm, arm_seed = arms[group % len(arms)], 100_000 * (seed % 10_000) + 97 * group + CLASSES.index(kind)
-    fault = str(rng.choice(list(EFFORT_FAULTS))) if kind == "sound" and number % 3 == 2 else None
-    if fault is not None:  # one fault an arm: motions are simulated once for each
+    group = number // PER_ARM
+    arm, arm_seed = tuple(ARMS)[group % len(ARMS)], 100_000 * (seed % 10_000) + 97 * group + CLASSES.index(kind)
+    fault = None
+    if kind == "sound" and number % 3 == 2:  # one fault an arm: motions are simulated once for each
+        rng.choice(list(EFFORT_FAULTS))  # once drawn from all: cases of a seed stay the same
         fault = list(EFFORT_FAULTS)[group % len(EFFORT_FAULTS)]
     plan, plant, blocks = motion_blocks(arm, arm_seed, fault)
     quality = draw_quality(rng, FULL_SCALE[arm])
     if kind == "sound":
-        quality = replace(
-            quality,
-            encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(12, 21)),
-            piston_resolution=float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4])),
+        turn, step = (
+            2 * float(np.pi) / 2 ** int(rng.integers(12, 21)),
+            float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4])),
         )
+        quality = replace(quality, encoder_resolution=turn, piston_resolution=step)
     specs = _specs(kind, rng, plan, blocks, quality)
     delay = float(rng.choice([0.0, 0.0, rng.uniform(-0.01, 0.01)])) if kind == "sound" else 0.0
-    shapes = [arm_seed, 14, number]
-    tables = _tables(plan, plant, blocks, [s for s, _ in specs], quality, rng, shapes, delay)
+    tables = _tables(plan, plant, blocks, [s for s, _ in specs], quality, rng, delay)
     note = "" if fault is None else fault
     if kind == "sound" and number % 10 == 4:
         tables, note = _half_parked(plan.machine, tables, rng, quality), note + " parked"
@@ -152,8 +151,8 @@ def make_case(kind: str, number: int, seed: int, arms: Sequence[ArmKind] = tuple
             for name in table:
                 if name != "time":
                     table[name] = np.where(lost, np.nan, table[name])
-    effects = tuple(_true(plan, spec, seen, shapes, n, len(specs)) for n, (spec, seen) in enumerate(specs))
-    return GapCase(kind, number, plan.machine, tables, effects, quality, f"{arm}{note} {1e3 * delay:.1f}ms")
+    effects = tuple(_true(plan, spec, seen, n, len(specs)) for n, (spec, seen) in enumerate(specs))
+    return GapCase(plan.machine, tables, effects, f"{arm}{note} {1e3 * delay:.1f}ms")
 
 
 def _specs(
@@ -199,7 +198,7 @@ def _scaled(
     size = 1e-3 if unit.id in GEOMETRY else 1.0
     for _ in range(3):
         spec = replace(unit, size=unit.size * size)
-        moved = np.concatenate([_moved(plan, blocks[stem], spec, joint, ()) for stem in ("train-1", "train-2")])
+        moved = np.concatenate([_moved(plan, blocks[stem], spec, joint) for stem in ("train-1", "train-2")])
         largest = 0.0
         if unit.id not in GEOMETRY:
             largest = float(np.max(np.abs(moved)))
@@ -208,10 +207,8 @@ def _scaled(
             if unit.id in OUTSIDE_MISMATCH:  # and so much of it is one of the catalogue's
                 load = np.concatenate([blocks[stem].load[:, joint] for stem in ("train-1", "train-2")])
                 zeros = np.column_stack([zeros, load, load * lever**2])
-            across = (
-                "backlash" in (unit.id, UNDECLARED[unit.id].called) and _crossed(moved, lever, unit.id) < _LEAST_CROSSED
-            )
-            if across:
+            play = "backlash" in (unit.id, UNDECLARED[unit.id].called)
+            if play and _crossed(moved, lever, unit.id) < _LEAST_CROSSED:
                 return None
             moved = beyond(zeros, moved)
         seen = float(np.sqrt(np.mean(moved**2))) / width
@@ -231,21 +228,16 @@ def _crossed(moved: FloatArray, lever: FloatArray, effect: str) -> float:
     return float(ends.min())
 
 
-def _moved(plan: CasePlan, block: Block, spec: EffectSpec, joint: int, shapes: Sequence[int]) -> FloatArray:
+def _moved(plan: CasePlan, block: Block, spec: EffectSpec, joint: int) -> FloatArray:
     """Compute the gap's change (n,), m, by one defect, in the first shape that a generator draws."""
-    readings = _readings(plan, block, [spec], list(shapes) or [plan.seed, 14])
-    linkage = plan.machine.joints[joint].cylinder
-    assert linkage is not None
-    x = linkage.linkage.piston_position
-    return np.asarray(
-        readings.piston_position[:, joint]
-        - block.x[:, joint]
-        - x(readings.joint_position[:, joint])
-        + x(block.q[:, joint])
-    )
+    readings, cylinder = _readings(plan, block, [spec]), plan.machine.joints[joint].cylinder
+    assert cylinder is not None
+    x = cylinder.linkage.piston_position
+    piston, angle = readings.piston_position[:, joint], readings.joint_position[:, joint]
+    return np.asarray(piston - block.x[:, joint] - x(angle) + x(block.q[:, joint]))
 
 
-def _effects(plan: CasePlan, specs: Sequence[EffectSpec], shapes: Sequence[int]) -> list[UndeclaredEffect]:
+def _effects(plan: CasePlan, specs: Sequence[EffectSpec]) -> list[UndeclaredEffect]:
     rng, names = np.random.default_rng([plan.seed, 14]), [j.name for j in plan.machine.joints]
     dt = 1.0 / plan.machine.rate_hz
     return [
@@ -254,9 +246,9 @@ def _effects(plan: CasePlan, specs: Sequence[EffectSpec], shapes: Sequence[int])
     ]
 
 
-def _readings(plan: CasePlan, block: Block, specs: Sequence[EffectSpec], shapes: Sequence[int]) -> Readings:
+def _readings(plan: CasePlan, block: Block, specs: Sequence[EffectSpec]) -> Readings:
     """Apply the defects of some sensors to ideal readings."""
-    effects = _effects(plan, specs, shapes)
+    effects = _effects(plan, specs)
     design = ArmDesign(plan.machine, plan.truth)
     piston = block.x.copy()
     if block.pinned:
@@ -282,17 +274,15 @@ def _readings(plan: CasePlan, block: Block, specs: Sequence[EffectSpec], shapes:
 
 def _tables(
     plan: CasePlan, plant: Plant, blocks: Mapping[str, Block], specs: Sequence[EffectSpec], quality: SensorQuality,
-    rng: np.random.Generator, shapes: Sequence[int], delay: float,
+    rng: np.random.Generator, delay: float,
 ) -> Tables:  # fmt: skip
     chain = SensorChain(plan.machine, quality, rng.spawn(1)[0])
     names, tables = [j.name for j in plan.machine.joints], {}
     for stem, block in blocks.items():
-        readings = _readings(plan, block, specs, shapes)
+        readings = _readings(plan, block, specs)
         if delay:
-            late = block.time - delay
-            readings.joint_position = np.stack(
-                [_late(block.time, column, late) for column in readings.joint_position.T], axis=1
-            )
+            late = np.clip(block.time - delay, block.time[0], block.time[-1])
+            readings.joint_position = np.asarray(CubicSpline(block.time, readings.joint_position)(late))
         constant = {
             "oil_temperature": block.temperature,
             "supply_pressure": readings.supply_pressure,
@@ -313,10 +303,6 @@ def _tables(
     return tables
 
 
-def _late(time: FloatArray, column: FloatArray, late: FloatArray) -> FloatArray:
-    return np.asarray(CubicSpline(time, column)(np.clip(late, time[0], time[-1])))
-
-
 def _half_parked(machine: Machine, tables: Tables, rng: np.random.Generator, quality: SensorQuality) -> Tables:
     """Hold the machine where it stopped, for as long as it moved."""
     result = {}
@@ -335,9 +321,9 @@ def _half_parked(machine: Machine, tables: Tables, rng: np.random.Generator, qua
     return result
 
 
-def _true(plan: CasePlan, spec: EffectSpec, seen: float, shapes: Sequence[int], number: int, count: int) -> TrueEffect:
+def _true(plan: CasePlan, spec: EffectSpec, seen: float, number: int, count: int) -> TrueEffect:
     kind = UNDECLARED[spec.id]
-    own = _effects(plan, [spec] if count == 1 else [replace(spec)] * (number + 1), shapes)[-1]
+    own = _effects(plan, [spec] if count == 1 else [spec] * (number + 1))[-1]
     return TrueEffect(kind.called or spec.id, spec.joint, spec.size, seen, spec.joint, own.variables())
 
 
@@ -350,7 +336,7 @@ def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
     return found, time.process_time() - started
 
 
-def said_of(found: Mapping[str, GapPosterior]) -> Said:
+def findings_of(found: Mapping[str, GapPosterior]) -> Findings:
     """Return the findings in plain names."""
     sets, laws, stated = [], [], []
     joints = list(found)
@@ -364,7 +350,7 @@ def said_of(found: Mapping[str, GapPosterior]) -> Said:
             else:
                 sets.append(tuple((_variable(name, joints), joint) for name in names))
     nothing = float(np.prod([next((p for s, p in own.sets if not s.names), 0.0) for own in found.values()]))
-    return Said(tuple(sets), tuple(laws), {}, tuple(stated), {}, None if sets or laws else nothing)
+    return Findings(tuple(sets), tuple(laws), {}, tuple(stated), {}, None if sets or laws else nothing)
 
 
 def _variable(name: str, joints: Sequence[str]) -> str:
@@ -374,22 +360,22 @@ def _variable(name: str, joints: Sequence[str]) -> str:
     return signal if other == "None" else f"{joints[int(other)]}.{signal}"
 
 
-def run(counts: Mapping[str, int], seed: int, per_arm: int = 6) -> Iterator[dict[str, Any]]:
+def run(counts: Mapping[str, int], seed: int) -> Iterator[Line]:
     """Run cases one after another, as lines of results; classes take turns, an arm's worth of each."""
-    for group in range(max(-(-count // per_arm) for count in counts.values())):
+    for group in range(max(-(-count // PER_ARM) for count in counts.values())):
         for kind, count in counts.items():
-            for number in range(group * per_arm, min((group + 1) * per_arm, count)):
+            for number in range(group * PER_ARM, min((group + 1) * PER_ARM, count)):
                 yield run_case(kind, number, seed)
 
 
-def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
+def run_case(kind: str, number: int, seed: int) -> Line:
     """Run one case: made, checked, compared."""
     started = time.process_time()
     case = make_case(kind, number, seed)
     made = time.process_time()
     found, seconds = check_gaps(case)
-    said = said_of(found)
-    outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, said)
+    findings = findings_of(found)
+    outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, findings)
     return {
         "kind": kind,
         "number": number,
@@ -399,8 +385,8 @@ def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
         "result": outcome.result,
         "surplus": outcome.surplus,
         "wrong_alone": outcome.wrong_alone,
-        "said": [list(s) for s in said.stated],
-        "nothing": said.nothing,
+        "said": [list(own) for own in findings.stated],
+        "nothing": findings.nothing,
         "joints": len(found),
         "make_s": made - started,
         "session_s": time.process_time() - made - seconds,
@@ -408,20 +394,19 @@ def run_case(kind: str, number: int, seed: int) -> dict[str, Any]:
     }
 
 
-def case_text(line: Mapping[str, Any]) -> str:
+def case_text(line: Line) -> str:
     """Describe a case in a line: what is there, what is found, and how that came out."""
     there = ", ".join(f"{name}@{joint} ({seen:.0f} widths)" for name, joint, _, seen, _ in line["effects"])
-    said = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
+    found = "; ".join(" or ".join(f"{n}@{j} {p:.2f}" for n, j, p in own) for own in line["said"])
     surplus = f" +{line['surplus']}" if line["surplus"] else ""
-    return (
-        f"{line['kind']}:{line['number']} {there or 'sound'} [{line['note']}]: {line['result']}{surplus}: {said or '-'}"
-    )
+    head = f"{line['kind']}:{line['number']} {there or 'sound'} [{line['note']}]"
+    return f"{head}: {line['result']}{surplus}: {found or '-'}"
 
 
-def checks(lines: Sequence[Mapping[str, Any]]) -> list[Check]:
+def checks(lines: Sequence[Line]) -> list[Check]:
     """Compare every rate with its target."""
 
-    def of(*kinds: str) -> list[Mapping[str, Any]]:
+    def of(*kinds: str) -> list[Line]:
         return [line for line in lines if line["kind"] in kinds]
 
     shown, outside, sound = of("one", "two"), of("outside"), of("sound")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from sim_backends.machines import ARMS, ArmKind
 from sim_backends.plant.cases import CasePlan
-from sim_backends.plant.truth import CylinderTruth, SensorQuality
+from sim_backends.plant.truth import SensorQuality
 from sim_backends.undeclared import MISMATCH, OUTSIDE, OUTSIDE_MISMATCH, UNDECLARED, outside
 
 #: Classes of cases, and the interval their sizes are drawn from (log-uniform): lambda, or, for effects that bend an
@@ -45,7 +44,7 @@ class Recipe:
     """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
-    as large as what is beyond them. ``positions``: an effect is as large as it stands out of all noise of inertia, too.
+    as large as what is beyond them. ``positions``: the size of an effect counts all noise of inertia, too.
     """
 
     arms: tuple[ArmKind, ...]
@@ -167,8 +166,10 @@ def largest(effect: str, plan: CasePlan, joint: str | None) -> float:
     number = [j.name for j in plan.machine.joints].index(joint)
     law, cylinder = plan.truth.cylinders[joint], plan.machine.joints[number].cylinder
     assert cylinder is not None
-    if effect in _OF_THE_LAW:
-        return _OF_THE_LAW[effect](law)
+    if effect in _OF_COULOMB:
+        return _OF_COULOMB[effect] * law.f_c
+    if effect in ("thermal_viscosity_drift", "neighbour_inertia"):
+        return 2.0 * law.f_v if effect == "thermal_viscosity_drift" else 10.0 * law.m
     if effect == "load_dependent_friction":
         return 0.15 * 2.0e6 * cylinder.head_area
     if effect == "pressure_dependent_friction":
@@ -221,37 +222,32 @@ _OF_THE_MACHINE = {
 }
 
 
-def _friction(share: float) -> Callable[[CylinderTruth], float]:
-    return lambda law: share * law.f_c
-
-
-_OF_THE_LAW: dict[str, Callable[[CylinderTruth], float]] = {
-    "asymmetric_friction": _friction(2.0),
-    "stribeck": _friction(4.0),
-    "presliding_hysteresis": _friction(1.0),  # what builds up over distance is part of the Coulomb friction
-    "lubricant_film_lag": _friction(4.0),
-    "position_dependent_friction": _friction(3.0),
-    "velocity_root_friction": _friction(6.0),
-    "thermal_viscosity_drift": lambda law: 2.0 * law.f_v,
-    "quadratic_loss": _friction(10.0),
-    "end_cushion": _friction(15.0),
-    "gas_spring": _friction(30.0),
-    "counterbalance_valve": _friction(10.0),
-    "cross_cylinder_coupling": _friction(5.0),
-    "position_harmonic": _friction(2.0),
-    "bent_guide": _friction(5.0),
-    "threshold_spring": _friction(15.0),
-    "neighbour_product_friction": _friction(3.0),
-    "saturating_coupling": _friction(5.0),
-    "dwell_stiction": _friction(3.0),
-    "neighbour_inertia": lambda law: 10.0 * law.m,
-    "dented_rod": _friction(5.0),
-    "return_line": _friction(5.0),
-    "hanging_hose": _friction(15.0),
-    "squeezed_guide": _friction(3.0),
-    "wiped_film": _friction(4.0),
-    "lying_rod": _friction(5.0),
-    "starved_inflow": _friction(10.0),
-    "shared_gallery": _friction(10.0),
-    "pilot_line": _friction(8.0),
+#: Shares of the cylinder's Coulomb friction.
+_OF_COULOMB = {
+    "asymmetric_friction": 2.0,
+    "stribeck": 4.0,
+    "presliding_hysteresis": 1.0,  # what builds up over distance is part of the Coulomb friction
+    "lubricant_film_lag": 4.0,
+    "position_dependent_friction": 3.0,
+    "velocity_root_friction": 6.0,
+    "quadratic_loss": 10.0,
+    "end_cushion": 15.0,
+    "gas_spring": 30.0,
+    "counterbalance_valve": 10.0,
+    "cross_cylinder_coupling": 5.0,
+    "position_harmonic": 2.0,
+    "bent_guide": 5.0,
+    "threshold_spring": 15.0,
+    "neighbour_product_friction": 3.0,
+    "saturating_coupling": 5.0,
+    "dwell_stiction": 3.0,
+    "dented_rod": 5.0,
+    "return_line": 5.0,
+    "hanging_hose": 15.0,
+    "squeezed_guide": 3.0,
+    "wiped_film": 4.0,
+    "lying_rod": 5.0,
+    "starved_inflow": 10.0,
+    "shared_gallery": 10.0,
+    "pilot_line": 8.0,
 }

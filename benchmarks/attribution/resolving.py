@@ -7,15 +7,14 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count, islice
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from benchmarks.attribution.judging import recordings_of, said_of
+from benchmarks.attribution.judging import findings_of, recordings_of
 from benchmarks.attribution.making import BenchCase, make_case, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
 from benchmarks.attribution.verdicts import verdict
+from benchmarks.cases import Line
 from benchmarks.targets import Check, rate
 from daq.recordings.recording import Recording
 from fitting.loop.closing import Asked, Examined, close, next_experiment, settled
@@ -24,8 +23,6 @@ from sim_backends.plant.cases import STEMS
 from sim_backends.plant.motion import Motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.undeclared import EffectSpec
-
-Line = dict[str, Any]
 
 #: Effects whose cases ended in sets in earlier runs of `attribution`: constant forces, friction that follows load,
 #: pressure or speed, what follows an angle, what comes late.
@@ -41,7 +38,7 @@ ALIKE = (
     "velocity_root_friction",
     "sensor_latency",
 )
-#: Sizes that leave doubts: of these classes in turn.
+#: Sizes that leave a posterior with several names: of these classes in turn.
 CLASSES = ("medium", "large")
 TARGET, FORETOLD = 0.85, 0.95
 
@@ -96,11 +93,11 @@ def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
     first = Examined.of(session)
     if not first.found or settled(first.hypotheses):
         return None
-    before = said_of(first)
+    before = findings_of(first)
     line |= {"truth": [asdict(e) for e in case.effects], "before": _stated(first), "sets": before.sets}
     recorder = PlantRecorder(case, selection)
     last, steps = close(first, recorder)
-    after = said_of(last)
+    after = findings_of(last)
     outcome = verdict(key.kind, case.effects, after)
     line |= {
         "true_in_set": verdict(key.kind, case.effects, before).result in ("right", "in set"),
@@ -122,19 +119,17 @@ def _closed_anyway(first: Examined, recorder: PlantRecorder, case: BenchCase) ->
     if best is None:
         return None
     after = first.with_recording(recorder(Asked(best, "", (), 0.0), 1))
-    outcome = verdict(case.key.kind, case.effects, said_of(after))
+    outcome = verdict(case.key.kind, case.effects, findings_of(after))
     return settled(after.hypotheses) and outcome.result == "right" and not outcome.surplus
 
 
 def _stated(found: Examined) -> list[Line]:
     names = [joint.name for joint in found.session.machine.joints]
-    return [
-        {
-            "terms": [[t.id, None if t.joint is None else names[t.joint]] for t in h.terms],
-            "probability": round(h.probability, 3),
-        }
-        for h in found.hypotheses[:4]
-    ]
+    stated = []
+    for one in found.hypotheses[:4]:
+        terms = [[term.id, None if term.joint is None else names[term.joint]] for term in one.terms]
+        stated.append({"terms": terms, "probability": round(one.probability, 3)})
+    return stated
 
 
 def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
@@ -143,34 +138,19 @@ def checks(lines: Sequence[Line], looked_at: int) -> list[Check]:
     there = [line for line in lines if line["true_in_set"]]
     closable = [line for line in lines if line["motions"]]
     left = [line for line in lines if line["anyway"] is not None]
+    closed = sum(line in right for line in closable)
     foretold = [line for line in closable if line in right] + [line for line in left if not line["anyway"]]
     return [
         rate("ambiguous, of the cases looked at", len(lines), looked_at),
         rate("end in the single right name", len(right), len(lines)),
         rate("said to be closable", len(closable), len(lines)),
+        rate("of those, end in the single right name", closed, len(closable), "at least", TARGET),
         rate(
-            "of those, end in the single right name",
-            sum(line in right for line in closable),
-            len(closable),
-            "at least",
-            TARGET,
-        ),
-        rate(
-            "closable or not, as the best motion then showed",
-            len(foretold),
-            len(closable) + len(left),
-            "at least",
-            FORETOLD,
+            "closable or not, as the best motion then showed", len(foretold), len(closable + left), "at least", FORETOLD
         ),
         rate("the same, where the first set holds it", sum(line in right for line in there), len(there)),
         rate("end in a wrong name alone", sum(line["result"] == "wrong" for line in lines), len(lines)),
     ]
-
-
-def append(file: Path, line: Line) -> None:
-    """Add a result to a file, on a line of its own."""
-    with file.open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(line) + "\n")
 
 
 def text(line: Line) -> str:

@@ -1,32 +1,30 @@
-"""Many cases: in processes of their own, appended line by line, continued where a run was interrupted."""
+"""One case from its key to a line of results, and all cases of a run."""
 
 from __future__ import annotations
 
 import json
-import multiprocessing
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
-from benchmarks.attribution.case_files import stored_apart, stored_case
-from benchmarks.attribution.coverage import intervals, true_values
+from benchmarks import cases
+from benchmarks.attribution.apart import stored_apart
 from benchmarks.attribution.judging import judge, recordings_of
-from benchmarks.attribution.making import make_case
+from benchmarks.attribution.making import make_case, stored_case
 from benchmarks.attribution.recipe import KINDS, CaseKey, Selection
-from benchmarks.attribution.verdicts import verdict
-from benchmarks.one_thread import one_blas_thread
+from benchmarks.attribution.verdicts import intervals, true_values, verdict
+from benchmarks.cases import Line
 from daq.errors import InputError
 from fitting.loop.session import Options
 
-Line = dict[str, Any]
+#: What every line of results has.
+RESULT = {"kind", "number", "seed", "result"}
 
 
 @dataclass(frozen=True)
 class Order:
-    """One case to do, judged without the recordings of one role if that is said, and at so many bands."""
+    """One case to do, judged without the recordings of one role if there is one, and at so many bands."""
 
     key: CaseKey
     selection: Selection
@@ -49,28 +47,8 @@ def plan_of(counts: dict[str, int], seed: int) -> list[CaseKey]:
 
 
 def read_lines(path: Path) -> list[Line]:
-    """Read results of a file; drop a last line that an interruption cut off.
-
-    Raises
-    ------
-    InputError
-        If a line before the last is no result.
-    """
-    texts = path.read_text(encoding="utf-8").splitlines()
-    lines: list[Line] = []
-    for number, text in enumerate(texts, start=1):
-        try:
-            line = json.loads(text)
-            if not isinstance(line, dict) or not {"kind", "number", "seed", "result"} <= line.keys():
-                raise ValueError("no result")
-            lines.append(line)
-        except ValueError:
-            if number == len(texts):
-                break
-            raise InputError(
-                f"{path}: line {number} is no result of 'hilfit bench attribution'; give another file"
-            ) from None
-    return lines
+    """Read results of a file."""
+    return cases.read_lines(path, RESULT, "attribution")
 
 
 def key_of(line: Line) -> CaseKey:
@@ -108,86 +86,49 @@ def run_case(order: Order) -> Line:
         return line | {"result": "made"}
     try:
         recordings = [r for r in recordings_of(case.machine, case.recordings) if r.role != order.without]
-        said, *others = judge(case.machine, recordings, order.bootstrap, order.bands)
+        findings, *others = judge(case.machine, recordings, order.bootstrap, order.bands)
     except Exception as error:  # whatever the fit throws is how this case came out
         return line | {"error": f"{type(error).__name__}: {error}", "seconds": time.process_time() - made}
     seconds = time.process_time() - made
-    outcome = verdict(key.kind, case.effects, said)
+    outcome = verdict(key.kind, case.effects, findings)
     line |= asdict(outcome)
-    line["said"] = {
-        "sets": said.sets,
-        "laws": said.laws,
-        "stated": said.stated,
-        "unknown": said.unknown,
-        "nothing": said.nothing,
-    }
+    line["said"] = {key: getattr(findings, key) for key in ("sets", "laws", "stated", "unknown", "nothing")}
     line["seconds"] = seconds / len(order.bands)
     if others:
         line["bands"] = {
             f"{band:g}": [one.verdict, one.sets, one.laws, one.depends]
-            for band, one in zip(order.bands, (said, *others), strict=True)
+            for band, one in zip(order.bands, (findings, *others), strict=True)
         }
     if outcome.result == "right" and not outcome.surplus:
-        estimates = intervals(said.values, true_values(case.machine, case.truth))
+        estimates = intervals(findings.values, true_values(case.machine, case.truth))
         line["parameters"] = {i.name: [i.value, i.std, i.truth] for i in estimates}
     return dict(json.loads(json.dumps(line)))  # as it is read back: lists for tuples
 
 
-def run_cases(orders: Sequence[Order], workers: int) -> Iterator[Line]:
-    """Yield results as they come. Each worker is a process with one BLAS thread."""
-    one_blas_thread()
-    if workers <= 1 or len(orders) <= 1:
-        yield from map(run_case, orders)
-        return
-    # Spawned, so that the environment holds before numpy is loaded; few orders ahead, so that Ctrl-C is quick.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        waiting: set[Future[Line]] = set()
-        rest = iter(orders)
-        try:
-            while True:
-                for order in rest:
-                    waiting.add(pool.submit(run_case, order))
-                    if len(waiting) >= workers + 1:
-                        break
-                if not waiting:
-                    return
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
-        finally:
-            for future in waiting:
-                future.cancel()
-
-
 def run(
-    orders: Iterable[Order], workers: int, output: Path | None, show: Callable[[Line], None] = lambda line: None
+    orders: Sequence[Order], workers: int, output: Path | None, show: Callable[[Line], None] = lambda line: None
 ) -> list[Line]:
-    """Run what is not in ``output`` yet, append it there, and return all orders' results in their order."""
-    orders = list(orders)
-    known = {}
-    if output is not None and output.exists():
-        known = {key_of(line): line for line in read_lines(output)}
-        # An interruption may have cut the last line: start clean, or the next one would be glued to it.
-        text = "".join(json.dumps(line) + "\n" for line in known.values())
-        part = output.with_name(output.name + ".part")
-        part.write_text(text, encoding="utf-8")
-        part.replace(output)
-        wanted = {
-            order.key: (order.selection.as_json(), order.bootstrap, order.without, order.bands) for order in orders
-        }
-        for key, line in known.items():
-            asked = line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without")
-            own = (*asked, tuple(line.get("at", (1.0,))))
-            if key in wanted and own != wanted[key]:
-                raise InputError(
-                    f"{output}: has {key.text} from a run with other restrictions; give another file to -o"
-                )
-    results = {order.key: known[order.key] for order in orders if order.key in known}
-    for line in run_cases([order for order in orders if order.key not in known], workers):
+    """Run what is not in ``output`` yet, append it there, and return all orders' results in their order.
+
+    Raises
+    ------
+    InputError
+        If ``output`` has one of these cases from a run with other restrictions.
+    """
+    results = {key_of(line): line for line in cases.resumed(output, RESULT, "attribution")}
+    for order in orders:
+        line = results.get(order.key)
+        if line is None:
+            continue
+        asked = (line.get("selection"), line.get("bootstrap", Options.bootstrap), line.get("without"))
+        own = (order.selection.as_json(), order.bootstrap, order.without, order.bands)
+        if (*asked, tuple(line.get("at", (1.0,)))) != own:
+            raise InputError(
+                f"{output}: has {order.key.text} from a run with other restrictions; give another file to -o"
+            )
+    missing = [order for order in orders if order.key not in results]
+    for line in cases.in_processes(run_case, missing, workers):
         results[key_of(line)] = line
-        if output is not None:
-            with output.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(line) + "\n")
+        cases.append(output, line)
         show(line)
     return [results[order.key] for order in orders]

@@ -1,4 +1,4 @@
-"""Lambda: how far a true effect stands out of the noise once the base model has taken what it can.
+"""Lambda: how large a true effect is in the noise once the base model has taken what it can.
 
 ``lambda^2 = |P W d|^2`` with ``d`` the effect's waveform in the efforts (ideal transducers, the same disturbance with
 the effect and without; none at all for a delay or a gain, which would move the disturbance, too, and a delay's as
@@ -91,34 +91,27 @@ class Sight:
         self._filter = signal.firwin(2 * half + 1, BANDWIDTH, window=("kaiser", 8.0), fs=rate)
         self._step = max(1, int(rate / (2.75 * BANDWIDTH)))
         lags = round(8.0 * rate)
-        self._covariances = [
-            noise_covariance(machine, truth, quality, joint, lags) for joint in range(len(machine.joints))
-        ]
+        joints = range(len(machine.joints))
+        self._covariances = [noise_covariance(machine, truth, quality, joint, lags) for joint in joints]
         angles = np.stack([bare["train-1"][_encoder(machine, j.name)] for j in machine.joints], axis=1)
         masses = {
             True: inertias(machine, truth, angles),
             False: np.diag([truth.cylinders[j.name].m ** 2 for j in machine.joints]),
         }
-        self._whitening = {
-            loaded: [
-                self._whitener(own + more * positions)
-                for own, more in zip(
-                    self._covariances, mass @ restlessness(machine, quality, loaded, lags), strict=True
-                )
-            ]
-            for loaded, mass in masses.items()
-        }
+        self._whitening = {}
+        for loaded, mass in masses.items():
+            noise = self._covariances + positions * (mass @ restlessness(machine, quality, loaded, lags))
+            self._whitening[loaded] = [self._whitener(own) for own in noise]
         self._basis = self._base_columns(bare)
-        self._position_std = [self._gap_noise(quality, joint) for joint in range(len(machine.joints))]
+        self._position_std = [self._gap_noise(quality, joint) for joint in joints]
 
     def force(self, tables: Mapping[str, Table], bare: Mapping[str, Table] | None = None) -> float:
         """Compute lambda of what differs in the efforts between these ideal tables and those without the effect
         (``bare``; if absent, the ones that this sight was made from)."""
         projected, total = np.zeros(self._basis[0].shape[1]), 0.0
         for joint in range(len(self._machine.joints)):
-            white = np.concatenate(
-                [self._white(joint, self._difference(tables, bare or self._bare, stem, joint), stem) for stem in FITTED]
-            )
+            differences = {stem: self._difference(tables, bare or self._bare, stem, joint) for stem in FITTED}
+            white = np.concatenate([self._white(joint, own, stem) for stem, own in differences.items()])
             total += float(white @ white)
             projected += self._basis[joint].T @ white
         return float(np.sqrt(max(total - float(projected @ projected), 0.0)))
@@ -162,10 +155,9 @@ class Sight:
     def _gap(self, tables: Mapping[str, Table], stem: str, joint: int) -> FloatArray:
         described = self._machine.joints[joint]
         assert described.cylinder is not None
-        angle = tables[stem][_encoder(self._machine, described.name)]
-        return np.asarray(
-            tables[stem][f"{described.name}.piston_position"] - described.cylinder.linkage.piston_position(angle)
-        )
+        table = tables[stem]
+        x = described.cylinder.linkage.piston_position(table[_encoder(self._machine, described.name)])
+        return np.asarray(table[f"{described.name}.piston_position"] - x)
 
     def _levers(self, tables: Mapping[str, Table], joint: int) -> FloatArray:
         described = self._machine.joints[joint]
@@ -328,10 +320,8 @@ def _density(covariance: FloatArray, frequency: FloatArray) -> FloatArray:
 def _effort(machine: Machine, table: Table, joint: int) -> FloatArray:
     described = machine.joints[joint]
     assert described.cylinder is not None
-    return np.asarray(
-        table[f"{described.name}.head_pressure"] * described.cylinder.head_area
-        - table[f"{described.name}.rod_pressure"] * described.cylinder.rod_area
-    )
+    head, rod = (table[f"{described.name}.{side}_pressure"] for side in ("head", "rod"))
+    return np.asarray(head * described.cylinder.head_area - rod * described.cylinder.rod_area)
 
 
 def _encoder(machine: Machine, joint: str) -> str:

@@ -1,26 +1,32 @@
-"""The run as a whole: confusion table, rates against targets, found against lambda, coverage, time."""
+"""The run as a whole: confusion table, rates against targets, found against lambda, coverage, time, reliability.
+
+A statement is one thing that a report gives a probability: "nothing is missing", an effect on a joint
+(each member of a set by itself), a law of one signal on a joint. It is right or it is not, and its probability is to be
+the frequency of that. Results without probabilities are taken at their word: the first of a set is taken for certain.
+
+Sources: A. Dawid, "The well-calibrated Bayesian", 1982; C. Guo et al., "On calibration of modern neural networks",
+2017 (expected calibration error); G. Brier, "Verification of forecasts expressed in terms of probability", 1950.
+"""
 
 from __future__ import annotations
 
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, ncx2
+from scipy.stats import beta, chi2, ncx2
 
-from benchmarks.attribution import reliability
 from benchmarks.attribution.apart import TELLABLE
-from benchmarks.attribution.coverage import kind_of
 from benchmarks.attribution.recipe import KINDS, TARGETS
-from benchmarks.attribution.verdicts import RESULTS
+from benchmarks.attribution.verdicts import RESULTS, kind_of
+from benchmarks.cases import Line
 from benchmarks.targets import Check, figure, rate
 from fitting.effects import effect
-
-Line = dict[str, Any]
 
 BINS = (4.0, 5.0, 6.0, 8.0, 10.0, 15.0, 20.0, 30.0, 66.0)
 #: Looks that one per cent of false alarms is shared among: 30 effects on 6 joints, some four shapes each.
@@ -58,10 +64,11 @@ def checks(lines: Sequence[Line]) -> list[Check]:
     outside, pairs = of("outside"), of("pairs")
     clean = sum(line["result"] in _NAMED and not line.get("surplus") for line in of("kinematic"))
     with_effects = [line for line in done if line["kind"] != "null"]
+    surplus = sum(line.get("surplus", 0) > 0 for line in with_effects)
     found = [
         rate("no effect: accused", count(null, "accused", "error"), len(null), "at most", 0.01),
         rate("a wrong name alone", sum(bool(line.get("wrong_alone")) for line in done), len(done), "at most", 0.005),
-        _number("members of the largest set", max((line.get("widest", 0) for line in done), default=0), "at most", 3),
+        figure("members of the largest set", float(max((x.get("widest", 0) for x in done), default=0)), "{:g}", most=3),
         rate("large: right or in the set", count(large, *_NAMED), len(large), "at least", 0.97),
         *_visible("large", large),
         rate("kinematic: right or in the set, no surplus", clean, len(of("kinematic")), "at least", 0.95),
@@ -71,17 +78,11 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("small: right or in the set", count(small, *_NAMED), len(small)),
         *_outside(outside),
         rate("pairs: both right or in sets", count(pairs, *_NAMED), len(pairs), "at least", 0.9),
-        rate(
-            "surplus effects where one was found",
-            sum(line.get("surplus", 0) > 0 for line in with_effects),
-            len(with_effects),
-            "at most",
-            0.02,
-        ),
+        rate("surplus effects where one was found", surplus, len(with_effects), "at most", 0.02),
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
     found += _bands(done)
-    found += reliability.checks(done)
+    found += calibration(done)
     found += coverage(done)
     found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
     return [check for check in found if check.shown != "no cases"]
@@ -91,7 +92,7 @@ def _bands(lines: Sequence[Line]) -> list[Check]:
     """Check cases judged at several bands: whether the verdict is one, or is reported to depend on them."""
     known = [list(line["bands"].values()) for line in lines if "bands" in line]
     same = [len({verdict for verdict, *_ in own}) == 1 for own in known]
-    names = [len({json.dumps(said[1:3]) for said in own}) == 1 for own in known]
+    names = [len({json.dumps(verdict[1:3]) for verdict in own}) == 1 for own in known]
     labelled = [own[0][3] for own in known]
     honest = sum(a or b for a, b in zip(same, labelled, strict=True))
     return [
@@ -108,10 +109,7 @@ def _seconds(lines: Sequence[Line], *, bootstrap: bool) -> list[Check]:
         return []
     words = f"CPU seconds a case {'with' if bootstrap else 'without'} bootstrap"
     median, tail = float(np.median(seconds)), float(np.percentile(seconds, 95))
-    found = [
-        figure(f"{words}, median", median, "{:.1f} s"),
-        figure(f"{words}, 95th percentile", tail, "{:.1f} s"),
-    ]
+    found = [figure(f"{words}, median", median, "{:.1f} s"), figure(f"{words}, 95th percentile", tail, "{:.1f} s")]
     limits = {False: (2.9, 8.0), True: (None, 10.0)}[bootstrap]
     return [
         c if limit is None else replace(c, bound="at most", target=limit, target_shown=f"{limit:g} s")
@@ -131,16 +129,13 @@ def _outside(lines: Sequence[Line]) -> list[Check]:
     explains: what a catalogue effect with its parameters reproduces within the noise is not outside the catalogue."""
     found = []
     beyond = [line for line in lines if not untellable(line)]
-    for words, own, target in (("outside", beyond, True), ("outside, those within noise of a name", None, False)):
-        among = [line for line in lines if line not in beyond] if own is None else own
+    near = [line for line in lines if line not in beyond]
+    for words, among, target in (("outside", beyond, True), ("outside, those within noise of a name", near, False)):
         right = sum(line["result"] == "right" for line in among)
         wrong = sum(line["result"] == "wrong" and _named_for_sure(line) for line in among)
-        found.append(
-            rate(f"{words}: law, joint and variable right", right, len(among), *(("at least", 0.95) if target else ()))
-        )
-        found.append(
-            rate(f"{words}: a catalogue name, likely", wrong, len(among), *(("at most", 0.02) if target else ()))
-        )
+        least, most = (("at least", 0.95), ("at most", 0.02)) if target else ((), ())
+        found.append(rate(f"{words}: law, joint and variable right", right, len(among), *least))
+        found.append(rate(f"{words}: a catalogue name, likely", wrong, len(among), *most))
     visible = [line for line in beyond if line.get("apart") and line["apart"]["seen"] >= TARGETS["outside"][0]]
     right = sum(line["result"] == "right" for line in visible)
     found.append(rate("outside, as large in the noise of positions: right", right, len(visible)))
@@ -165,7 +160,7 @@ def _variable(name: str) -> str:
 def _named_for_sure(line: Line) -> bool:
     """Test whether a name was given half the probability or more; one without a probability was."""
     names = {(name, joint) for members in line["said"]["sets"] for name, joint in members}
-    stated = reliability.alternatives(line["said"])
+    stated = alternatives(line["said"])
     known = [p for own in stated for name, joint, p in own if (name, joint) in names]
     return not known or max(known) >= 0.5
 
@@ -188,23 +183,18 @@ def inseparable(lines: Sequence[Line]) -> list[str]:
             table.setdefault((line["effects"][0]["id"], rival["id"]), []).append((line, rival))
     rows = []
     for (true, other), own in sorted(table.items()):
-        said: Counter[str] = Counter()
+        reported: Counter[str] = Counter()
         for line, rival in own:
             pair = [line["effects"][0]["id"], line["effects"][0]["reported"]], [rival["id"], rival["joint"]]
             sets = [[list(member) for member in members] for members in line["said"]["sets"]]
             both = any(pair[0] in members and pair[1] in members for members in sets)
             alone = [pair[n] in [m for members in sets for m in members] for n in (0, 1)]
-            said[
-                "both in a set" if both else "the true one" if alone[0] else "the other" if alone[1] else "neither"
-            ] += 1
+            one = "the true one" if alone[0] else "the other" if alone[1] else "neither"
+            reported["both in a set" if both else one] += 1
         distance = float(np.median([rival["beyond"] for _, rival in own]))
-        words = ", ".join(f"{what} {n}" for what, n in said.most_common())
+        words = ", ".join(f"{what} {n}" for what, n in reported.most_common())
         rows.append(f"{true} | {other}: {len(own)} cases, apart by {distance:.1f} in the median; said: {words}")
     return rows
-
-
-def _number(name: str, value: float, bound: Any, target: float) -> Check:
-    return Check(name, float(value), f"{value:g}", bound, target, f"{target:g}")
 
 
 def coverage(lines: Sequence[Line]) -> list[Check]:
@@ -293,18 +283,17 @@ def redrawn(lines: Sequence[Line]) -> list[str]:
 
 def truth_text(line: Line) -> str:
     """Describe the true effects of a case in a few words."""
-    return (
-        " + ".join(f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())) or "-"
-    )
+    parts = [f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())]
+    return " + ".join(parts) or "-"
 
 
-def said_text(line: Line) -> str:
+def findings_text(line: Line) -> str:
     """Describe what was found, in a few words."""
-    said = line.get("said")
-    if said is None:
+    findings = line.get("said")
+    if findings is None:
         return str(line.get("error", "-"))
-    sets = ["|".join(f"{effect}@{joint or 'machine'}" for effect, joint in members) for members in said["sets"]]
-    laws = [f"law({variable})@{joint or 'machine'}" for variable, joint in said["laws"]]
+    sets = ["|".join(f"{effect}@{joint or 'machine'}" for effect, joint in members) for members in findings["sets"]]
+    laws = [f"law({variable})@{joint or 'machine'}" for variable, joint in findings["laws"]]
     return "; ".join(sets + laws) or "nothing"
 
 
@@ -313,7 +302,7 @@ def case_text(line: Line) -> str:
     surplus = "+surplus" if line.get("surplus") else ""
     seconds = line.get("seconds", line.get("make_seconds", 0.0))
     head = f"{line['kind']}:{line['number']:<4d} {line.get('arm', ''):12s} {line['result'] + surplus:16s}"
-    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {said_text(line)}"
+    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {findings_text(line)}"
 
 
 def text(lines: Sequence[Line]) -> list[str]:
@@ -339,7 +328,7 @@ def text(lines: Sequence[Line]) -> list[str]:
         ]
     if any("said" in line for line in lines):
         rows += ["", "stated probabilities, and how often they were right:"]
-        rows += [f"  {row}" for row in reliability.text(lines)]
+        rows += [f"  {row}" for row in reliability_table(lines)]
     pairs = inseparable(lines)
     if pairs:
         rows += ["", f"pairs that the data cannot tell apart (less than {TELLABLE:g} between them):"]
@@ -354,7 +343,7 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
     """List cases of both runs that came out differently."""
 
     def outcome(line: Line) -> tuple[Any, ...]:
-        return line["result"], line.get("surplus", 0), said_text(line)
+        return line["result"], line.get("surplus", 0), findings_text(line)
 
     before = {(line["kind"], line["number"], line["seed"]): line for line in old}
     rows, changes, both = [], Counter[str](), 0
@@ -365,9 +354,127 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
         both += 1
         if outcome(earlier) != outcome(line):
             rows.append(f"  {line['kind']}:{line['number']} {truth_text(line)}")
-            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {said_text(which)}"
+            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {findings_text(which)}"
                      for word, which in (("was", earlier), ("is ", line))]  # fmt: skip
         if earlier["result"] != line["result"]:
             changes[f"{line['kind']}: {earlier['result']} -> {line['result']}"] += 1
     head = [f"compared on {both} cases; {len(rows) // 3} say something else than before"]
     return head + rows + [f"  {n:3d} {change}" for change, n in changes.most_common()]
+
+
+Statement = tuple[float, bool]
+
+EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
+#: Largest expected calibration error.
+LARGEST_ERROR = 0.05
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Statements of nearly one probability: how many, their mean probability, and the share of them that is right."""
+
+    count: int
+    stated: float
+    right: float
+    low: float
+    high: float
+
+
+def statements(lines: Iterable[Line]) -> list[Statement]:
+    """List every statement of a run: its probability, and whether it is right."""
+    found: list[Statement] = []
+    for line in lines:
+        findings = line.get("said")
+        if findings is None:
+            continue
+        if not findings["sets"] and not findings["laws"]:
+            nothing = findings.get("nothing")
+            found.append((1.0 if nothing is None else float(nothing), not line["effects"]))
+        for own in alternatives(findings):
+            found += [(p, _right(line, name, joint)) for name, joint, p in own]
+    return found
+
+
+def alternatives(findings: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
+    """List alternatives per finding, with probabilities; where there are none, the first, for certain."""
+    stated = findings.get("stated") or []
+    if stated and isinstance(stated[0][0], list):
+        return [[(str(name), joint, float(p)) for name, joint, p in own] for own in stated]
+    first = [members[0] for members in findings["sets"]]
+    return [[(str(name), joint, 1.0)] for name, joint in (*first, *findings["laws"])]
+
+
+def _right(line: Line, name: str, joint: str | None) -> bool:
+    """Test whether an effect, or a law of its signal on its joint, is there; a law of a catalogued effect is wrong.
+
+    A law is right of an effect outside the catalogue only.
+    """
+    if line["kind"] == "outside":
+        return any(joint == own["joint"] and name in own["variables"] for own in line["effects"])
+    return any((name, joint) == (own["id"], own["reported"]) for own in line["effects"])
+
+
+def diagram(given: Sequence[Statement]) -> list[Bin]:
+    """Bin statements by probability, with the share that is right and its 90 % interval (Jeffreys)."""
+    found = []
+    for low, high in pairwise(EDGES):
+        own = [(p, right) for p, right in given if low <= p < high or (high == 1.0 and p == 1.0)]
+        if not own:
+            continue
+        hits, count = sum(right for _, right in own), len(own)
+        low_end, high_end = (float(beta.ppf(level, hits + 0.5, count - hits + 0.5)) for level in (0.05, 0.95))
+        found.append(Bin(count, float(np.mean([p for p, _ in own])), hits / count, low_end, high_end))
+    return found
+
+
+def calibration_error(given: Sequence[Statement]) -> float:
+    """Compute the expected calibration error: distance of probability and share, weighted by statements."""
+    return float(sum(b.count * abs(b.stated - b.right) for b in diagram(given)) / max(len(given), 1))
+
+
+def brier(given: Sequence[Statement]) -> float:
+    """Compute the mean squared distance of the probabilities from what is true (0 or 1)."""
+    return float(np.mean([(p - right) ** 2 for p, right in given])) if given else float("nan")
+
+
+def reliability_table(lines: Sequence[Line]) -> list[str]:
+    """Write the diagram as a table."""
+    rows = [f"{'stated':>8s} {'right':>8s} {'90 % interval':>16s} {'statements':>11s}"]
+    for b in diagram(statements(lines)):
+        interval = f"{100 * b.low:.0f} to {100 * b.high:.0f} %"
+        rows.append(f"{100 * b.stated:7.1f}% {100 * b.right:7.1f}% {interval:>16s} {b.count:11d}")
+    return rows
+
+
+def draw_reliability(lines: Sequence[Line], target: Path) -> None:
+    """Draw the diagram: share that is right over stated probability, with intervals and numbers of statements."""
+    from matplotlib.figure import Figure
+
+    found = diagram(statements(lines))
+    stated, right = np.array([b.stated for b in found]), np.array([b.right for b in found])
+    ends = np.array([[b.right - b.low, b.high - b.right] for b in found]).T
+    picture = Figure(figsize=(5.2, 4.6), layout="constrained")
+    axes = picture.add_subplot()
+    axes.plot([0, 100], [0, 100], color="#999999", linewidth=1, label="as stated")
+    axes.errorbar(
+        100 * stated, 100 * right, 100 * np.maximum(ends, 0.0), fmt="o", color="#1f6f8b", capsize=3,
+        label="right, with 90 % intervals",
+    )  # fmt: skip
+    for b in found:
+        axes.annotate(str(b.count), (100 * b.stated, 100 * b.right), (7, -11), textcoords="offset points", fontsize=8)
+    axes.set(xlabel="stated probability, %", ylabel="right, %", xlim=(-3, 106), ylim=(-3, 106))
+    axes.legend(loc="upper left", frameon=False)
+    picture.savefig(target, dpi=110)
+
+
+def calibration(lines: Sequence[Line]) -> list[Check]:
+    """Check the expected calibration error against its target, and the Brier score."""
+    given = statements(lines)
+    if not given:
+        return []
+    error, score = calibration_error(given), brier(given)
+    return [
+        Check("expected calibration error of stated probabilities", error, f"{100 * error:.1f} %", "at most",
+              LARGEST_ERROR, f"{100 * LARGEST_ERROR:.0f} %"),
+        figure("Brier score of stated probabilities", score, "{:.3f}"),
+    ]  # fmt: skip

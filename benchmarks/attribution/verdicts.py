@@ -1,13 +1,21 @@
-"""What was said, beside what is true."""
+"""What was found, and intervals of parameters, beside what is true."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from benchmarks.attribution.judging import Place, Said
-from benchmarks.attribution.making import TrueEffect
+import numpy as np
 
-#: Results of a case, as they stand in the table.
+from benchmarks.attribution.judging import Findings, Place
+from benchmarks.attribution.making import TrueEffect
+from daq.machine.machine_file import Machine
+from fitting.arm.base_parameters import reduce_parameters
+from fitting.arrays import FloatArray
+from fitting.regression.design import Design
+from sim_backends.plant.truth import Truth
+
+#: Results of a case, in the order of the table.
 RESULTS = ("right", "in set", "unexplained", "silent", "elsewhere", "partly", "wrong", "wrong set", "accused", "error")
 
 
@@ -21,7 +29,7 @@ class Verdict:
     wrong_alone : effects named without an alternative that the plant does not have
     surplus : findings (sets or laws) beyond the true effects, where those were found
     widest : members of the largest set
-    located : a law, or a set, stands at the joint of every true effect
+    located : a law, or a set, is at the joint of every true effect
     """
 
     result: str
@@ -31,7 +39,7 @@ class Verdict:
     located: bool
 
 
-def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
+def verdict(kind: str, effects: tuple[TrueEffect, ...], findings: Findings) -> Verdict:
     """Compare one case.
 
     ``right``: named, alone, at its joint (of pairs: both). ``in set``: it is in a set with others, which may be
@@ -43,43 +51,92 @@ def verdict(kind: str, effects: tuple[TrueEffect, ...], said: Said) -> Verdict:
     differ; any name is ``wrong``.
     """
     true = {(e.id, e.reported) for e in effects}
-    sets = [set(members) for members in said.sets]
-    perhaps = [members for members in _beside_laws(said) if members & true]
+    sets = [set(members) for members in findings.sets]
+    perhaps = [members for members in _beside_laws(findings) if members & true]
     false_sets = [members for members in sets if not members & true]
     wrong_alone = tuple(next(iter(members)) for members in false_sets if len(members) == 1)
     widest = max((len(members) for members in sets), default=0)
-    places = {joint for _, joint in said.laws} | {joint for members in sets for _, joint in members}
+    places = {joint for _, joint in findings.laws} | {joint for members in sets for _, joint in members}
     located = bool(effects) and all(e.reported in places for e in effects)
     found = {one for one in true if any(one in members for members in (*sets, *perhaps))}
     surplus = 0
 
     if kind == "null":
-        result = "accused" if sets or said.laws else "right"
+        result = "accused" if sets or findings.laws else "right"
     elif kind == "outside":
         joints, variables = {e.joint for e in effects}, {v for e in effects for v in e.variables}
         if sets:
             result = "wrong"
-        elif not said.laws:
+        elif not findings.laws:
             result = "silent"
         else:
-            seen = any(v in variables for v, _ in said.laws) or any(
-                said.unknown.get(j, 0.0) >= 0.5 for j in joints if j
-            )
-            fits = all(joint in joints for _, joint in said.laws) and seen
+            seen = any(v in variables for v, _ in findings.laws)
+            seen = seen or any(findings.unknown.get(j, 0.0) >= 0.5 for j in joints if j)
+            fits = all(joint in joints for _, joint in findings.laws) and seen
             result = "right" if fits else "elsewhere"
     elif found:
-        surplus = len(false_sets) + len(said.laws) - len(perhaps)
+        surplus = len(false_sets) + len(findings.laws) - len(perhaps)
         surplus += sum(1 for one in true if sum(one in members for members in sets) > 1)
         alone = all({one} in sets for one in found)
         result = "partly" if found != true else "right" if alone else "in set"
     elif false_sets:
         result = "wrong" if wrong_alone else "wrong set"
     else:
-        result = "unexplained" if said.laws else "silent"
+        result = "unexplained" if findings.laws else "silent"
     return Verdict(result, wrong_alone, surplus, widest, located)
 
 
-def _beside_laws(said: Said) -> list[set[Place]]:
+def _beside_laws(findings: Findings) -> list[set[Place]]:
     """Return the names found beside each law: what it may be, if it is no unknown effect."""
-    laws = set(said.laws)
-    return [{(name, joint) for name, joint, _ in own[1:]} for own in said.stated if own and own[0][:2] in laws]
+    laws = set(findings.laws)
+    return [{(name, joint) for name, joint, _ in own[1:]} for own in findings.stated if own and own[0][:2] in laws]
+
+
+DRIVE = ("m", "K", "f_c", "f_v", "f_s")
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter's estimate beside its truth."""
+
+    name: str
+    value: float
+    std: float
+    truth: float
+
+    @property
+    def sigmas(self) -> float:
+        """Distance from the truth in standard deviations."""
+        return (self.value - self.truth) / self.std if self.std > 0 else float(np.inf)
+
+
+def true_values(machine: Machine, truth: Truth) -> dict[str, float]:
+    """Return the plant's parameters by the names that an identification gives them."""
+    values = {
+        f"{name}.{symbol}": float(getattr(law, symbol)) for name, law in truth.cylinders.items() for symbol in DRIVE
+    }
+    base = reduce_parameters(machine)
+    pi = np.array([link.as_list() for link in truth.links])
+    if base.regrouping.shape[1] != pi.size:  # friction and drive inertia of each joint are standard parameters, too
+        pi = np.hstack([pi, np.zeros((len(pi), base.regrouping.shape[1] // len(pi) - pi.shape[1]))])
+    return values | dict(zip(base.names, base.from_standard(pi).tolist(), strict=True))
+
+
+def truth_vector(machine: Machine, truth: Truth, design: Design) -> FloatArray:
+    """Return true drive and base parameters (p,), in the design's order."""
+    values, base = true_values(machine, truth), design.parameters.base
+    names = dict(zip(base.expressions, base.names, strict=True))
+    return np.array([values[names.get(name, name)] for name in design.parameters.names])
+
+
+def intervals(values: Mapping[str, tuple[float, float]], truth: Mapping[str, float]) -> list[Interval]:
+    """Collect estimates of all parameters whose truth is known."""
+    return [Interval(name, value, std, truth[name]) for name, (value, std) in values.items() if name in truth]
+
+
+def kind_of(name: str) -> str:
+    """Name kinds: ``joint1.f_c`` an ``f_c``; ``ZZ2`` an ``inertia``, ``MX3`` a ``first moment``, ``m4`` a ``mass``."""
+    if "." in name:
+        return name.rpartition(".")[2]
+    symbol = name.rstrip("0123456789")
+    return {"M": "first moment", "m": "link mass"}.get(symbol[:1], "inertia")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from json import dumps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from benchmarks.commands.saying import benchmark, chosen
-from benchmarks.one_thread import one_blas_thread
+from benchmarks.cases import Line, append, one_blas_thread, refuse_existing
+from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen
 from benchmarks.targets import Outcome, Show
 from daq.errors import InputError
 
@@ -47,9 +46,6 @@ def _arms(text: str | None) -> tuple[ArmKind, ...]:
 Cases = Annotated[
     str, typer.Option(help="How many of each class: null, large, medium, small, kinematic, outside, pairs.")
 ]
-Results = Annotated[
-    Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
-]
 Apart = Annotated[
     bool, typer.Option(help="Also how far each case's data are from nothing and from other names of the catalogue.")
 ]
@@ -69,12 +65,12 @@ def attribution(
     show: Show,
     cases: Cases = "null=100,large=60,medium=40,small=20,kinematic=30,outside=40,pairs=30",
     case: Annotated[str | None, typer.Option(help="One case alone, as CLASS:NUMBER.")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    seed: Seed = 0,
     workers: Annotated[int, typer.Option(help="Processes, each with one BLAS thread.", min=1)] = 1,
     output: Results = None,
     compare: Annotated[Path | None, typer.Option(help="Results of another run: which cases changed.")] = None,
-    cache: Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")] = None,
-    only_make: Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")] = False,
+    cache: Cache = None,
+    only_make: OnlyMake = False,
     apart: Apart = False,
     only: Annotated[str | None, typer.Option(help="Only this effect.")] = None,
     arms: Arms = None,
@@ -91,7 +87,7 @@ def attribution(
 ) -> Outcome:
     """Count how often the loop is right on random arms, effects, joints and sizes."""
     one_blas_thread()
-    from benchmarks.attribution import reliability, summary
+    from benchmarks.attribution import summary
     from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, Selection
     from benchmarks.attribution.runs import Order, plan_of, read_lines, run
     from fitting.loop.session import Options
@@ -117,7 +113,7 @@ def attribution(
     lines = run(orders, workers, output, lambda line: show(summary.case_text(line)))
     changes = [] if compare is None else ["", *summary.compared(read_lines(compare), lines)]
     if diagram is not None and any("said" in line for line in lines):
-        reliability.draw(lines, diagram)
+        summary.draw_reliability(lines, diagram)
     content = {
         "selection": selection.as_json(),
         "found_against_lambda": summary.found_against_size(lines),
@@ -133,22 +129,19 @@ def mismatch(
     cases: Annotated[
         str, typer.Option(help="How many of each class: sound, one, two, outside.")
     ] = "one=40,two=20,outside=20,sound=60",
-    seed: Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")] = 0,
+    seed: Seed = 0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="Results, a line each.")] = None,
 ) -> Outcome:
     """Count right names of what bends one of two position sensors: many cases, without the efforts' search."""
     one_blas_thread()
     from benchmarks.attribution.mismatch import CLASSES, case_text, checks, run
 
-    if output is not None and output.exists():
-        raise InputError(f"{output}: is there already; give another file to -o")
+    refuse_existing(output)
     lines = []
     for line in run(_counts(cases, CLASSES), seed):
         lines.append(line)
         show(case_text(line))
-        if output is not None:
-            with output.open("a", encoding="utf-8") as file:
-                file.write(dumps(line) + "\n")
+        append(output, line)
     return Outcome(tuple(checks(lines)))
 
 
@@ -179,18 +172,16 @@ def resolve(
     from benchmarks.attribution import resolving
     from fitting.loop.session import Options
 
-    if output is not None and output.exists():
-        raise InputError(f"{output}: is there already; give another file to -o")
+    refuse_existing(output)
     replicas = Options.bootstrap if bootstrap is None else bootstrap
-    lines: list[dict[str, Any]] = []
+    lines: list[Line] = []
     looked_at = 0
     for line in resolving.ambiguous(seed, seconds, replicas, most or 10 * cases):
         looked_at += 1
         if line is None:
             continue
         lines.append(line)
-        if output is not None:
-            resolving.append(output, line)
+        append(output, line)
         show(resolving.text(line))
         if len(lines) >= cases:
             break

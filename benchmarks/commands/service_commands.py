@@ -1,4 +1,4 @@
-"""``hilfit bench service``, ``page``, ``storm``, ``throughput`` and ``fleet``."""
+"""Benchmarks of the acquisition and of the service."""
 
 from __future__ import annotations
 
@@ -7,11 +7,59 @@ from typing import Annotated, Literal
 
 import typer
 
-from benchmarks.commands.saying import benchmark, chosen
-from benchmarks.targets import Outcome, Show
+from benchmarks.commands.benchmark import benchmark, chosen, known, rising
+from benchmarks.targets import Outcome, Show, together
 from daq.errors import InputError
 
 DATABASES: tuple[Literal["sqlite", "postgresql"], ...] = ("sqlite", "postgresql")
+
+
+@benchmark
+def faults(
+    show: Show,
+    times: Annotated[int, typer.Option(help="That every fault comes.", min=1)] = 20,
+    seed: Annotated[int, typer.Option(help="Of when the faults come and how long they last.")] = 0,
+    only: Annotated[str | None, typer.Option(help="Part of a fault's name.")] = None,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="At the wall's clock instead of in lockstep, on a quiet computer.")
+    ] = False,
+) -> Outcome:
+    """Cause every fault at random moments: what is lost, what is wrong, how soon it is over."""
+    from benchmarks.acquisition.bus_rows import names, run_rows
+    from benchmarks.acquisition.faults import run, scripts
+
+    ours, theirs = [name for name, _ in scripts()], names()
+    known("--only", only, (*ours, *theirs), "is in no fault's name; there are")
+    parts = []
+    if only is None or any(only in name for name in ours):
+        parts.append(run(times, seed, only, real_time, show))
+    if only is None or any(only in name for name in theirs):
+        parts.append(run_rows(times, seed, only, show))
+    return together(parts)
+
+
+@benchmark
+def channels(
+    show: Show,
+    machines: Annotated[str, typer.Option(help="Numbers of machines at once, rising, with commas.")] = "1,4,8,12",
+    seconds: Annotated[float, typer.Option(help="Length of each run.", min=2)] = 20.0,
+) -> Outcome:
+    """Count the machines of 40 channels at 50 Hz that one computer carries, and what each costs."""
+    from benchmarks.acquisition.channels import run
+
+    return run([int(number) for number in rising("--machines", machines, "1,4,8")], seconds, show)
+
+
+@benchmark
+def soak(
+    show: Show,
+    minutes: Annotated[float, typer.Option(help="How long.", min=0.5)] = 60.0,
+    seed: Annotated[int, typer.Option(help="Of which fault comes when.")] = 0,
+) -> Outcome:
+    """Cause hours of faults one after another: nothing lost, memory flat."""
+    from benchmarks.acquisition.faults import soak as run
+
+    return run(minutes, seed, show)
 
 
 @benchmark
@@ -45,16 +93,15 @@ def page(
     language: Annotated[str, typer.Option(help="With --pictures: en or de.")] = "en",
 ) -> Outcome:
     """Load the page on a slow tablet: first view, frames dropped at 50 Hz; pictures of every view (--pictures)."""
-    from benchmarks.page import measuring
-    from benchmarks.page.browser import Tablet
-    from benchmarks.page.pictures import PRESSED, VIEWS
-    from benchmarks.page.pictures import run as make_pictures
+    from benchmarks.page.measuring import PRESSED, VIEWS, run
+    from benchmarks.page.measuring import pictures as make_pictures
+    from benchmarks.page.site import Tablet
 
     chosen("--only", only, list(VIEWS), "is no view; one of")
     chosen("--language", language, list(PRESSED), "must be one of")
     if pictures is not None:
         return make_pictures(pictures, only, show, language)
-    return measuring.run(Tablet(cpu, megabits), times, seconds, show)
+    return run(Tablet(cpu, megabits), times, seconds, show)
 
 
 @benchmark
@@ -104,10 +151,8 @@ def fleet(
     arms: Annotated[int, typer.Option(help="Different ones among them, all of which are fitted.", min=1)] = 30,
 ) -> Outcome:
     """Test workers on other hosts with shared database and storage: cut off, killed, a night of recalibrations."""
-    from benchmarks.fleet import night, run
+    from benchmarks.fleet.run import night, run
 
-    parts = [run.run(jobs, cut, every, show)] if jobs else []
-    parts += [night.run(machines, arms, every, show)] if machines else []
-    return Outcome(
-        tuple(check for part in parts for check in part.checks), tuple(note for part in parts for note in part.notes)
-    )
+    parts = [run(jobs, cut, every, show)] if jobs else []
+    parts += [night(machines, arms, every, show)] if machines else []
+    return together(parts)

@@ -30,7 +30,7 @@ _LIMITS = {"instructions": 168_000, "bytes": 64_000}
 
 @dataclass(frozen=True)
 class _Ran:
-    """What a run told: instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
+    """What a run printed: instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
 
     instructions: int
     stack: int
@@ -72,28 +72,20 @@ def _run(model: ArmModel, folder: Path, middle: float) -> _Ran:
         f"#define INVERSE_DYNAMICS {arm}_inverse_dynamicsf\n"
     )
 
-    def said(*command: str) -> list[str]:
+    def output_of(*command: str) -> list[str]:
         done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True, timeout=120)
         return (done.stdout + done.stderr).splitlines()
 
     options = [*_FLAGS, "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections", "-nostartfiles"]
-    said(
-        COMPILER,
-        *options,
-        "-o",
-        "arm.elf",
-        f"{arm}.c",
-        "cortex_m4.c",
-        "-T",
-        "cortex_m4.ld",
-        "-lm",
-        "--specs=nosys.specs",
+    sources, libraries = (f"{arm}.c", "cortex_m4.c"), ("-T", "cortex_m4.ld", "-lm", "--specs=nosys.specs")
+    output_of(COMPILER, *options, "-o", "arm.elf", *sources, *libraries)
+    lines = output_of(
+        MACHINE, "-M", "mps2-an386", "-icount", "shift=0", "-nographic", "-semihosting", "-kernel", "arm.elf"
     )
-    lines = said(MACHINE, "-M", "mps2-an386", "-icount", "shift=0", "-nographic", "-semihosting", "-kernel", "arm.elf")
-    told = [line.split() for line in lines if len(line.split()) == 2]
-    numbers = {key: int(value) for key, value in told if key in ("instructions", "stack")}
-    tau = [struct.unpack("<f", struct.pack("<I", int(value)))[0] for key, value in told if key == "tau"]
-    symbols = said("arm-none-eabi-nm", "arm.elf")
+    words = [line.split() for line in lines if len(line.split()) == 2]
+    numbers = {key: int(value) for key, value in words if key in ("instructions", "stack")}
+    tau = [struct.unpack("<f", struct.pack("<I", int(value)))[0] for key, value in words if key == "tau"]
+    symbols = output_of("arm-none-eabi-nm", "arm.elf")
     heap = [word for word in ("malloc", "_sbrk") if any(line.endswith(f" {word}") for line in symbols)]
-    size = sum(map(int, said("arm-none-eabi-size", "arm.elf")[1].split()[:2]))
+    size = sum(map(int, output_of("arm-none-eabi-size", "arm.elf")[1].split()[:2]))
     return _Ran(numbers["instructions"], numbers["stack"], np.array(tau), heap, size)

@@ -11,27 +11,24 @@ import importlib
 import time
 from collections.abc import Callable
 from functools import partial
-from types import ModuleType
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
 from benchmarks.targets import Check, Outcome
-from daq.machine.machine_file import Machine, parse_machine
+from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import FloatArray
 
-TWISTS = {
-    "six parallel axes": (0.0,) * 6,
-    "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0),
-}
+TWISTS = {"six parallel axes": (0.0,) * 6, "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0)}
 
 
 def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None = None) -> Outcome:
     """Time both arms, or a machine of one's own."""
-    peer = _pinocchio()
+    peer = importlib.import_module("pinocchio") if find_spec("pinocchio") is not None else None
     arms = {name: articulated_arm(twists) for name, twists in TWISTS.items()}
     if machine is not None:
         arms = {machine.name: geometry_of(machine)}
@@ -44,13 +41,10 @@ def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None 
         whole = best_time(partial(rigid_body_regressor, geometry, *motion), repeats)
         shown = f"{1e3 * needed:.1f} ms for {len(base)} columns ({1e3 * whole:.1f} ms for all {10 * geometry.joints})"
         found.append(Check(f"{name}: {samples} samples", needed, shown))
-        ratio = None
+        ratio, text = None, "Pinocchio is not installed (pip install 'hilfit[bench]')"
         if peer is not None:
             theirs = best_time(pinocchio_loop(peer, geometry, motion), max(3, repeats // 3))
-            ratio = needed / theirs
-        text = "Pinocchio is not installed (pip install 'hilfit[bench]')"
-        if ratio is not None:
-            text = f"{ratio:.2f} of {1e3 * theirs:.1f} ms"
+            ratio, text = needed / theirs, f"{needed / theirs:.2f} of {1e3 * theirs:.1f} ms"
         found.append(Check(f"{name}: of the Pinocchio loop's time", ratio, text, "at most", 1 / 3, "a third"))
     return Outcome(tuple(found))
 
@@ -58,34 +52,18 @@ def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None 
 def articulated_arm(twists: tuple[float, ...]) -> Geometry:
     """Make an arm of revolute joints with the given twist angles (rad) and unequal link lengths."""
     n, flat = len(twists), not np.any(twists)
-    lengths = np.linspace(0.9, 0.3, n)
-    offsets = np.zeros(n) if flat else np.linspace(0.1, 0.4, n)
-    zeros = np.linspace(0.2, -0.4, n)
-    joints: list[dict[str, Any]] = [
-        {
-            "name": f"joint{i + 1}",
-            "dh": {"a": float(lengths[i]), "alpha": float(twists[i]), "d": float(offsets[i]), "theta": float(zeros[i])},
-            "limits": {"position": [-1.0, 1.0], "velocity": 1.0, "acceleration": 1.0},
-            "cylinder": None,
-        }
-        for i in range(n)
-    ]
-    channels = [
-        {"name": f"joint{i + 1}.{what}", "quantity": what, "joint": f"joint{i + 1}", "unit": unit}
-        for i in range(n)
-        for what, unit in (("joint_position", "rad"), ("joint_effort", "N m"))
-    ]
-    content = {
-        "schema": "hilfit/machine/1",
-        "name": "bench-arm",
-        "rate_hz": 50,
-        "gravity": [0.0, -9.81, 0.0] if flat else [0.0, 0.0, -9.81],
-        "joints": joints,
-        "channels": channels,
-    }
-    import yaml
-
-    return geometry_of(parse_machine(yaml.safe_dump(content)))
+    return Geometry(
+        revolute=np.ones(n, dtype=np.bool_),
+        a=np.linspace(0.9, 0.3, n),
+        alpha=np.array(twists),
+        d=np.zeros(n) if flat else np.linspace(0.1, 0.4, n),
+        theta=np.linspace(0.2, -0.4, n),
+        gravity=np.array([0.0, -9.81, 0.0] if flat else [0.0, 0.0, -9.81]),
+        position_limits=np.tile([-1.0, 1.0], (n, 1)),
+        velocity_limits=np.ones(n),
+        acceleration_limits=np.ones(n),
+        names=tuple(f"joint{number + 1}" for number in range(n)),
+    )
 
 
 def best_time(run: Callable[[], object], repeats: int) -> float:
@@ -96,13 +74,6 @@ def best_time(run: Callable[[], object], repeats: int) -> float:
         run()
         times.append(time.perf_counter() - start)
     return min(times)
-
-
-def _pinocchio() -> ModuleType | None:
-    try:
-        return importlib.import_module("pinocchio")
-    except ImportError:
-        return None
 
 
 def pinocchio_loop(pinocchio: Any, geometry: Geometry, motion: FloatArray) -> Callable[[], FloatArray]:

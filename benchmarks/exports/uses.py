@@ -16,43 +16,41 @@ from __future__ import annotations
 
 import ctypes
 import shutil
-import subprocess
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pyarrow.csv as arrow_csv
 from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
-import sim_backends
+from benchmarks.exports.conformance import compiled, handed_over
 from benchmarks.targets import Check, Outcome, Show, figure, silent
-from daq.machine.machine_file import Machine, load_machine
+from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.effects import effect
-from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Session
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export import export_model
 from fitting.model.export.functions import identifier
-from fitting.model.handover import hand_over
 from fitting.model.simulation import simulate
+from fitting.model.tails import Tail
 from fitting.model.uses.energy import energy_of_recording
 from fitting.model.uses.feedforward import Trajectory, feedforward, read_path, write_feedforward
 from fitting.model.uses.overload import alarms_in, overloads, quick, scores_of, thresholds
 from fitting.model.uses.payload import payload_signal
 from fitting.residual.terms import Term
-from fitting.signals.corrections import Corrections
+from sim_backends import default_machine
 from sim_backends.plant.closed_loop import FRICTION_SPEED, ClosedLoop, Run
 from sim_backends.plant.motion import Motion, random_motion, write_motion
 from sim_backends.plant.plant import record
-from sim_backends.plant.truth import SensorQuality, Truth, load_truth
+from sim_backends.plant.truth import SensorQuality, Truth
 
 #: Forces on the tip, N, and how long each acts, s.
 HITS, HIT_SECONDS, BETWEEN, COUNT = (30.0, 60.0, 120.0), 0.3, 2.5, 6
@@ -66,67 +64,63 @@ HYSTERESIS = 300.0
 
 
 @dataclass(frozen=True)
-class _Bench:
-    """The machine, what it really is, and its identified model."""
+class _Arm:
+    """A machine, what it really is, and the seed of its motions and noise: each number another one."""
 
     machine: Machine
     truth: Truth
-    model: ArmModel
     seed: int
+
+    def rng(self, number: int) -> np.random.Generator:
+        """Return the random generator of a number."""
+        return np.random.default_rng((self.seed, number))
 
     def recording(
         self, number: int, seconds: float, role: str, undeclared: tuple[tuple[str, str | None, float], ...] = ()
     ) -> Recording:
-        """Make an ordinary recording; every number another motion."""
-        return _recorded(self.machine, self.truth, (self.seed, number), seconds, role, undeclared)
+        """Make an ordinary recording."""
+        rng, rods = self.rng(number), "unpinned" if role == "unloaded" else "pinned"
+        program = random_motion(self.machine, rng, seconds, rods=cast(Rods, rods))
+        return self.seen(role, number, record(self.machine, self.truth, program, undeclared=undeclared, rng=rng))
 
     def resting(self, number: int, seconds: float) -> Recording:
-        """Hold the arm in a pose; every number another one."""
-        rng = np.random.default_rng((self.seed, number))
+        """Hold the arm in a pose."""
+        rng = self.rng(number)
         low, high = np.array([joint.limits.position for joint in self.machine.joints]).T
         pose = 0.5 * (low + high) + 0.4 * (high - low) * rng.uniform(-1.0, 1.0, len(low))
         names = tuple(joint.name for joint in self.machine.joints)
         held = Motion(self.machine.name, "pinned", names, np.array([0.0, seconds]), np.stack([pose, pose]))
-        values = record(self.machine, self.truth, held, rng=rng)
-        time = values.pop("time")
-        return Recording(
-            self.machine.name, "operation", f"rest-{number}", f"{number}", self.machine.rate_hz, time, values
-        )
+        return self.seen("operation", number, record(self.machine, self.truth, held, rng=rng))
+
+    def seen(self, role: str, number: int, table: dict[str, FloatArray]) -> Recording:
+        """Make a recording of a table."""
+        time, name = table.pop("time"), f"{role}-{number}"
+        return Recording(self.machine.name, role, name, f"{self.seed}-{name}", self.machine.rate_hz, time, table)
+
+    def motion(self, number: int, seconds: float) -> Motion:
+        """Draw a motion."""
+        return random_motion(self.machine, self.rng(number), seconds)
+
+    def loop(self, quality: SensorQuality | None, number: int) -> ClosedLoop:
+        """Put the arm under its position controller."""
+        return ClosedLoop(self.machine, self.truth, quality, self.rng(number))
 
 
-def _recorded(
-    machine: Machine,
-    truth: Truth,
-    seed: tuple[int, int],
-    seconds: float,
-    role: str,
-    undeclared: tuple[tuple[str, str | None, float], ...] = (),
-) -> Recording:
-    rng = np.random.default_rng(seed)
-    rods: Rods = "unpinned" if role == "unloaded" else "pinned"
-    values = record(machine, truth, random_motion(machine, rng, seconds, rods=rods), undeclared=undeclared, rng=rng)
-    time = values.pop("time")
-    return Recording(machine.name, role, f"{role}-{seed[1]}", f"{seed}", machine.rate_hz, time, values)
+@dataclass(frozen=True)
+class _Bench(_Arm):
+    """An arm with its identified model, and what thresholds of that are made of."""
+
+    model: ArmModel
+    tails: tuple[Tail, ...]
 
 
 def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
-    """Run all checks.
-
-    Parameters
-    ----------
-    seed : of everything random
-    hours : of motion and rest in turn that false alarms are counted in
-    show : called with what is being worked on
-    """
+    """Run all checks."""
     show("identification")
     bench = _identified(seed)
     checks: list[Check] = []
-    for name, part in (
-        ("feedforward", _feedforward),
-        ("memory", _memory),
-        ("simulation", _simulation),
-        ("hits", _hits),
-    ):
+    parts = {"feedforward": _feedforward, "memory": _memory, "simulation": _simulation, "hits": _hits}
+    for name, part in parts.items():
         show(name)
         checks += part(bench)
     show("false alarms")
@@ -136,27 +130,12 @@ def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
 
 
 def _identified(seed: int) -> _Bench:
-    room = Path(sim_backends.__file__).parent / "machines"
-    machine, truth = load_machine(room / "folding_arm.yaml"), load_truth(room / "folding_arm.truth.yaml")
+    arm = _Arm(*default_machine(), seed)
     roles = (("unloaded", 40.0), ("train", 60.0), ("train", 60.0), ("validate", 60.0))
-    recordings = [_recorded(machine, truth, (seed, k), seconds, role) for k, (role, seconds) in enumerate(roles)]
-    session = Session(machine, recordings, Options(loop=False))
-    final = final_model(session, Corrections(session.machine), ())[1].model
-    report = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "software": {},
-        "data": [{"role": r.role, "file": r.file, "sha256": r.sha256, "samples": len(r)} for r in session.recordings],
-        "loop": {"verdict": "not_examined"},
-    }
-    return _Bench(machine, truth, hand_over(session, (), final, report), seed)
-
-
-def _loop(bench: _Bench, quality: SensorQuality | None, number: int) -> ClosedLoop:
-    return ClosedLoop(bench.machine, bench.truth, quality, np.random.default_rng((bench.seed, number)))
-
-
-def _motion(bench: _Bench, number: int, seconds: float) -> Motion:
-    return random_motion(bench.machine, np.random.default_rng((bench.seed, number)), seconds)
+    recordings = [arm.recording(number, seconds, role) for number, (role, seconds) in enumerate(roles)]
+    model = handed_over(Session(arm.machine, recordings, Options(loop=False)), ())
+    assert model.tails is not None
+    return _Bench(arm.machine, arm.truth, seed, model, model.tails)
 
 
 def _error(run: Run) -> FloatArray:
@@ -179,10 +158,10 @@ def _forces(bench: _Bench, program: Motion, folder: Path) -> Callable[[float], F
 
 
 def _feedforward(bench: _Bench) -> list[Check]:
-    program, quality = _motion(bench, 100, 15.0), SensorQuality()
+    program, quality = bench.motion(100, 15.0), SensorQuality()
     with tempfile.TemporaryDirectory() as place:
         known = _forces(bench, program, Path(place))
-    loops = [_loop(bench, quality, 101) for _ in range(2)]
+    loops = [bench.loop(quality, 101) for _ in range(2)]
     alone, helped = (loop.follow(program, loop.gains(), own) for loop, own in zip(loops, (None, known), strict=True))
     factors = _error(alone) / _error(helped)
     shown = f"{np.min(factors):.1f} (by joint {', '.join(f'{f:.0f}' for f in factors)}; "
@@ -211,7 +190,7 @@ def _memory(bench: _Bench) -> list[Check]:
         told=np.append(bench.model.told, True),
         rests=(),
     )
-    program, errors = _motion(bench, 104, 12.0), {}
+    program, errors = bench.motion(104, 12.0), {}
     with tempfile.TemporaryDirectory() as place:
         write_motion(Path(place) / "motion.csv", program)
         path = read_path(model, Path(place) / "motion.csv")
@@ -221,7 +200,7 @@ def _memory(bench: _Bench) -> list[Check]:
             "forgetful": motion.on_motion(motion.at_rest(model), path.q, path.qd, path.qdd, path.t).drive_effort(0),
         }
     for name, rows in forces.items():
-        loop, state = _loop(bench, None, 105), {"x": np.nan, "z": 0.0, "sign": 0.0, "now": -1.0}
+        loop, state = bench.loop(None, 105), {"x": np.nan, "z": 0.0, "sign": 0.0, "now": -1.0}
 
         def outside(now: float, q: FloatArray) -> FloatArray:
             x = float(loop.arm.piston(q[None], 0.0 * q[None], 0.0 * q[None])[0][0, joint])  # noqa: B023
@@ -243,19 +222,14 @@ def _memory(bench: _Bench) -> list[Check]:
     shown = (
         f"{ratio:.3f} ({1e3 * errors['C']:.3f} mrad; without what it remembers {1e3 * errors['forgetful']:.3f} mrad)"
     )
-    return [
-        Check(
-            "memory: tracking error with the exported C over that with the model", ratio, shown, "at most", 1.1, "1.1"
-        )
-    ]
+    return [figure("memory: tracking error with the exported C over that with the model", ratio, most=1.1, shown=shown)]
 
 
 def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
     """Compute drive efforts of a motion by the compiled C, moment by moment."""
     export_model(model, "c", folder)
     name, n = identifier(model.machine.name), len(model.joints)
-    subprocess.run(["cc", "-O2", "-fPIC", "-shared", "-o", "arm.so", f"{name}.c", "-lm"], cwd=folder, check=True)
-    library, array = ctypes.CDLL(str(folder / "arm.so")), ctypes.c_double * n
+    library, array = compiled(folder, f"{name}.c"), ctypes.c_double * n
     memory, dt, rows = (ctypes.c_double * 8)(), ctypes.c_double(1.0 / model.machine.rate_hz), []
     for k, row in enumerate(zip(path.q, path.qd, path.qdd, strict=True)):
         out = [array() for _ in range(4)]  # efforts of joints and drives, pressures
@@ -268,7 +242,7 @@ def _c_forces(model: ArmModel, path: Trajectory, folder: Path) -> FloatArray:
 
 def _simulation(bench: _Bench) -> list[Check]:
     """Run the controller without integrator, which has no state of its own, on plant and model."""
-    program, loop = _motion(bench, 102, 6.0), _loop(bench, None, 103)
+    program, loop = bench.motion(102, 6.0), bench.loop(None, 103)
     gains = loop.gains(integral=False)
     plant = loop.follow(program, gains)
     wanted_x, wanted_v, _, _ = loop.arm.piston(plant.wanted, np.gradient(plant.wanted, plant.t, axis=0), plant.qd)
@@ -296,30 +270,26 @@ def _simulation(bench: _Bench) -> list[Check]:
 
 
 def _hits(bench: _Bench) -> list[Check]:
-    """Apply forces on the tip, one after the other, in the closed loop with feedforward; random directions."""
-    assert bench.model.tails is not None
-    limits, quality = thresholds(bench.model.tails, STATED[0]), SensorQuality()
+    """Apply forces on the tip, one after the other, in the closed loop with feedforward; across the first axis."""
+    limits, quality = thresholds(bench.tails, STATED[0]), SensorQuality()
     checks = []
     for number, size in enumerate(HITS):
         rng = np.random.default_rng((bench.seed, 110 + number))
-        program, loop = _motion(bench, 120 + number, 3.0 + BETWEEN * COUNT), _loop(bench, quality, 130 + number)
+        program, loop = bench.motion(120 + number, 3.0 + BETWEEN * COUNT), bench.loop(quality, 130 + number)
         begins = 2.5 + BETWEEN * np.arange(COUNT) + rng.uniform(0.0, 1.0, COUNT)
         angles = rng.uniform(0.0, 2 * np.pi, COUNT)
-        across = _plane(bench.machine)
 
         def outside(now: float, q: FloatArray) -> FloatArray:
             acts = np.flatnonzero((now >= begins) & (now < begins + HIT_SECONDS))  # noqa: B023
             if not len(acts):
                 return np.zeros_like(q)
             angle = angles[acts[0]]  # noqa: B023
-            return loop.tip_efforts(q, size * (np.cos(angle) * across[0] + np.sin(angle) * across[1]))  # noqa: B023
+            return loop.tip_efforts(q, size * np.array([np.cos(angle), np.sin(angle), 0.0]))  # noqa: B023
 
         with tempfile.TemporaryDirectory() as place:
             known = _forces(bench, program, Path(place))
         run = loop.follow(program, loop.gains(), known, outside)
-        values = loop.record(run, quality, rng)
-        time = values.pop("time")
-        seen = Recording(bench.machine.name, "operation", "hits", f"hits-{number}", bench.machine.rate_hz, time, values)
+        seen = bench.seen("operation", number, loop.record(run, quality, rng))
         alarms = np.array([own.found for own in overloads(bench.model, seen, limits)])
         delays = np.array([next((a - t for a in alarms if 0 <= a - t <= HIT_SECONDS), np.inf) for t in begins])
         checks.append(_delay(size, delays))
@@ -330,17 +300,11 @@ def _delay(size: float, delays: FloatArray) -> Check:
     soon, found = int(np.sum(delays <= 0.1)), delays[np.isfinite(delays)]
     shown = f"{soon} of {len(delays)} within 100 ms"
     if len(found):
-        shown += (
-            f" (found {len(found)}; {1e3 * np.median(found):.0f} ms in the middle, at most {1e3 * found.max():.0f} ms)"
-        )
+        shown += f" (found {len(found)}; {1e3 * np.median(found):.0f} ms in the middle, "
+        shown += f"at most {1e3 * found.max():.0f} ms)"
     share = soon / len(delays)
     name = f"overload: hits of {size:g} N on the tip at {STATED[0]:g} false alarm an hour"
     return Check(name, share, shown, "at least", 1.0, "all") if size == HITS[-1] else Check(name, share, shown)
-
-
-def _plane(machine: Machine) -> tuple[FloatArray, FloatArray]:
-    """Find two directions across the first axis, where a force on the tip turns the arm."""
-    return np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 def _false_alarms(bench: _Bench, hours: float) -> list[Check]:
@@ -349,9 +313,8 @@ def _false_alarms(bench: _Bench, hours: float) -> list[Check]:
     A minute is one block for the plant (all physics steps in arrays) and one for the model; every stated rate is judged
     by the same scores. 24 h take eleven minutes of processor time.
     """
-    assert bench.model.tails is not None
     minutes, joints = max(1, round(60.0 * hours)), bench.model.joints
-    limits = [thresholds(bench.model.tails, stated) for stated in STATED]
+    limits = [thresholds(bench.tails, stated) for stated in STATED]
     counts, seconds, units = np.zeros((len(STATED), len(joints)), dtype=int), 0.0, list[FloatArray]()
     for number in range(minutes):
         place = FIRST_MINUTE + number

@@ -108,7 +108,7 @@ def main(order_file: Path, worker: str | None) -> None:
     def clock() -> datetime:
         return datetime.now(UTC) + timedelta(days=tomorrow.is_file())
 
-    def say(text: str) -> None:
+    def show(text: str) -> None:
         print(json.dumps({"url": text}), flush=True)
 
     command = (sys.executable, "-I", "-S", str(Path(__file__).with_name("light_stage.py")))
@@ -118,10 +118,10 @@ def main(order_file: Path, worker: str | None) -> None:
             RECORDER: QuickRecorder(order.speed, Path(order.recordings)),
             CLOCK: clock,
         }
-        serve(settings, say, parts)
+        serve(settings, show, parts)
     else:
         light: dict[Key, Any] = {STAGE_PROGRAM: lambda: StageProgram(stages.STAGES, command)}
-        work(settings, worker, lambda: say(""), light)
+        work(settings, worker, lambda: show(""), light)
     leave()
 
 

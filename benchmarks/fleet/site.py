@@ -17,15 +17,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import httpx2
 
 from benchmarks.fleet.namespaces import HERE, NETWORK, Host, hosts
-from benchmarks.service.hosts import API, COMMAND, ONE_CORE, wait_until
+from benchmarks.service.hosts import API, COMMAND, ONE_CORE, end, started, wait_until
 from benchmarks.service.postgresql import AbsentError, postgresql_server
-from benchmarks.service.start import cpu_with_children_s
-from benchmarks.storm.processes import descendants
+from benchmarks.service.start import cpu_with_children_s, descendants
 from benchmarks.targets import Show
 
 #: Seconds for something to come up.
@@ -49,7 +48,7 @@ class Site:
     environment: Mapping[str, str]
     places: tuple[Host, ...]
     log: IO[str]
-    say: Show
+    show: Show
     workers: dict[str, subprocess.Popen[str]] = field(default_factory=dict)
     server: subprocess.Popen[str] | None = None
     spent: float = 0.0
@@ -58,13 +57,13 @@ class Site:
     def served(self, command: Sequence[str] = ()) -> Iterator[httpx2.Client]:
         """Start the server, with no jobs of its own; a client of it. At the end all is ended."""
         given = command or [*COMMAND, "serve", "--port", "0", "--data-dir", str(self.data), "--json"]
-        self.server, said = self.started(given, {"HILFIT_LOCAL_JOBS": "0"})
+        self.server, up = self.started(given, {"HILFIT_LOCAL_JOBS": "0"})
         try:
-            with httpx2.Client(base_url=json.loads(said)["url"] + API, timeout=600) as client:
+            with httpx2.Client(base_url=json.loads(up)["url"] + API, timeout=600) as client:
                 yield client
         except Exception:
             self.log.flush()
-            self.say((self.directory / "log").read_text()[-3000:])
+            self.show((self.directory / "log").read_text()[-3000:])
             raise
         finally:
             for process in (*self.workers.values(), self.server):
@@ -88,22 +87,7 @@ class Site:
         self, command: Sequence[str], more: Mapping[str, str] | None = None
     ) -> tuple[subprocess.Popen[str], str]:
         """Start a process of the site, once it is up, with its first line."""
-        process = subprocess.Popen(
-            command,
-            stdout=subprocess.PIPE,
-            stderr=self.log,
-            text=True,
-            env={**self.environment, **ONE_CORE, **(more or {})},
-            start_new_session=True,
-        )
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        if not line:
-            end(process)
-            self.log.flush()
-            said = (self.directory / "log").read_text()[-400:].strip()
-            raise RuntimeError(f"{' '.join(command[-5:])} did not come up: {said}")
-        return process, line
+        return started(command, self.log, {**self.environment, **ONE_CORE, **(more or {})})
 
     def processor(self) -> tuple[float, float]:
         """Sum processor s of server and workers, those killed among them, and of their children, gone or there."""
@@ -114,7 +98,7 @@ class Site:
 
 
 @contextmanager
-def new_site(count: int, say: Show) -> Iterator[Site]:
+def new_site(count: int, show: Show) -> Iterator[Site]:
     """Make a site with so many hosts for workers, of which nothing runs yet.
 
     Raises
@@ -133,19 +117,7 @@ def new_site(count: int, say: Show) -> Iterator[Site]:
             (directory / "log").open("w") as log,
         ):
             addresses = {"HILFIT_STORAGE_URL": storage, "HILFIT_DATABASE_URL": server.new_database()}
-            yield Site(directory, data, os.environ | keys | addresses, places, log, say)
-
-
-def end(process: subprocess.Popen[Any]) -> None:
-    """End a process, and wait for it."""
-    process.terminate()
-    try:
-        process.wait(START_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
+            yield Site(directory, data, os.environ | keys | addresses, places, log, show)
 
 
 def kill_now_and_then(

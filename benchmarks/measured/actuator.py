@@ -1,7 +1,7 @@
 """A crane's actuator of which only the valve's opening and a pressure are recorded: half of it simulated freely.
 
 Data: Sjoberg and others (see below), 1024 samples; the first half is fitted. Without positions nothing is known of
-speeds, so the model of valves does not apply. What stands here is a curve in front of a rational filter::
+speeds, so the model of valves does not apply. The model here is a curve in front of a rational filter::
 
     y_k = sum a_i y_(k-i) + sum b_j g(u_(k-j)) + c
 

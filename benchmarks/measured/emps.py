@@ -17,9 +17,11 @@ import numpy as np
 from scipy import signal
 from scipy.io import loadmat
 
+from benchmarks.measured.page import found_text, percent, residuals, table
 from benchmarks.measured.stacks import Found, Low, Stack, loop, refitted, relative, stack_of
-from daq.machine.machine_file import Machine, load_machine
-from daq.recordings.recording import Recording, read_recording, write_recording
+from benchmarks.targets import Check, fact
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording, write_recording
 from fitting.arrays import FloatArray
 from fitting.loop.session import Options, Session
 from fitting.residual.terms import Term
@@ -27,7 +29,7 @@ from fitting.residual.terms import Term
 MACHINE = Path(__file__).parent / "machines" / "emps.yaml"
 FORCE_PER_VOLT = 35.1507  # N/V, the drive's published gain
 PERIOD_ROWS = 6240
-#: Of its recordings: two periods to fit, two to hear the noise on, the pulses to predict.
+#: Of its recordings: two periods to fit, two to measure the noise on, the pulses to predict.
 ROLES = ("train", "repeat", "validate")
 #: Published base model and relative errors in percent: own motion, and predicted on the pulses.
 PUBLISHED = {"M": 95.1089, "Fv": 203.5034, "Fc": 20.3935, "offset": -3.1648}
@@ -48,9 +50,8 @@ class Emps:
     before, after, asymmetric : relative error on the own motion and on the pulses, percent, decimated by ten;
         of the base model, with what the loop added, and with asymmetric friction alone
     raw : the same of the base model on every sample
-    found : what the loop said
-    speed, residual_before, residual_after : (K,) of the own motion, decimated
-    parameters : names, units and values of the model with what was added
+    found : what the loop found
+    residuals : speed, residual before and after, (K,) of the own motion, decimated
     """
 
     base: dict[str, float]
@@ -59,10 +60,57 @@ class Emps:
     asymmetric: tuple[float, float]
     raw: tuple[float, float]
     found: Found
-    speed: FloatArray
-    residual_before: FloatArray
-    residual_after: FloatArray
-    parameters: tuple[tuple[str, float], ...]
+    residuals: tuple[FloatArray, FloatArray, FloatArray]
+
+    def checks(self) -> tuple[Check, ...]:
+        """Check what publication and loop have to agree in."""
+        apart = max(abs(100 * (self.base[name] / PUBLISHED[name] - 1)) for name in ("M", "Fv", "Fc"))
+        names = self.found.names
+        return (
+            percent("EMPS: largest difference from the published M, Fv, Fc", apart, 0.3),
+            fact(
+                "EMPS: asymmetric friction found unaided", "asymmetric_friction" in names, ", ".join(names) or "nothing"
+            ),
+            percent("EMPS: relative error after the loop, own motion", self.after[0], 3.2),
+            percent("EMPS: relative error after the loop, predicted on the pulses", self.after[1], 5.4),
+        )
+
+    def section(self) -> str:
+        """Write the section of the page."""
+        base = []
+        for name, unit in (("M", "kg"), ("Fv", "N s/m"), ("Fc", "N"), ("offset", "N")):
+            own, published = self.base[name], PUBLISHED[name]
+            base.append([name, unit, f"{published:.4f}", f"{own:.4f}", f"{100 * (own / published - 1):+.2f} %"])
+        own, cross = PUBLISHED_ERRORS
+        errors = [
+            ["base, published", f"{own:.2f} %", f"{cross:.2f} %"],
+            ["base", f"{self.before[0]:.2f} %", f"{self.before[1]:.2f} %"],
+            ["with asymmetric friction, published", f"{PUBLISHED_ASYMMETRIC_ERROR:.2f} %", "–"],
+            ["with asymmetric friction alone", f"{self.asymmetric[0]:.2f} %", f"{self.asymmetric[1]:.2f} %"],
+            ["with all that the loop added", f"{self.after[0]:.2f} %", f"{self.after[1]:.2f} %"],
+        ]
+        return f"""## EMPS: a carriage on a ball screw
+
+A. Janot, M. Gautier, M. Brunot, *Data set and reference models of EMPS*, Workshop on Nonlinear System Identification
+Benchmarks, 2019. [Machine file](../benchmarks/measured/machines/emps.yaml): one prismatic joint, `joint_effort`, and
+`drive: {{offset: true}}`, because the published base model has an offset too.
+
+{table(["base model", "unit", "published", "here", "difference"], base)}
+Fitted in a band of {BANDWIDTH_HZ:g} Hz. Errors are taken on every row after decimation by ten, as the
+publication does. On undecimated samples the base model has {self.raw[0]:.2f} % and {self.raw[1]:.1f} %: the edges
+of the pulses are outside any band of the motion.
+
+{table(["relative error", "own motion", "predicted on the pulses"], errors)}
+The reference repeats itself exactly every 6.24 s. So the loop was given the first two periods as `train`, the last two
+as `repeat` and the pulses as `validate`; options were left as they are.
+
+{found_text(self.found)}
+![residual against speed](measured-machines/emps.svg)
+"""
+
+    def figures(self) -> dict[str, str]:
+        """Draw the figures, by name."""
+        return {"emps": residuals(*self.residuals, "speed [m/s]", "N")}
 
 
 def files(data: Path, directory: Path) -> dict[str, Path]:
@@ -103,7 +151,6 @@ def evaluate(data: Path, directory: Path) -> Emps:
     theta = stacks[0].fit()
     more = _stacks(session, found.terms, found)
     theta_more = more[0].fit()
-    names = _names(session, found)
     one_sided = [term for term in found.terms if term.id == "asymmetric_friction"]
     alone = _stacks(session, one_sided, found) if one_sided else stacks
     return Emps(
@@ -113,19 +160,18 @@ def evaluate(data: Path, directory: Path) -> Emps:
         asymmetric=_errors(alone, alone[0].fit(), _decimated),
         raw=_errors(stacks, theta, _every),
         found=found,
-        speed=_decimated(session.plain.design.segments[0].v[:, 0]),
-        residual_before=_decimated(stacks[0].target[0] - stacks[0].columns[0] @ theta),
-        residual_after=_decimated(more[0].target[0] - more[0].columns[0] @ theta_more),
-        parameters=tuple(zip(names, theta_more.tolist(), strict=True)),
+        residuals=(
+            _decimated(session.plain.design.segments[0].v[:, 0]),
+            _decimated(stacks[0].target[0] - stacks[0].columns[0] @ theta),
+            _decimated(more[0].target[0] - more[0].columns[0] @ theta_more),
+        ),
     )
 
 
 def _whole(paths: dict[str, Path]) -> Session:
-    machine: Machine = load_machine(MACHINE)
-    recordings: list[Recording] = [
-        read_recording(paths["whole"], machine, "train"),
-        read_recording(paths["validate"], machine, "validate"),
-    ]
+    machine = load_machine(MACHINE)
+    files = (("whole", "train"), ("validate", "validate"))
+    recordings = [read_recording(paths[name], machine, role) for name, role in files]
     return Session(machine, recordings, Options(bandwidth_hz=BANDWIDTH_HZ))
 
 
@@ -149,14 +195,5 @@ def _errors(stacks: tuple[Stack, Stack], theta: FloatArray, low: Low) -> tuple[f
 
 def _published_names(session: Session, theta: FloatArray) -> dict[str, float]:
     values = dict(zip(session.plain.design.parameters.names, theta.tolist(), strict=True))
-    return {
-        "M": values["m1"],
-        "Fv": values["carriage.f_v"],
-        "Fc": values["carriage.f_c"],
-        "offset": values["carriage.f_0"],
-    }
-
-
-def _names(session: Session, found: Found) -> tuple[str, ...]:
-    joints = session.plain.design.parameters.joints
-    return (*session.plain.design.parameters.names, *(n for term in found.terms for n in term.names(joints)))
+    own = ("m1", "carriage.f_v", "carriage.f_c", "carriage.f_0")
+    return {name: values[key] for name, key in zip(PUBLISHED, own, strict=True)}

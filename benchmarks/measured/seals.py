@@ -5,7 +5,7 @@ open. With the load cell's force as a measured external force, ``p A - F`` is wh
 ordinary machine file and the ordinary loop serve. A recording is one pressure; every pressure between the lowest and
 the highest is kept for `validate` once, and the loop is run each time.
 
-Beside the loop stands the elementary reading: half the width of the force loop at mid-stroke, less what the pressure
+Beside the loop there is the elementary reading: half the width of the force loop at mid-stroke, less what the pressure
 regulator's own hysteresis contributes, cycle by cycle; a straight line over the pressures, weighted by the spread
 of the cycles.
 """
@@ -15,10 +15,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from benchmarks.measured.page import code, svg, table
 from benchmarks.measured.stacks import Found, loop, refitted, stack_of
+from benchmarks.targets import Check, figure
 from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.quality import Quality
 from daq.recordings.recording import read_recording, write_recording
@@ -76,7 +79,7 @@ class Trial:
     Attributes
     ----------
     kept : that pressure, bar; None where there are only two
-    found : what the loop said
+    found : what the loop found
     fitted, fitted_std : N/bar, slope of the effect in the joint refit, with the other effects that were added
     before, after : error on the fitted recordings and on `validate` (None without one), N
     """
@@ -133,9 +136,8 @@ def read_run(path: Path) -> _Run:
     time = np.arange(0.0, stamps[-1], 0.01)
     displacement, pressure, force = (np.interp(time, stamps, table[:, k]) for k in (4, 5, 6))
     after = np.clip(np.searchsorted(stamps, time), 1, len(stamps) - 1)
-    return _Run(
-        time, _RETRACTED - 1e-3 * displacement, BAR * pressure, force, stamps[after] - stamps[after - 1] > _HOLE
-    )
+    missing = stamps[after] - stamps[after - 1] > _HOLE
+    return _Run(time, _RETRACTED - 1e-3 * displacement, BAR * pressure, force, missing)
 
 
 def half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
@@ -170,17 +172,8 @@ def readings(runs: Sequence[_Run]) -> tuple[float, tuple[Pressure, ...]]:
         friction = halves[:, 0] - area * halves[:, 1]
         error = float(np.std(friction, ddof=1) / np.sqrt(cycles))
         pressure = float((retracting.mean(axis=0)[1] + extending.mean(axis=0)[1]) / 2)
-        result.append(
-            Pressure(
-                bar=pressure / BAR,
-                friction=float(friction.mean()),
-                std=error,
-                width=float(halves[:, 0].mean()),
-                retracting=float(retracting[:, 2].mean()),
-                extending=float(extending[:, 2].mean()),
-                cycles=cycles,
-            )
-        )
+        width, inward, outward = (float(own.mean()) for own in (halves[:, 0], retracting[:, 2], extending[:, 2]))
+        result.append(Pressure(pressure / BAR, float(friction.mean()), error, width, inward, outward, cycles))
     return area, tuple(result)
 
 
@@ -268,19 +261,9 @@ def _same(term: Term) -> bool:
 def _written(directory: Path, machine: Machine, seal: str, bar: int, run: _Run) -> Path:
     used = run.time > _RUN_IN
     flags = np.where(run.missing[used], int(Quality.MISSING), int(Quality.FRESH))
-    values = {
-        "rod.position": run.position[used],
-        "rod.pressure": run.pressure[used],
-        "rod.load_cell": run.force[used],
-    }
-    return write_recording(
-        directory / f"{seal}-{bar}.parquet",
-        machine,
-        "train",
-        run.time[used],
-        values,
-        quality=dict.fromkeys(values, flags),
-    )
+    values = {"rod.position": run.position[used], "rod.pressure": run.pressure[used], "rod.load_cell": run.force[used]}
+    path, quality = directory / f"{seal}-{bar}.parquet", dict.fromkeys(values, flags)
+    return write_recording(path, machine, "train", run.time[used], values, quality=quality)
 
 
 def _errors(session: Session, terms: Sequence[Term], found: Found | None = None) -> tuple[float, float | None]:
@@ -291,3 +274,97 @@ def _errors(session: Session, terms: Sequence[Term], found: Found | None = None)
         errors[segment.role == "validate"].append(stack_of(model, index).moving_error(model.fit.theta)[0])
     own = float(np.std(np.concatenate(errors[False])))
     return own, float(np.std(np.concatenate(errors[True]))) if errors[True] else None
+
+
+def checks(results: Sequence[Seal]) -> tuple[Check, ...]:
+    """Check that a run of each seal names its friction."""
+    found = []
+    for seal in results:
+        runs = [trial for trial in seal.trials if trial.kept is not None]
+        named = sum(trial.named for trial in runs)
+        slope = f"{seal.slope:.2f} ± {seal.slope_std:.2f} N/bar"
+        name = f"pneumatic cylinder, {seal.name}: runs that name pressure-dependent friction, alone or in a set"
+        if runs:
+            found.append(figure(name, float(named), least=1.0, shown=f"{named} of {len(runs)}; {slope}"))
+        else:
+            found.append(Check(name, None, f"two pressures only; {slope}"))
+    return tuple(found)
+
+
+def section(results: Sequence[Seal]) -> str:
+    """Write the section of the page; empty without seals."""
+    if not results:
+        return ""
+    readings, tried, slopes = [], [], []
+    for seal in results:
+        for reading in seal.readings:
+            speeds = f"{1e3 * reading.retracting:.1f}, {1e3 * reading.extending:.1f}"
+            friction = f"{reading.friction:.2f} ± {reading.std:.3f}"
+            cells = (f"{reading.bar:.2f}", f"{reading.width:.2f}", friction, speeds, str(reading.cycles))
+            readings.append([seal.name, *cells])
+        for trial in seal.trials:
+            names = [code(n) + (f" or {' or '.join(map(code, r))}" if r else "") for n, _, _, r in trial.found.lines]
+            fitted = f"{trial.fitted:.2f} ± {trial.fitted_std:.2f}"
+            errors = (_pair(trial.before[0], trial.after[0]), _pair(trial.before[1], trial.after[1]))
+            kept = "–" if trial.kept is None else f"{trial.kept} bar"
+            tried.append([seal.name, kept, "; ".join(names) or "nothing", fitted, *errors])
+        slopes.append([seal.name, f"{1e3 * seal.bore:.2f}", f"{seal.slope:.2f} ± {seal.slope_std:.2f}"])
+    trial_head = ["seal", "kept", "added by the loop", "slope [N/bar]", "error, fitted [N]", "error, kept [N]"]
+    read_head = ["seal", "pressure [bar]", "half width [N]", "friction [N]", "speeds in, out [mm/s]", "cycles"]
+    return f"""## Pneumatic cylinder: seal friction against pressure
+
+Data: Zillen, TU Delft (CC0). [Machine file](../benchmarks/measured/machines/pneumatic_cylinder.yaml): a cylinder
+whose rod chamber is open (`vented: rod`) and whose rod is moved by a tester with a load cell (`external_force`). One
+recording a pressure; every pressure between the lowest and the highest is kept for `validate` once. The bore is that of
+the area which carries the mean force, because the data set does not give it and it differs with the seal. Bandwidth
+{BANDWIDTH_HZ:g} Hz; the first cycle is left out.
+
+Friction over pressure, read from the widths of the force loops:
+
+{table(["seal", "bore [mm]", "slope [N/bar]"], slopes)}
+![friction against pressure](measured-machines/seals.svg)
+
+What the loop added, with no help; the slope is that of pressure-dependent friction in a joint refit beside the other
+effects:
+
+{table(trial_head, tried)}
+With one open chamber the force that the cylinder carries *is* its pressure times its area, so friction that grows with
+the load and friction that grows with the pressure are one column, and the loop says so: they come as a set. A
+back-pressure in the other chamber would tell them apart. With two pressures only there is nothing to validate on.
+
+Friction is half the width of the force loop at mid-stroke less what the pressure regulator's own hysteresis contributes
+to it. The tester pushes in the slower the higher the pressure is, so these recordings do not quite tell pressure from
+speed: the widths count all of it as pressure, the refit shares it out, and where the two move in step (O-ring257) speed
+can take pressure's place. The Kidney seal's friction levels off, and at the retracted end it sticks.
+
+{table(read_head, readings)}"""
+
+
+def _pair(before: float | None, after: float | None) -> str:
+    return "–" if before is None or after is None else f"{before:.2f} → {after:.2f}"
+
+
+_COLOURS = ("#1f6f8b", "#b3541e", "#4b7f2b", "#7a3e9d", "#8a6d00")
+_MARKERS = "osD^v"
+
+
+def figures(seals: Sequence[Seal]) -> dict[str, str]:
+    """Plot friction against pressure of every seal, with standard errors and the weighted line."""
+
+    def draw(figure: Any) -> None:
+        ax = figure.subplots()
+        for seal, colour, marker in zip(seals, _COLOURS, _MARKERS, strict=False):
+            bar = np.array([reading.bar for reading in seal.readings])
+            force = [reading.friction for reading in seal.readings]
+            ax.errorbar(
+                bar, force, yerr=[reading.std for reading in seal.readings], fmt=marker, color=colour, capsize=3,
+                label=f"{seal.name}: {seal.slope:.2f} ± {seal.slope_std:.2f} N/bar",
+            )  # fmt: skip
+            start, slope, _ = line(seal.readings)
+            ax.plot(bar, start + slope * bar, color=colour, linewidth=1.0)
+        ax.set_xlabel("pressure [bar]")
+        ax.set_ylabel("friction [N]")
+        ax.set_ylim(bottom=0.0)
+        ax.legend(loc="lower right")
+
+    return {"seals": svg(draw, 6.4, 4.2)} if seals else {}

@@ -26,7 +26,7 @@ _LOOP = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution
 
 @dataclass(frozen=True)
 class Found:
-    """What the loop said of a machine's recordings, with no help.
+    """What the loop found in a machine's recordings, with no help.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Mistakes that people make with machine files, wiring and recordings, one function each.
 
-A mistake takes a sound rig and gives what a person would have on disk: a machine file, columns, and what has to be said
-of it. ``None`` where it cannot be made on that rig (no such channel), or where nobody could see it.
+A mistake takes a sound rig and gives what a person would have on disk: a machine file, columns, and what they should be
+called. ``None`` where it cannot be made on that rig (no such channel), or where nobody could see it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mistakes.rigs import Rig
+from benchmarks.mistakes.rigs import Rig, make_rig
 from daq.errors import MachineFileError
 from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
 from fitting.arrays import FloatArray
@@ -29,7 +29,7 @@ class Made:
     rig : columns
     machine : the machine file that is given
     codes : any of these names it rightly
-    words : so does one of these in the line that is said (with what explains the data as well)
+    words : so does one of these in the line that is printed (with what explains the data as well)
     joints : one of these has to be named too; empty: any
     roles : role that a stem is given in, where it is another than its own
     """
@@ -47,7 +47,7 @@ class Made:
 CARRIES = 0.05
 #: How a mistake is made.
 Make = Callable[[Rig, Rng], Made | None]
-#: By name; what is drawn for a mistake depends on its place, so that later ones stand at the end.
+#: By name; what is drawn for a mistake depends on its place, so that later ones are at the end.
 MISTAKES: dict[str, Make] = {}
 PRESSURES = ("head_pressure", "rod_pressure")
 
@@ -61,13 +61,9 @@ def _mistake(name: str) -> Callable[[Make], Make]:
 
 
 def _made(
-    rig: Rig,
-    codes: str,
-    *joints: str,
-    machine: Machine | None = None,
-    roles: Mapping[str, str] | None = None,
+    rig: Rig, codes: str, *joints: str, machine: Machine | None = None, roles: Mapping[str, str] | None = None,
     words: tuple[str, ...] = (),
-) -> Made:
+) -> Made:  # fmt: skip
     return Made(rig, machine or rig.machine, frozenset(codes.split()), frozenset(joints), words, roles or {})
 
 
@@ -130,10 +126,12 @@ def changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stem
     return rig
 
 
-def _all(rig: Rig, quantities: tuple[str, ...], of: Callable[[FloatArray], FloatArray]) -> Rig:
+def _all(
+    rig: Rig, quantities: tuple[str, ...], of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()
+) -> Rig:
     for channel in rig.machine.channels:
         if channel.quantity in quantities:
-            rig = changed(rig, channel.name, of)
+            rig = changed(rig, channel.name, of, stems)
     return rig
 
 
@@ -173,12 +171,20 @@ def _spoilt(
     MISTAKES[name] = make
 
 
-def _scaled_pressures(gain: float) -> Make:
-    return lambda rig, rng: _made(_all(rig, PRESSURES, lambda v: v * gain), "unit", *rig.names)
+def _all_scaled(quantities: tuple[str, ...], of: Callable[[FloatArray], FloatArray]) -> Make:
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        there = _channel(rig, quantities[0], rig.names[0]) is not None
+        return _made(_all(rig, quantities, of), "unit", *rig.names) if there else None
+
+    return make
+
+
+def _times(gain: float) -> Callable[[FloatArray], FloatArray]:
+    return lambda values: values * gain
 
 
 for _unit, _gain in (("bar", 1e-5), ("kPa", 1e-3), ("psi", 1 / 6894.757), ("MPa", 1e-6)):
-    _mistake(f"all pressures in {_unit}")(_scaled_pressures(_gain))
+    _mistake(f"all pressures in {_unit}")(_all_scaled(PRESSURES, _times(_gain)))
 
 
 def _one_scaled(quantity: str, gain: float, codes: str = "unit", *, heavy: bool = False, alone: bool = True) -> Make:
@@ -212,38 +218,29 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _edited(rig, "unit", joint, change=change)
 
 
-def _all_scaled(quantity: str, of: Callable[[FloatArray], FloatArray]) -> Make:
-    def make(rig: Rig, rng: Rng) -> Made | None:
-        there = _channel(rig, quantity, rig.names[0]) is not None
-        return _made(_all(rig, (quantity,), of), "unit", *rig.names) if there else None
-
-    return make
-
-
 def _stroke(rig: Rig, joint: str) -> float:
     cylinder = rig.machine.joint(joint).cylinder
     assert cylinder is not None
     return cylinder.stroke
 
 
-_mistake("all angles in degrees")(_all_scaled("joint_position", np.rad2deg))
-_mistake("all pistons in mm")(_all_scaled("piston_position", lambda v: 1e3 * v))
+_mistake("all angles in degrees")(_all_scaled(("joint_position",), np.rad2deg))
+_mistake("all pistons in mm")(_all_scaled(("piston_position",), _times(1e3)))
 _spoilt("sign of an angle", _of("joint_position"), "sign", lambda rig, joint, channel, v, rng: -v)
 _spoilt("piston counted from the other end", _of("piston_position"), "sign",
         lambda rig, joint, channel, v, rng: _stroke(rig, joint) - v)  # fmt: skip
 
 
-@_mistake("chambers swapped")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    joint = _joint(rig, rng)
-    return _made(_swapped(rig, *_chambers(rig, joint)), "swapped_chambers", joint)
+def _chambers_swapped(codes: str, *stems: str, every: bool = False) -> Make:
+    """Swap the chambers of one joint, or of ``every``; in some recordings no joint has to be named."""
 
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        joints = rig.names if every else [_joint(rig, rng)]
+        for joint in joints:
+            rig = _swapped(rig, *_chambers(rig, joint), *stems)
+        return _made(rig, codes, *(() if stems else joints))
 
-@_mistake("all chambers swapped")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    for joint in rig.names:
-        rig = _swapped(rig, *_chambers(rig, joint))
-    return _made(rig, "swapped_chambers", *rig.names)
+    return make
 
 
 def _swapped(rig: Rig, a: str, b: str, *stems: str) -> Rig:
@@ -252,6 +249,10 @@ def _swapped(rig: Rig, a: str, b: str, *stems: str) -> Rig:
         table = rig.tables[stem]
         rig = rig.with_column(stem, a, table[b]).with_column(stem, b, table[a])
     return rig
+
+
+_mistake("chambers swapped")(_chambers_swapped("swapped_chambers"))
+_mistake("all chambers swapped")(_chambers_swapped("swapped_chambers", every=True))
 
 
 def _two(rig: Rig, rng: Rng) -> tuple[str, str] | None:
@@ -281,14 +282,14 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(rig, "exchanged_channels", *pair)
 
 
-def _chamber_exchanged(said: str, *stems: str) -> Make:
+def _chamber_exchanged(codes: str, *stems: str) -> Make:
     def make(rig: Rig, rng: Rng) -> Made | None:
         pair = _two(rig, rng)
         if pair is None:
             return None
         chamber = int(rng.integers(2))
         first, second = (_chambers(rig, joint)[chamber] for joint in pair)
-        return _made(_swapped(rig, first, second, *stems), said, *pair)
+        return _made(_swapped(rig, first, second, *stems), codes, *pair)
 
     return make
 
@@ -300,20 +301,14 @@ _mistake("one chamber of two joints exchanged")(_chamber_exchanged("exchanged_ch
 def _(rig: Rig, rng: Rng) -> Made | None:
     joint = _joint(rig, rng)
     head, rod = _chambers(rig, joint)
-    for stem, table in rig.tables.items():
-        rig = rig.with_column(stem, rod, table[head])
-    return _made(rig, "same_channel", joint)
+    tables = {stem: {**table, rod: table[head]} for stem, table in rig.tables.items()}
+    return _made(replace(rig, tables=tables), "same_channel", joint)
 
 
 def _edit_joint(
-    key: str,
-    of: Callable[[float], float],
-    code: str,
-    linkage: bool = False,
-    *,
-    last: bool = True,
+    key: str, of: Callable[[float], float], code: str, linkage: bool = False, *, last: bool = True,
     words: tuple[str, ...] = (),
-) -> Make:
+) -> Make:  # fmt: skip
     def make(rig: Rig, rng: Rng) -> Made | None:
         if linkage and rig.kind == "one":
             return None  # one joint with one sensor: its masses take up any lever arm
@@ -384,9 +379,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     tables = {}
     for stem, table in rig.tables.items():
         pressures = {c.name for c in rig.machine.channels if c.quantity in PRESSURES}
-        tables[stem] = {
-            k: np.asarray(v)[: len(v) - late] if k in pressures else np.asarray(v)[late:] for k, v in table.items()
-        }
+        tables[stem] = {name: v[: len(v) - late] if name in pressures else v[late:] for name, v in table.items()}
     return _made(replace(rig, tables=tables), "clock_offset late_channels")
 
 
@@ -402,15 +395,13 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     return _made(_all(rig, PRESSURES, stretch), "clock_rate clock_offset")
 
 
-def _times(rig: Rig, of: Callable[[FloatArray], FloatArray], codes: str) -> Made:
-    for stem, table in rig.tables.items():
-        rig = rig.with_column(stem, "time", of(np.asarray(table["time"])))
-    return _made(rig, codes)
+def _clocked(of: Callable[[FloatArray], FloatArray], code: str) -> Make:
+    return lambda rig, rng: _made(changed(rig, "time", of), code)
 
 
-_mistake("time in ms")(lambda rig, rng: _times(rig, lambda t: 1e3 * t, "time_unit"))
-_mistake("time at another rate")(lambda rig, rng: _times(rig, lambda t: 0.5 * t, "wrong_rate"))
-_mistake("a jump of the clock")(lambda rig, rng: _times(rig, lambda t: t + 30.0 * (t > 15.0), "time_jump"))
+_mistake("time in ms")(_clocked(_times(1e3), "time_unit"))
+_mistake("time at another rate")(_clocked(_times(0.5), "wrong_rate"))
+_mistake("a jump of the clock")(_clocked(lambda t: t + 30.0 * (t > 15.0), "time_jump"))
 
 
 @_mistake("rows lost")
@@ -474,42 +465,33 @@ _spoilt("outliers", _any, "outliers", _outliers)
 _spoilt("a step in a sensor's zero", _position, "jump", _step, ("train-1",))
 
 
-@_mistake("unloaded given as train")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    if "unloaded" not in rig.tables:
-        return None
-    return _made(rig, "wrong_role", roles={"unloaded": "train"})
+def _given_as(stem: str, role: str) -> Make:
+    return lambda rig, rng: _made(rig, "wrong_role", roles={stem: role}) if stem in rig.tables else None
 
 
-@_mistake("train given as unloaded")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    return _made(rig, "wrong_role", roles={"train-2": "unloaded"})
+def _in_place_of(stem: str, other: str, code: str) -> Make:
+    """Put the recording ``stem`` in the place of another one."""
+
+    def make(rig: Rig, rng: Rng) -> Made | None:
+        tables = {name: table for name, table in rig.tables.items() if name not in (stem, other)}
+        return _made(replace(rig, tables={**tables, other: rig.tables[stem]}), code)
+
+    return make
 
 
-@_mistake("repeat of another motion")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    tables = {stem: table for stem, table in rig.tables.items() if stem not in ("train-2", "repeat")}
-    return _made(replace(rig, tables={**tables, "repeat": rig.tables["train-2"]}), "no_repeat")
-
-
-@_mistake("validated on the training motion")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    tables = {stem: table for stem, table in rig.tables.items() if stem != "repeat"}
-    return _made(replace(rig, tables={**tables, "validate": rig.tables["repeat"]}), "same_motion")
+_mistake("unloaded given as train")(_given_as("unloaded", "train"))
+_mistake("train given as unloaded")(_given_as("train-2", "unloaded"))
+_mistake("repeat of another motion")(_in_place_of("train-2", "repeat", "no_repeat"))
+_mistake("validated on the training motion")(_in_place_of("repeat", "validate", "same_motion"))
 
 
 @_mistake("a recording of another machine")
 def _(rig: Rig, rng: Rng) -> Made | None:
-    from benchmarks.mistakes.rigs import make_rig
-
-    other = make_rig(rig.kind, int(rng.integers(10_000, 2**30)))
-    for stem in rig.tables:
-        if stem == "train-2" and stem in other.tables:
-            columns = {k: v for k, v in other.tables[stem].items() if k in rig.tables[stem]}
-            if set(columns) != set(rig.tables[stem]):
-                return None
-            rig = replace(rig, tables={**rig.tables, stem: columns})
-    return _made(rig, "other_machine")
+    own, other = rig.tables["train-2"], make_rig(rig.kind, int(rng.integers(10_000, 2**30))).tables["train-2"]
+    columns = {name: column for name, column in other.items() if name in own}
+    if set(columns) != set(own):
+        return None
+    return _made(replace(rig, tables={**rig.tables, "train-2": columns}), "other_machine")
 
 
 _mistake("range of a transducer")(
@@ -529,20 +511,10 @@ _mistake("gravity in g")(_gravity(lambda g: [v / 9.81 for v in g], alone=True))
 
 @_mistake("all pressures in bar in one recording")
 def _(rig: Rig, rng: Rng) -> Made | None:
-    for channel in rig.machine.channels:
-        if channel.quantity in PRESSURES:
-            rig = changed(rig, channel.name, lambda v: 1e-5 * v, ("validate",))
-    return _made(rig, "unit other_machine", *rig.names)
+    return _made(_all(rig, PRESSURES, _times(1e-5), ("validate",)), "unit other_machine", *rig.names)
 
 
-@_mistake("chambers swapped in one recording")
-def _(rig: Rig, rng: Rng) -> Made | None:
-    head, rod = _chambers(rig, _joint(rig, rng))
-    table = rig.tables["train-2"]
-    swapped = rig.with_column("train-2", head, table[rod]).with_column("train-2", rod, table[head])
-    return _made(swapped, "swapped_chambers other_machine")
-
-
+_mistake("chambers swapped in one recording")(_chambers_swapped("swapped_chambers other_machine", "train-2"))
 _spoilt("a loose cable", _any, "dropouts outliers jump", _drop)
 _spoilt("rounded to whole units", _position, "coarse held", _rounded)
 
@@ -561,10 +533,10 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 @_mistake("two recordings in one file")
 def _(rig: Rig, rng: Rng) -> Made | None:
-    first, second = rig.tables["train-1"], rig.tables["train-2"]
-    both = {k: np.concatenate([np.asarray(v), np.asarray(second[k])]) for k, v in first.items()}
-    tables = {stem: table for stem, table in rig.tables.items() if stem != "train-2"}
-    return _made(replace(rig, tables={**tables, "train-1": both}), "time_jump")
+    tables = dict(rig.tables)
+    second = tables.pop("train-2")
+    tables["train-1"] = {name: np.concatenate([column, second[name]]) for name, column in tables["train-1"].items()}
+    return _made(replace(rig, tables=tables), "time_jump")
 
 
 @_mistake("rows in the wrong order")
@@ -612,9 +584,8 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     channel, own = _position(rig, joint, rng), rig.machine.joint(joint)
     reach = own.cylinder.stroke if own.cylinder and not channel.endswith("angle") else np.ptp(own.limits.position)
     some = ("train-1",) if rng.random() < 0.5 or rig.kind == "one" else ()
-    return _made(
-        changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some), "noisy", joint
-    )
+    noisy = changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some)
+    return _made(noisy, "noisy", joint)
 
 
 _mistake("link with the wrong sign")(_edit_dh("a", lambda v: -v, "length", 3, True))

@@ -29,7 +29,7 @@ _RATES = (500.0, 200.0, 100.0, 50.0)
 
 @dataclass(frozen=True)
 class Line:
-    """What the checks said of one case.
+    """What the checks found in one case.
 
     Attributes
     ----------
@@ -83,9 +83,9 @@ def judge(rig: Rig, number: int, name: str | None, seed: int, folder: Path, blem
     found = check_files(machine, files, file)
     seconds = time.perf_counter() - began
     mistakes = [own for own in found if own.severity == "mistake"]
-    said = mistakes[0].line.replace(f"{folder}/", "") if mistakes else ""
+    first = mistakes[0].line.replace(f"{folder}/", "") if mistakes else ""
     if made is not None:
-        return Line(label, name, rig.effect, rightly(found, made), said, seconds)
+        return Line(label, name, rig.effect, rightly(found, made), first, seconds)
     return Line(label, None, rig.effect, *_of_sound(machine, files, found, folder), seconds)
 
 
@@ -114,8 +114,8 @@ def measured(data: Path, folder: Path) -> Iterator[Line]:
             began = time.perf_counter()
             found = check_files(own, files, resample=hz != machine.rate_hz)
             seconds = time.perf_counter() - began
-            said = _of_sound(own, files, found, folder, resample=hz != machine.rate_hz)
-            yield Line(f"{name} at {hz:g} Hz", None, None, *said, seconds)
+            result = _of_sound(own, files, found, folder, resample=hz != machine.rate_hz)
+            yield Line(f"{name} at {hz:g} Hz", None, None, *result, seconds)
 
 
 def run(
@@ -126,17 +126,7 @@ def run(
     show: Show = silent,
     data: Path | None = None,
 ) -> Outcome:
-    """Make every mistake on every machine.
-
-    Parameters
-    ----------
-    machines : how many, a third of each kind
-    sound : how many machines without a mistake, half of them with an effect of the catalogue
-    seed : another one gives other machines
-    only : part of the name of the mistakes to make; None: all
-    show : called with a line for every case that is not as it should be
-    data : folder of measured machines, which are sound as well
-    """
+    """Make every mistake on every machine."""
     lines: list[Line] = []
     names = [name for name in MISTAKES if only is None or only in name]
     with TemporaryDirectory(prefix="hilfit-mistakes-") as scratch:

@@ -1,4 +1,4 @@
-"""How soon the page shows live values to a slow tablet, and how many frames it drops while the machine moves."""
+"""How soon the page shows live values to a slow tablet, how many frames it drops, and pictures of every view."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import json
 import os
 import time
 from itertools import pairwise
+from pathlib import Path
 from statistics import median
 from typing import Any
 
-from benchmarks.page.browser import Tablet, chromium, tab
-from benchmarks.page.site import START_S, Site, simulated
-from benchmarks.targets import Check, Outcome, Show, figure
+from benchmarks.page.site import START_S, Site, Tablet, chromium, furnish, simulated, tab
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from daq.errors import InputError
 
 #: Seconds that a first view may take, and share of frames that may be dropped.
@@ -42,7 +42,7 @@ _EMPTY = """(drawn) => {
     requestAnimationFrame(step);
   });
 }"""
-#: Notes when the frame after the page's own header is there has been drawn: the name that stands in the document before
+#: Notes when the frame after the page's own header is there has been drawn: the name that is in the document before
 #: any script is no view.
 _WATCH = """
   new MutationObserver((_, observer) => {
@@ -53,20 +53,14 @@ _WATCH = """
 """
 
 
-def run(tablet: Tablet, times: int, seconds: float, say: Show) -> Outcome:
-    """Measure both.
-
-    Parameters
-    ----------
-    times : first views, each with an empty cache; their median counts
-    seconds : of looking at the live view at 50 Hz
-    """
+def run(tablet: Tablet, times: int, seconds: float, show: Show) -> Outcome:
+    """Measure both."""
     with simulated() as site, chromium() as browser:
         views = []
         for number in range(times):
             with tab(browser, tablet) as page:
                 views.append(_first_view(page, site))
-            say(f"view {number + 1}: painted {views[-1][0]:.2f} s, live values {views[-1][1]:.2f} s")
+            show(f"view {number + 1}: painted {views[-1][0]:.2f} s, live values {views[-1][1]:.2f} s")
         floors = []
         for drawn in (False, True):
             with tab(browser, tablet) as page:
@@ -82,14 +76,7 @@ def run(tablet: Tablet, times: int, seconds: float, say: Show) -> Outcome:
         (
             figure("first view painted", painted, "{:.2f} s", most=FIRST_VIEW_S),
             figure("plots and numbers live", live, "{:.2f} s"),
-            Check(
-                "frames dropped at 50 Hz",
-                share,
-                words,
-                "at most",
-                DROPPED,
-                f"{100 * DROPPED:g} %",
-            ),
+            Check("frames dropped at 50 Hz", share, words, "at most", DROPPED, f"{100 * DROPPED:g} %"),
             figure("plots drawn", smooth["rate"], "{:.1f} times a second"),
         ),
         notes=(
@@ -145,7 +132,79 @@ def _smoothness(page: Any, site: Site, seconds: float) -> dict[str, float]:
     while time.monotonic() < until or not found:
         time.sleep(11)  # longer than its window
         place = page.locator("[data-frames]")
-        found.append(
-            {name: float(place.get_attribute(f"data-{name}")) for name in ("frames", "dropped", "longest", "rate")}
-        )
+        names = ("frames", "dropped", "longest", "rate")
+        found.append({name: float(place.get_attribute(f"data-{name}")) for name in names})
     return max(found, key=lambda one: one["dropped"])
+
+
+SIZES = ((800, 1280), (1280, 800), (1440, 900))
+SCHEMES = ("light", "dark")
+#: Views by name, the address of each with what it is of, and what is there when it is whole.
+VIEWS = {
+    "live": ("live", ".strip canvas"),
+    "alarms": ("alarms", ".alarm"),
+    "recalibrate": ("recalibrate", ".panel"),
+    "guide": ("recalibrate", ".guide-steps"),
+    "results": ("results", "table"),
+    "result": ("results/{result}", ".plot canvas"),
+    "pose": ("pose", ".pose .link"),
+    "recordings": ("recordings", "table"),
+    "recording": ("recordings", ".time-chart canvas"),
+    "jobs": ("jobs", "table"),
+    "job": ("jobs/{job}", ".steps"),
+    "calibrations": ("calibrations", ".calibration"),
+    "history": ("history", ".timeline svg"),
+    "schedules": ("schedules", ".panel"),
+    "machines": ("machines", "table"),
+    "machine": ("machines/{machine}", ".editor"),
+    "fleet": ("fleet", "table"),
+    "audit": ("service/audit", "table"),
+    "log": ("service/log", ".panel"),
+    "pair": ("pair", ".panel"),
+}
+#: What is pressed first, by language and view.
+PRESSED = {
+    "en": {"recording": "View train before the seals", "guide": "Begin"},
+    "de": {"recording": "train before the seals ansehen", "guide": "Beginnen"},
+}
+#: What sticks out of the page sideways.
+_WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+def pictures(target: Path, only: str | None, show: Show, language: str = "en") -> Outcome:
+    """Make them in a directory, in a language of the page; each check is that a view fits its screen."""
+    pressed = PRESSED[language]
+    suffix = "" if language == "en" else f"-{language}"
+    target.mkdir(parents=True, exist_ok=True)
+    checks: list[Check] = []
+    with simulated() as site, chromium() as browser:
+        ids = furnish(site)
+        for scheme in SCHEMES:
+            for width, height in SIZES:
+                size = {"width": width, "height": height}
+                context = browser.new_context(viewport=size, color_scheme=scheme, locale=language)
+                context.set_default_timeout(60_000)
+                page = context.new_page()
+                for name, (address, there) in VIEWS.items():
+                    if only is not None and name != only:
+                        continue
+                    path = target / f"{name}-{width}x{height}-{scheme}{suffix}.png"
+                    page.goto(f"{site.url}/#/{address.format(**ids)}")
+                    if name in pressed and not page.locator(there).first.is_visible():
+                        page.get_by_role("button", name=pressed[name]).click()
+                    checks.append(_picture(page, there, path))
+                    show(path.name)
+                context.close()
+    return Outcome(tuple(checks))
+
+
+def _picture(page: Any, there: str, path: Path) -> Check:
+    whole = page.locator(there).first
+    whole.wait_for(state="attached")
+    if not whole.is_visible():  # what is out of sight is not drawn
+        whole.evaluate("(element) => element.scrollIntoView({ block: 'nearest' })")
+        whole.wait_for()
+    page.wait_for_timeout(700)  # drawings follow what they draw
+    wider = int(page.evaluate(_WIDER))
+    page.screenshot(path=str(path), full_page=False)
+    return fact(path.stem, wider <= 0, "fits" if wider <= 0 else f"{wider} px too wide")

@@ -1,20 +1,22 @@
-"""A service of its own with the simulated machine, and what a machine gathers over months."""
+"""A service with the simulated machine, and what a machine gathers over months; a browser as slow as a tablet's."""
 
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import tempfile
-import time
-import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.service.hosts import API, running
+import httpx2
+
+from benchmarks.service.hosts import API, running, wait_until
 from daq.errors import InputError
 from fitting.pipeline.stage_names import STAGES
 from server.alarms.alarm_desk import Alarms
@@ -39,26 +41,19 @@ RECORDED_S = 12.0
 
 @dataclass(frozen=True)
 class Site:
-    """A running service."""
+    """A running service, and a client of it."""
 
     url: str
     data_dir: Path
+    client: httpx2.Client
 
     def ask(self, method: str, path: str, content: Any = None) -> Any:
         """Send one request; return its JSON."""
-        body = None if content is None else json.dumps(content).encode()
-        headers = {} if body is None else {"Content-Type": "application/json"}
-        request = urllib.request.Request(f"{self.url}{API}{path}", body, headers, method=method)
-        with urllib.request.urlopen(request, timeout=60) as answer:
-            return json.loads(answer.read() or b"null")
+        return self.client.request(method, path, json=content).raise_for_status().json()
 
-    def wait(self, path: str, key: str, wanted: str) -> None:
-        """Wait until a resource is ready."""
-        until = time.monotonic() + START_S
-        while self.ask("GET", path)[key] != wanted:
-            if time.monotonic() > until:
-                raise InputError(f"{path} is not '{wanted}' after {START_S:g} s; try again on a less busy computer")
-            time.sleep(0.2)
+    def is_sealed(self, recording: str) -> bool:
+        """Test whether a recording is over and whole."""
+        return bool(self.ask("GET", f"/recordings/{recording}")["state"] == "sealed")
 
 
 @contextmanager
@@ -68,13 +63,12 @@ def simulated() -> Iterator[Site]:
         data = Path(directory) / "data"
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", str(data)]
         # A tablet does not take the service's processor: here it would, with brakes that wait busily.
-        with running(words, subprocess.DEVNULL, before=("nice", "-n", "-10")) as (_, said):
-            site = Site(str(said["url"]), data)
-            until = time.monotonic() + START_S
-            while not site.ask("GET", "/live"):
-                if time.monotonic() > until:
-                    raise InputError(f"no live frame within {START_S:g} s; try again on a less busy computer")
-                time.sleep(0.2)
+        with (
+            running(words, subprocess.DEVNULL, before=("nice", "-n", "-10")) as (_, up),
+            httpx2.Client(base_url=up["url"] + API, timeout=60) as client,
+        ):
+            site = Site(str(up["url"]), data, client)
+            wait_until(lambda: bool(site.ask("GET", "/live")), START_S, "the first live frame")
             yield site
 
 
@@ -92,13 +86,12 @@ def furnish(site: Site) -> dict[str, str]:
     recordings = []
     for role in ("train", "repeat", "validate"):
         order = {"machine": machine, "role": role, "label": f"{role} before the seals", "seconds": RECORDED_S}
-        made = site.ask("POST", "/recordings", order)
-        site.wait(f"/recordings/{made['id']}", "state", "sealed")
-        recordings.append({"id": made["id"]})
+        recordings.append(site.ask("POST", "/recordings", order)["id"])
+        wait_until(partial(site.is_sealed, recordings[-1]), START_S, "the recording")
     schedule = {"machine": machine, "label": "Sunday night", "cron": "0 3 * * 0", "timezone": "Europe/Berlin"}
     site.ask("POST", "/schedules", schedule)
     _months(site, machine)
-    return {"machine": machine, "recording": recordings[0]["id"], "result": "idn-months-4", "job": UNDER_WAY}
+    return {"machine": machine, "recording": recordings[0], "result": "idn-months-4", "job": UNDER_WAY}
 
 
 class _Past:
@@ -196,3 +189,67 @@ def _identification(site: Site, database: Database, machine: str, id: str, repor
     result = found_by(Identification, id, verdict=report["loop"]["verdict"], overall=report["overall"])
     jobs.finish(new.job, "done", "Done", result=result, place=".")
     return new
+
+
+ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+
+
+@dataclass(frozen=True)
+class Tablet:
+    """How slow a device and its network are.
+
+    Attributes
+    ----------
+    cpu : how many times longer it computes than this computer
+    megabits, latency_ms : of its network, each way, and there and back
+    width, height : CSS pixels
+    """
+
+    cpu: float = 4.0
+    megabits: float = 10.0
+    latency_ms: float = 40.0
+    width: int = 800
+    height: int = 1280
+
+
+@contextmanager
+def chromium() -> Iterator[Any]:
+    """Start a browser.
+
+    Raises
+    ------
+    InputError
+        If playwright or chromium is not installed.
+    """
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        raise InputError("playwright is not installed; pip install -e '.[test]'") from None
+    executable = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if executable is None:
+        raise InputError("no chromium on this computer; on Debian: apt-get install chromium")
+    with sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=executable, args=ARGUMENTS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+@contextmanager
+def tab(browser: Any, tablet: Tablet) -> Iterator[Any]:
+    """Open a tab with an empty cache, as slow as ``tablet``."""
+    context = browser.new_context(viewport={"width": tablet.width, "height": tablet.height})
+    context.set_default_timeout(120_000)
+    try:
+        page = context.new_page()
+        session = context.new_cdp_session(page)
+        session.send("Network.enable")
+        bytes_per_s = tablet.megabits * 1e6 / 8
+        network = {"offline": False, "latency": tablet.latency_ms}
+        network |= {"downloadThroughput": bytes_per_s, "uploadThroughput": bytes_per_s}
+        session.send("Network.emulateNetworkConditions", network)
+        session.send("Emulation.setCPUThrottlingRate", {"rate": tablet.cpu})
+        yield page
+    finally:
+        context.close()

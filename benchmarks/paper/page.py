@@ -1,4 +1,4 @@
-"""The page of the claims, as Markdown. Verdicts follow from the numbers of the run."""
+"""The page of the claims, as Markdown, and its figures, as SVG. Verdicts follow from the numbers of the run."""
 
 from __future__ import annotations
 
@@ -8,15 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.paper import figures
+from benchmarks.measured.page import svg
 from benchmarks.paper.runs import (
     PUBLISHED_COUNTS,
     PUBLISHED_STD,
     ArmRun,
     Claims,
     CylinderRun,
+    StribeckRun,
+    checks,
+    claims_of,
     over_floor,
 )
+from benchmarks.targets import Outcome, Show, silent
+from fitting.arrays import FloatArray
 
 _UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)"}
 #: Percent: differences below are none.
@@ -27,12 +32,20 @@ _MOST_FLOORS = 1.2
 _Z95 = 1.96
 
 
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
+    """Make the runs, and the page where one is wanted."""
+    claims = claims_of(count, seed, data, show)
+    if page is not None:
+        write(page, claims)
+    return Outcome(checks(claims), claims.skipped)
+
+
 def write(page: Path, claims: Claims) -> None:
     """Write the page, and its figures into a folder of the same name beside it."""
     folder = page.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "cylinders.svg").write_text(figures.cylinders(claims.shown), encoding="utf-8")
-    (folder / "stribeck.svg").write_text(figures.stribeck(claims.stribeck), encoding="utf-8")
+    (folder / "cylinders.svg").write_text(cylinders_figure(claims.shown), encoding="utf-8")
+    (folder / "stribeck.svg").write_text(stribeck_figure(claims.stribeck), encoding="utf-8")
     page.write_text(text(claims, folder.name), encoding="utf-8")
 
 
@@ -97,9 +110,8 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
     worst = {"f_c": 0.0, "K": 0.0, "f_v": 0.0, "f_s": 0.0, "m": 0.0}
     for each in own.cylinders:
         cells = []
-        for name, value, std, truth in zip(
-            each.names, each.theta, np.sqrt(np.diag(each.covariance)), each.truth, strict=True
-        ):
+        deviations = np.sqrt(np.diag(each.covariance))
+        for name, value, std, truth in zip(each.names, each.theta, deviations, each.truth, strict=True):
             cells.append(f"{value:.4g} ± {std:.2g} ({truth:.4g})")
             inside += abs(value - truth) < _Z95 * std
             total += 1
@@ -119,7 +131,7 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
 def _curve_error(own: CylinderRun) -> float:
     """Compute the RMS distance of a friction curve from the truth over the RMS of the truth, over the speeds."""
     v = np.linspace(-own.fastest, own.fastest, 201)
-    found, _, truth = figures.curve(own, v)
+    found, _, truth = curve(own, v)
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
 
@@ -161,7 +173,7 @@ def _stribeck(claims: Claims, folder: str) -> Iterator[str]:
     yield f"![friction with a bump]({folder}/stribeck.svg)"
     yield ""
     found = "Found" if own.named else "Not found"
-    yield f"**Verdict.** {found}: the loop says {own.said}. The friction curve is {own.before:.1f} N from the truth before and"
+    yield f"**Verdict.** {found}: the loop says {own.findings}. The friction curve is {own.before:.1f} N from the truth before and"
     yield f"{own.after:.1f} N after (root mean square over the speeds drawn); the joint's error on `validate` went from {before:.3g} to"
     yield f"{after:.3g} N m at a noise floor of {floor:.3g}."
     yield ""
@@ -227,8 +239,8 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
         (own["contenders"]["hierarchical"]["condition_number"], own["contenders"]["one_shot"]["condition_number"])
         for own in every
     ]
-    told = [(a, b) for a, b in pairs if a is not None and b is not None]
-    conditioned = sum(a < (1.0 - _EQUAL / 100.0) * b for a, b in told)
+    known = [(a, b) for a, b in pairs if a is not None and b is not None]
+    conditioned = sum(a < (1.0 - _EQUAL / 100.0) * b for a, b in known)
     refits = [own["contenders"]["joint_refit"]["overall"] / own["contenders"]["one_shot"]["overall"] for own in every]
     better, worse, _ = _sides(every, unloaded=True)
     order = (
@@ -237,10 +249,63 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
         else "fitting in two stages gains something even then"
     )
     return (
-        f"The two stages are better conditioned on {conditioned} of {len(told)} machines. Held against a one-shot regression of the "
+        f"The two stages are better conditioned on {conditioned} of {len(known)} machines. Held against a one-shot regression of the "
         f"same recordings, {order}: what the hierarchy is worth is that it uses the free cylinders at all, and that friction "
         "can be looked at apart. The joint refit of both stages, weighted by the noise, has a smaller error than the one-shot "
         f"regression on {sum(ratio < 1.0 for ratio in refits)} of {len(refits)}. Where a machine has more than its model and its "
         "noise explain, those weights are wrong, and hilfit hands out equal ones instead "
         "([measured machines](measured-machines.md), [decision 34](decisions/0034-weights-on-measured-machines.md))."
     )
+
+
+_TRUTH, _BASE, _CORRECTED = "#333333", "#b3541e", "#1f6f8b"
+
+
+def friction_columns(v: FloatArray) -> FloatArray:
+    """Compute columns (N, 3) of ``f_c``, ``f_v`` and ``f_s`` at piston speeds (N,), m/s."""
+    return np.column_stack([np.sign(v), v, np.cbrt(v)])
+
+
+def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute stage 1's friction (N,) in N at piston speeds, its standard deviation, and the truth."""
+    k = [own.names.index(name) for name in ("f_c", "f_v", "f_s")]
+    B = friction_columns(v)
+    std = np.sqrt(np.einsum("ni,ij,nj->n", B, own.covariance[np.ix_(k, k)], B))
+    return np.asarray(B @ own.theta[k]), np.asarray(std), np.asarray(B @ own.truth[k])
+
+
+def cylinders_figure(own: ArmRun) -> str:
+    """Plot friction over piston speed of every cylinder: stage 1, its 95 % band, and the truth."""
+
+    def draw(figure: Any) -> None:
+        for ax, each in zip(figure.subplots(2, 3).flat, own.cylinders, strict=False):
+            half = np.geomspace(0.01 * each.fastest, each.fastest, 50)
+            v = np.concatenate([-half[::-1], half])
+            found, std, truth = curve(each, v)
+            ax.fill_between(1e3 * v, found - _Z95 * std, found + _Z95 * std, color=_CORRECTED, alpha=0.25, linewidth=0)
+            ax.plot(1e3 * v, found, color=_CORRECTED, linewidth=1.3, label="stage 1, 95 % band")
+            ax.plot(1e3 * v, truth, "--", color=_TRUTH, linewidth=1.0, label="truth")
+            ax.set_title(each.joint, fontsize=10)
+        figure.axes[0].legend(loc="upper left", fontsize=8)
+        for ax in figure.axes[3:]:
+            ax.set_xlabel("piston speed [mm/s]")
+        for ax in (figure.axes[0], figure.axes[3]):
+            ax.set_ylabel("friction [N]")
+
+    return svg(draw, 9.0, 5.0)
+
+
+def stribeck_figure(own: StribeckRun) -> str:
+    """Plot friction with a bump that the base model lacks, before and after the loop."""
+
+    def draw(figure: Any) -> None:
+        ax = figure.subplots()
+        v = 1e3 * own.speed
+        ax.plot(v, own.base, color=_BASE, linewidth=1.3, label=f"base model: {own.before:.1f} N off")
+        ax.plot(v, own.corrected, color=_CORRECTED, linewidth=1.3, label=f"after the loop: {own.after:.1f} N off")
+        ax.plot(v, own.truth, "--", color=_TRUTH, linewidth=1.0, label="truth")
+        ax.set_xlabel("piston speed [mm/s]")
+        ax.set_ylabel("friction with damping [N]")
+        ax.legend(loc="upper left")
+
+    return svg(draw, 6.4, 3.8)

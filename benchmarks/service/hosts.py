@@ -13,6 +13,8 @@ from typing import IO, Any
 
 import httpx2
 
+from daq.errors import InputError
+
 API = "/api/v1"
 COMMAND = (sys.executable, "-P", "-m", "server.commands.command_line")
 #: Environment of a process that computes on one core only.
@@ -23,33 +25,52 @@ FITTED = (("train", "train-1"), ("validate", "validate"))
 STOP_S = 90.0
 
 
+def started(
+    command: Sequence[str], log: IO[str] | int, environment: Mapping[str, str] | None = None
+) -> tuple[subprocess.Popen[str], str]:
+    """Start a command of hilfit; return it, once it is up, with its first line.
+
+    It has a session of its own, as a service has: kernels share the processor session by session (sched(7), autogroup).
+
+    Raises
+    ------
+    RuntimeError
+        If it ended before.
+    """
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    if not line:
+        end(process)
+        raise RuntimeError(f"{' '.join(command[-5:])} did not come up")
+    return process, line
+
+
+def end(process: subprocess.Popen[Any], seconds: float = STOP_S) -> int:
+    """End a process by SIGTERM, by SIGKILL after so many seconds; wait for it, and return its exit code."""
+    process.terminate()
+    try:
+        process.wait(seconds)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    if process.stdout is not None:
+        process.stdout.close()
+    return process.returncode
+
+
 @contextmanager
 def running(
     words: Sequence[str], log: IO[str] | int, environment: Mapping[str, str] | None = None, before: Sequence[str] = ()
 ) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
-    """Run a command of hilfit, once it is up, with its first line; end it by SIGTERM.
-
-    It has a session of its own, as a service has: kernels share the processor session by session (sched(7), autogroup).
-
-    Parameters
-    ----------
-    words : of the command, with ``--json``
-    log : where it complains to
-    before : command that starts it
-    """
-    command = [*before, *COMMAND, *words]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=log, env=environment, text=True, start_new_session=True
-    ) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            if not line:
-                raise RuntimeError(f"hilfit {words[0]} did not come up")
-            yield process, json.loads(line)
-        finally:
-            process.terminate()
-            process.wait(STOP_S)
+    """Run a command of hilfit (``words``, with ``--json``), started by ``before``; end it at the end of the block."""
+    process, line = started([*before, *COMMAND, *words], log, environment)
+    try:
+        yield process, json.loads(line)
+    finally:
+        end(process)
 
 
 def order_of(client: httpx2.Client, case: Path) -> dict[str, Any]:
@@ -99,16 +120,16 @@ def wait_until(good: Callable[[], bool], seconds: float, what: str) -> None:
 
     Raises
     ------
-    RuntimeError
+    InputError
         If it does not within so many seconds.
     """
-    end = time.monotonic() + seconds
+    deadline = time.monotonic() + seconds
     while True:
         try:
             if good():
                 return
         except httpx2.HTTPError:
             pass
-        if time.monotonic() > end:
-            raise RuntimeError(f"{what} was not there within {seconds:g} s")
+        if time.monotonic() > deadline:
+            raise InputError(f"{what} was not there within {seconds:g} s; try again on a less busy computer")
         time.sleep(0.05)

@@ -23,7 +23,7 @@ PASSWORD = "tests%only"
 
 
 class AbsentError(HilfitError):
-    """PostgreSQL is not installed here; the text says what is missing."""
+    """PostgreSQL is not installed here; the text names what is missing."""
 
 
 class PostgreSQL:

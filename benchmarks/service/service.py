@@ -9,9 +9,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,7 +27,6 @@ from websockets.exceptions import WebSocketException
 
 from benchmarks.service.hosts import API, ordered, running, uploaded, wait_until
 from benchmarks.service.start import before_the_first_frame, cpu_s
-from benchmarks.service.strangers import strangers
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.platform.processes.precedence import take_precedence
 from sim_backends import default_machine
@@ -126,14 +129,7 @@ async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
 
 
 async def _run(
-    port: int,
-    client: httpx2.Client,
-    case: Path,
-    tablets: int,
-    rate: float,
-    uploads: int,
-    seconds: float,
-    say: Show,
+    port: int, client: httpx2.Client, case: Path, tablets: int, rate: float, uploads: int, seconds: float, show: Show
 ) -> Outcome:
     machine = client.get("/machines").json()["items"][0]["name"]
     for _ in range(int(START_S)):
@@ -146,7 +142,7 @@ async def _run(
     order = {"machine": machine, "recordings": uploaded(client, machine, case)}
     for _ in range(fits):  # they run one after another
         ordered(client, order)
-    say(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
+    show(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
     before = client.get("/status").json()["acquisition"][machine]["counts"]
     seen, until = Seen(), time.monotonic() + seconds
     readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
@@ -187,32 +183,23 @@ async def _run(
     )  # fmt: skip
 
 
-def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, say: Show) -> Outcome:
-    """Start a server, load it, and report what was seen.
-
-    Parameters
-    ----------
-    tablets : clients of the live stream
-    rate : requests per second of all readers together
-    uploads : clients that upload one recording after another
-    seconds : of load
-    others : busy processes of ordinary priority beside all of it
-    """
+def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, show: Show) -> Outcome:
+    """Start a server, load it, and report what was seen."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as directory:
         case = Path(directory) / "case"
         make_case(case, default_machine(), 0, seconds=FITTED_S)
         words = ["serve", "--simulate", "--port", "0", "--json", "--data-dir", f"{directory}/data"]
         with (
-            running(words, subprocess.DEVNULL) as (server, said),
-            httpx2.Client(base_url=said["url"] + API, timeout=LONGEST_S) as client,
+            running(words, subprocess.DEVNULL) as (server, up),
+            httpx2.Client(base_url=up["url"] + API, timeout=LONGEST_S) as client,
         ):
             wait_until(lambda: bool(client.get("/live").json()), START_S, "the first live frame")
             start = before_the_first_frame(server.pid)
-            port = int(said["url"].rpartition(":")[2])
+            port = int(up["url"].rpartition(":")[2])
             take_precedence()  # the clients of a site have computers of their own
             with strangers(others, LONGEST_S + seconds):
                 before, began = cpu_s(server.pid), time.monotonic()
-                outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, say))
+                outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, show))
                 share = (cpu_s(server.pid) - before) / (time.monotonic() - began)
             beside = (
                 figure("load of the computer at the end", os.getloadavg()[0], "{:.1f}"),
@@ -220,3 +207,36 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, sa
                 figure("processor that the service took", share, "{:.2f} cores"),
             )
             return replace(outcome, checks=(start, *beside, *outcome.checks))
+
+
+#: So many processes count until their time is over, or whoever started them has gone.
+_LOOP = """
+import os, sys, time
+number, end, parent = int(sys.argv[1]), time.monotonic() + float(sys.argv[2]), int(sys.argv[3])
+first = os.getpid()
+os.setpriority(os.PRIO_PROCESS, 0, 0)
+while number > 1 and os.fork():
+    number -= 1
+while time.monotonic() < end and os.getppid() in (parent, first):
+    for _ in range(100_000):
+        pass
+"""
+
+
+@contextmanager
+def strangers(number: int, longest_s: float) -> Iterator[None]:
+    """Run so many busy loops during the block, in a session of their own, as another user's shell has them.
+
+    Parameters
+    ----------
+    longest_s : s after which each ends by itself
+    """
+    if not number:
+        yield
+        return
+    command = [sys.executable, "-I", "-S", "-c", _LOOP, str(number), str(longest_s), str(os.getpid())]
+    with subprocess.Popen(command, start_new_session=True) as process:
+        try:
+            yield
+        finally:
+            os.killpg(process.pid, signal.SIGKILL)

@@ -7,6 +7,8 @@ slowest device), then the acquisition. Measured so, it does not depend on who el
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from benchmarks.targets import Check, figure
@@ -21,6 +23,14 @@ def children(pid: int) -> list[int]:
     for task in Path(f"/proc/{pid}/task").iterdir():
         found += [int(child) for child in (task / "children").read_text().split()]
     return found
+
+
+def descendants(pid: int) -> Iterator[int]:
+    """Yield every process below one; what has gone meanwhile has none."""
+    with suppress(OSError):
+        for child in children(pid):
+            yield child
+            yield from descendants(child)
 
 
 def cpu_s(pid: int) -> float:

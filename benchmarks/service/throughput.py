@@ -38,13 +38,8 @@ ONE_S = 180.0
 EFFICIENT = 0.9
 
 
-def run(workers: Sequence[int], jobs: int, say: Show) -> Outcome:
+def run(workers: Sequence[int], jobs: int, show: Show) -> Outcome:
     """Measure each number of workers in turn, each with a database of its own.
-
-    Parameters
-    ----------
-    workers : numbers of processes that work, the server among them
-    jobs : identifications per worker
 
     Raises
     ------
@@ -60,11 +55,11 @@ def run(workers: Sequence[int], jobs: int, say: Show) -> Outcome:
         for count in workers:
             if count <= (os.cpu_count() or 1):
                 plain[count] = _plain(directory, count, jobs)
-                say(f"{count} plain 'hilfit identify' at once: {plain[count]:.0f} an hour")
+                show(f"{count} plain 'hilfit identify' at once: {plain[count]:.0f} an hour")
             with (directory / f"log-{count}").open("w") as log:
                 seconds, own[count] = _measured(directory, server.new_database(), count, jobs * count, log)
             rates[count] = 3600.0 * jobs * count / seconds
-            say(f"{count} workers: {jobs * count} identifications in {seconds:.1f} s")
+            show(f"{count} workers: {jobs * count} identifications in {seconds:.1f} s")
     return Outcome(
         (*_checks(rates), *_ceiling(plain), *_beside(own)),
         (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}",),
@@ -127,8 +122,8 @@ def _measured(directory: Path, url: str, workers: int, jobs: int, log: IO[str]) 
     data = ["--data-dir", str(directory / f"data-{workers}"), "--json"]
     environment = _environment(url)
     with ExitStack() as stack:
-        server, said = stack.enter_context(running(["serve", "--port", "0", *data], log, environment))
-        client = stack.enter_context(httpx2.Client(base_url=said["url"] + API, timeout=60))
+        server, up = stack.enter_context(running(["serve", "--port", "0", *data], log, environment))
+        client = stack.enter_context(httpx2.Client(base_url=up["url"] + API, timeout=60))
         names = [["worker", "--name", f"worker-{number}"] for number in range(1, workers)]
         hosts = [server, *(stack.enter_context(running([*name, *data], log, environment))[0] for name in names)]
         order = order_of(client, directory / "case")

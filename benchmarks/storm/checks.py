@@ -16,7 +16,7 @@ import sqlalchemy as sa
 
 from benchmarks.service.postgresql import OWNER
 from benchmarks.storm.stages import STAGES
-from benchmarks.storm.traffic import CANCELLED_IN, Told
+from benchmarks.storm.traffic import CANCELLED_IN, Acknowledged
 from benchmarks.targets import Check, fact
 from server.audit.audit_log import Audit
 from server.identifications import identification_store
@@ -96,28 +96,28 @@ def _none(name: str, what: list[str], of: int) -> Check:
     return fact(name, not what, f"{of}" if not what else f"{len(what)} of {of} wrong: {'; '.join(what[:5])}")
 
 
-def all_checks(database: Database, files: DataDirectory, told: Told, workers: Sequence[Path] = ()) -> Iterator[Check]:
+def all_checks(
+    database: Database, files: DataDirectory, noted: Acknowledged, workers: Sequence[Path] = ()
+) -> Iterator[Check]:
     """Run every check; ``workers``: data directories of those that have their own."""
     hosts = (files.root, *workers)
-    yield from jobs(database, told)
-    yield from cancels(database, hosts, told)
-    yield from results(database, told)
+    yield from jobs(database, noted)
+    yield from cancels(database, hosts, noted)
+    yield from results(database, noted)
     yield from steps(database, hosts)
-    if told.undisturbed:
-        yield undisturbed(database, files, told)
-    yield from recordings(database, files, told)
+    if noted.undisturbed:
+        yield undisturbed(database, files, noted)
+    yield from recordings(database, files, noted)
     yield from schedules(database)
-    yield from integrity(database, told)
+    yield from integrity(database, noted)
 
 
-def jobs(database: Database, told: Told) -> Iterator[Check]:
+def jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check that every job ended, and once; its events are numbered without a hole."""
     rows = _rows(database, sa.select(job_store.jobs))
-    events = _rows(
-        database, sa.select(job_store.job_events).order_by(job_store.job_events.c.job, job_store.job_events.c.number)
-    )
+    table = job_store.job_events
     by_job: dict[str, list[Any]] = {row.id: [] for row in rows}
-    for event in events:
+    for event in _rows(database, sa.select(table).order_by(table.c.job, table.c.number)):
         by_job[event.job].append(event)
     wrong = []
     for row in rows:
@@ -129,22 +129,21 @@ def jobs(database: Database, told: Told) -> Iterator[Check]:
             wrong.append(f"{row.id}: events {numbers}")
     yield _none("jobs that ended once", wrong, len(rows))
     states = Counter((row.kind, row.state) for row in rows)
-    yield Check(
-        "jobs by end", len(rows), ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
-    )
+    shown = ", ".join(f"{n} {kind} {state}" for (kind, state), n in sorted(states.items()))
+    yield Check("jobs by end", len(rows), shown)
     # The storm's reasons: a stage or an acquisition that was killed several times over, and a cancel.
     reasons = ("SIGKILL", f"ended early, {TRIES} times over")
     expected = [row for row in rows if row.state == "done" or any(text in (row.error or "") for text in reasons)]
-    expected += [row for row in rows if row.state == "cancelled" and row.id in told.asked]
+    expected += [row for row in rows if row.state == "cancelled" and row.id in noted.asked]
     odd = [f"{row.id} {row.state}: {row.error}" for row in rows if row not in expected]
     yield _none("jobs that failed for no reason of the storm", odd, len(rows))
 
 
-def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[Check]:
+def cancels(database: Database, hosts: Sequence[Path], noted: Acknowledged) -> Iterator[Check]:
     """Check that cancelled work ended so, unless just ending; no stage of it began afterwards."""
     states = {row.id: row.state for row in _rows(database, sa.select(job_store.jobs.c.id, job_store.jobs.c.state))}
     wrong, late = [], 0
-    for job, cancel in told.cancels.items():
+    for job, cancel in noted.cancels.items():
         began = [float(run[1]) / 1e3 - cancel.at for run in _runs(hosts, cancel.identification)]
         if any(seconds > STARTING_S for seconds in began):
             wrong.append(f"{job}: a stage began {max(began):.1f} s after its cancel in {cancel.where}")
@@ -154,10 +153,10 @@ def cancels(database: Database, hosts: Sequence[Path], told: Told) -> Iterator[C
             late += 1
         else:
             wrong.append(f"{job}: cancelled in {cancel.where}, and {states[job]}")
-    yield _none("cancelled jobs that went no further", wrong, len(told.cancels))
-    where = Counter(cancel.where for cancel in told.cancels.values())
+    yield _none("cancelled jobs that went no further", wrong, len(noted.cancels))
+    where = Counter(cancel.where for cancel in noted.cancels.values())
     shown = ", ".join(f"{where[place]} in {place}" for place in CANCELLED_IN if where[place])
-    yield Check("cancels by place", len(told.cancels), f"{shown}; {late} of them had just ended")
+    yield Check("cancels by place", len(noted.cancels), f"{shown}; {late} of them had just ended")
 
 
 def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
@@ -166,15 +165,15 @@ def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
     return [line.split() for path in paths if path.is_file() for line in path.read_text().splitlines()]
 
 
-def results(database: Database, told: Told) -> Iterator[Check]:
+def results(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check that every acknowledged order made one identification, stored once."""
     rows = _rows(database, sa.select(identification_store.identifications, job_store.jobs.c.state).join(
         job_store.jobs, job_store.jobs.c.id == identification_store.identifications.c.job))  # fmt: skip
     labels = Counter(row.label for row in rows if row.label.startswith("storm-"))
     by_id = {row.id: row for row in rows}
-    wrong = [key for key, id in told.orders.items() if id not in by_id or by_id[id].label != key]
+    wrong = [key for key, id in noted.orders.items() if id not in by_id or by_id[id].label != key]
     wrong += [label for label, count in labels.items() if count != 1]
-    yield _none("acknowledged orders that made one job", wrong, len(told.orders))
+    yield _none("acknowledged orders that made one job", wrong, len(noted.orders))
     stored = Counter(_counted(database, COUNTED))
     wrong = []
     for row in rows:
@@ -184,7 +183,7 @@ def results(database: Database, told: Told) -> Iterator[Check]:
     yield _none("results stored once", wrong, sum(row.state == "done" for row in rows))
 
 
-def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
+def undisturbed(database: Database, files: DataDirectory, noted: Acknowledged) -> Check:
     """Check that every real identification was done, with verdict, numbers and report of one before the storm."""
     results, rows = IdentificationResults(database, files), Identifications(database)
 
@@ -194,16 +193,16 @@ def undisturbed(database: Database, files: DataDirectory, told: Told) -> Check:
         data = [part | {"file": Path(part["file"]).name} for part in report["data"]]  # where it lay differs by host
         return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None, "data": data}
 
-    expected, wrong = found(told.undisturbed), []
-    for key in told.real:
+    expected, wrong = found(noted.undisturbed), []
+    for key in noted.real:
         try:
-            report = found(told.orders[key])
+            report = found(noted.orders[key])
             different = [part for part in expected if report.get(part) != expected[part]]
             wrong += [f"{key}: {', '.join(different)} differ"] if different else []
         except (OSError, ValueError) as error:
             wrong.append(f"{key}: no report ({error})")
-    said = f"{len(told.real)}, each {expected['verdict']}" if not wrong else "; ".join(wrong)
-    return fact("real identifications as undisturbed", bool(told.real) and not wrong, said)
+    shown = f"{len(noted.real)}, each {expected['verdict']}" if not wrong else "; ".join(wrong)
+    return fact("real identifications as undisturbed", bool(noted.real) and not wrong, shown)
 
 
 def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
@@ -236,25 +235,25 @@ def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
     yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps, {again} of them again on another host")
 
 
-def recordings(database: Database, files: DataDirectory, told: Told) -> Iterator[Check]:
+def recordings(database: Database, files: DataDirectory, noted: Acknowledged) -> Iterator[Check]:
     """Check that every row reported safe by the server is in a sealed file whose hash is in the store."""
     rows = {row.id: row for row in _rows(database, sa.select(recording_store.recordings))}
     wrong, safe = [], 0
-    for id, said in told.rows.items():
+    for id, acknowledged in noted.rows.items():
         row, path = rows.get(id), files.recordings / f"{id}.parquet"
-        safe += said
+        safe += acknowledged
         if row is None or row.state == "recording":
             wrong.append(f"{id} is {'gone' if row is None else row.state}")
         elif row.state == "sealed":
             kept = pyarrow.parquet.read_metadata(path).num_rows
-            if kept < said:
-                wrong.append(f"{id}: {kept} rows of {said}")
+            if kept < acknowledged:
+                wrong.append(f"{id}: {kept} rows of {acknowledged}")
             elif row.statistics.get("rows") != kept:
                 wrong.append(f"{id}: {kept} rows, the store says {row.statistics}")
-        elif said:
-            wrong.append(f"{id} {row.state}, {said} rows lost: {row.error}")
-    yield _none("recordings with every acknowledged row", wrong, len(told.rows))
-    yield Check("acknowledged rows", safe, f"{safe} in {len(told.rows)} recordings")
+        elif acknowledged:
+            wrong.append(f"{id} {row.state}, {acknowledged} rows lost: {row.error}")
+    yield _none("recordings with every acknowledged row", wrong, len(noted.rows))
+    yield Check("acknowledged rows", safe, f"{safe} in {len(noted.rows)} recordings")
     sealed = [row for row in rows.values() if row.state == "sealed"]
     wrong = [row.id for row in sealed if _sha256(files.recordings / f"{row.id}.{row.format}") != row.sha256]
     # One that failed before a row of it was safe may leave the beginning of a journal.
@@ -286,12 +285,8 @@ def schedules(database: Database) -> Iterator[Check]:
         if later != ["coalesced"] * (KEPT - 1):  # else it was one of so many missed at once that only these are kept
             wrong.append(slot)
     ordered = [slot.job for slot in slots if slot.state == "ordered"]
-    made = _rows(
-        database,
-        sa.select(recalibration_store.recalibrations.c.job).where(
-            recalibration_store.recalibrations.c.schedule.is_not(None)
-        ),
-    )
+    table = recalibration_store.recalibrations
+    made = _rows(database, sa.select(table.c.job).where(table.c.schedule.is_not(None)))
     if sorted(row.job for row in made) != sorted(ordered):
         wrong.append(f"{len(made)} recalibrations for {len(ordered)} slots")
     yield _none("slots that had their turn once", wrong, len(slots))
@@ -301,17 +296,17 @@ def schedules(database: Database) -> Iterator[Check]:
     yield _none("recalibrations one at a time", _counted(database, TOGETHER), len(_rows(database, query)))
 
 
-def integrity(database: Database, told: Told) -> Iterator[Check]:
+def integrity(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check the audit log's chain, and the database itself."""
     found = Audit(database).verify()
-    acknowledged = len(told.orders) + len(told.rows)
+    acknowledged = len(noted.orders) + len(noted.rows)
     whole = found.intact and found.entries >= acknowledged
     yield fact("audit chain intact", whole, f"{found.entries} entries, {acknowledged} acknowledged actions")
     if database.is_sqlite:
         with database.read() as connection:
-            said = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA integrity_check")]
+            answer = [str(row[0]) for row in connection.exec_driver_sql("PRAGMA integrity_check")]
             foreign = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
-        yield fact("database integrity", said == ["ok"] and not foreign, f"{said[0]}, {len(foreign)} dangling keys")
+        yield fact("database integrity", answer == ["ok"] and not foreign, f"{answer[0]}, {len(foreign)} dangling keys")
 
 
 def amcheck(url: str, programs: Path) -> Check:
@@ -320,5 +315,5 @@ def amcheck(url: str, programs: Path) -> Check:
         [str(programs / "pg_amcheck"), "--install-missing", "--heapallindexed", "-U", OWNER, url],
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
-    said = " ".join((done.stdout + done.stderr).split())
-    return fact("database integrity", done.returncode == 0, said[:200] or "pg_amcheck finds nothing")
+    answer = " ".join((done.stdout + done.stderr).split())
+    return fact("database integrity", done.returncode == 0, answer[:200] or "pg_amcheck finds nothing")

@@ -1,7 +1,7 @@
 """What happens in a storm beside kills: a full disk, a store that refuses to be written, a clock that is set.
 
 A disk that can be filled is a file system of its own in memory, which only root may mount; so is the attribute that
-makes SQLite's file and folder immutable. Where this process may not, the storm goes without and says so.
+makes SQLite's file and folder immutable. Where this process may not, the storm goes without, which a check shows.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
 
 from benchmarks.service.postgresql import PostgreSQL
 from benchmarks.storm.clock import SetClock
@@ -33,19 +32,20 @@ JUMPS_S = (1020.0, -1500.0, 660.0, -240.0)
 _GET, _SET, _IMMUTABLE = 0x80086601, 0x40086602, 0x10
 
 
-class Fault(Protocol):
+class Fault:
     """Something that goes wrong for a while."""
 
     name: str
 
     def begin(self) -> None:
         """Let it go wrong."""
+        raise NotImplementedError
 
     def hold(self) -> None:
-        """Act again and again until it ends."""
+        """Act again and again until it ends; most stay as they are."""
 
     def end(self) -> None:
-        """Put it right."""
+        """Put it right; what does not override this goes on from there."""
 
 
 @contextmanager
@@ -72,7 +72,7 @@ def _runs(*command: str) -> bool:
         return False
 
 
-class FullDisk:
+class FullDisk(Fault):
     """Takes every byte of a file system, and those that others give back meanwhile."""
 
     name = "disk full"
@@ -101,7 +101,7 @@ class FullDisk:
         self._ballast.unlink(missing_ok=True)
 
 
-class ImmutableStore:
+class ImmutableStore(Fault):
     """SQLite's file, and the folder in which it makes its journal, cannot be changed."""
 
     name = "store read-only"
@@ -113,9 +113,6 @@ class ImmutableStore:
         """Set the attribute."""
         for place in self._places:
             _immutable(place, True)
-
-    def hold(self) -> None:
-        """Leave it so."""
 
     def end(self) -> None:
         """Take it away."""
@@ -143,8 +140,8 @@ def _immutable(place: Path, wanted: bool) -> None:
         os.close(descriptor)
 
 
-class ReadOnlySessions:
-    """PostgreSQL's transactions are read-only unless somebody says otherwise."""
+class ReadOnlySessions(Fault):
+    """PostgreSQL's transactions are read-only unless a session sets otherwise."""
 
     name = "store read-only"
 
@@ -155,15 +152,12 @@ class ReadOnlySessions:
         """Set it for the whole server."""
         self._server.set("default_transaction_read_only", "on")
 
-    def hold(self) -> None:
-        """Leave it so."""
-
     def end(self) -> None:
         """Reset it."""
         self._server.set("default_transaction_read_only", None)
 
 
-class ClockSet:
+class ClockSet(Fault):
     """The hosts' wall clock is set, forward and back; it is not put right until it is set again."""
 
     name = "clock set"
@@ -176,12 +170,6 @@ class ClockSet:
         """Set it."""
         self._clock.seconds += JUMPS_S[self._count % len(JUMPS_S)]
         self._count += 1
-
-    def hold(self) -> None:
-        """Leave it; it goes on from there."""
-
-    def end(self) -> None:
-        """Leave it; it goes on from there."""
 
 
 class Weather:
@@ -214,7 +202,7 @@ class Weather:
         return self._now is None and all(self.seen[fault.name] for fault in self.faults)
 
     @property
-    def said(self) -> str:
+    def shown(self) -> str:
         """Present faults, behind a comma."""
         return "" if self._now is None else f", {self._now.name}"
 

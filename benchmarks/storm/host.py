@@ -77,11 +77,11 @@ def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
         CLOCK: lambda: quick(began, datetime.now(UTC), wrong_s()),
     }
 
-    def say(text: str) -> None:
+    def show(text: str) -> None:
         print(text, flush=True)
 
     if worker is None:
-        serve(settings, say, parts)
+        serve(settings, show, parts)
     else:
-        work(settings, worker, lambda: say("ready"), parts)
+        work(settings, worker, lambda: show("ready"), parts)
     leave()

@@ -22,7 +22,6 @@ from typing import Any, Literal
 from benchmarks.fleet.namespaces import HERE, NETWORK, hosts
 from benchmarks.fleet.site import s3_server
 from benchmarks.service.postgresql import PostgreSQL, postgresql_server
-from benchmarks.storm.asking import becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.storm.checks import all_checks, amcheck, count_results
 from benchmarks.storm.clock import SetClock, clock_file
 from benchmarks.storm.faults import (
@@ -38,10 +37,9 @@ from benchmarks.storm.faults import (
     small_disk,
 )
 from benchmarks.storm.host import HostOrder, worker_directory
-from benchmarks.storm.killing import REAL_KILLS, Killing
-from benchmarks.storm.processes import Herd, OnHost
+from benchmarks.storm.processes import REAL_KILLS, Herd, Killing, OnHost
 from benchmarks.storm.stages import STAGES
-from benchmarks.storm.traffic import Client, Told, Traffic
+from benchmarks.storm.traffic import Acknowledged, Client, Traffic, becomes_quiet, prepare, real_order, undisturbed
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
@@ -66,31 +64,12 @@ LEAVING_S = 30.0
 
 
 def run(
-    seconds: float,
-    kind: Literal["sqlite", "postgresql"],
-    seed: int,
-    say: Show,
-    *,
-    kills: int,
-    longest: float,
-    real: int = REAL,
-    faults: bool = True,
-    pace: Pace = PACE,
-    everywhere: bool = True,
-    apart: bool = False,
+    seconds: float, kind: Literal["sqlite", "postgresql"], seed: int, show: Show, *, apart: bool = False, **more: Any
 ) -> Outcome:
-    """Run the whole storm.
+    """Run a storm of so many seconds (``more``: the other fields of :class:`Storm`).
 
     Parameters
     ----------
-    seconds : of killing, at least
-    kills : that there should be; a computer that is busy with other work starts processes slowly, so the storm goes on
-        until then
-    longest : seconds that it goes on at most
-    real : real identifications that are ordered after that, and hit; the others have light stages
-    faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came
-    pace : of the faults (:class:`benchmarks.storm.faults.Weather`)
-    everywhere : with faults, the storm also goes on until a job was cancelled in each stage
     apart : workers are in network namespaces and share no folder, only PostgreSQL and an S3 server
 
     Raises
@@ -98,8 +77,9 @@ def run(
     benchmarks.service.postgresql.AbsentError
         If PostgreSQL is asked for and not installed, or hosts or S3 cannot be had.
     """
+    storm = Storm(seconds, random.Random(seed), show, **more)
     with (
-        small_disk() if faults else nullcontext() as disk,
+        small_disk() if storm.faults else nullcontext() as disk,
         tempfile.TemporaryDirectory(prefix="hilfit-storm-") as name,
         _elsewhere(Path(name), (disk or Path(name)) / "data") if apart else nullcontext(Elsewhere()) as elsewhere,
         postgresql_server(disk, elsewhere.network) if kind == "postgresql" else nullcontext() as server,
@@ -107,16 +87,12 @@ def run(
         directory = Path(name)
         machine, truth = default_machine()
         with SimulatedMachine(machine, truth, speed=SPEED, workdir=directory / "machine") as simulated:
-            if real:
+            if storm.real:
                 make_case(directory / "case", (machine, truth), seed, seconds=REAL_S)
             files, clock = DataDirectory((disk or directory) / "data"), SetClock(clock_file(directory / "order.json"))
-            chance = random.Random(seed)
-            weather = Weather(_faults(files, disk, server, clock) if faults else (), random.Random(seed), pace)
-            storm = _Storm(
-                directory, simulated.machine_path, server, files, weather, chance, say, elsewhere,
-                seconds, longest, kills, real, everywhere,
-            )  # fmt: skip
-            return storm.run()
+            faults = _faults(files, disk, server, clock) if storm.faults else ()
+            weather = Weather(faults, random.Random(seed), storm.pace)
+            return storm.run(directory, simulated.machine_path, server, files, weather, elsewhere)
 
 
 def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, clock: SetClock) -> tuple[Fault, ...]:
@@ -153,94 +129,109 @@ def _elsewhere(directory: Path, data: Path) -> Iterator[Elsewhere]:
 
 
 @dataclass(frozen=True)
-class _Storm:
-    """One storm; the last five fields are parameters of :func:`run`."""
+class Storm:
+    """What a storm is.
 
-    directory: Path
-    machine: Path
-    postgresql: PostgreSQL | None
-    files: DataDirectory
-    weather: Weather
-    chance: random.Random
-    say: Show
-    elsewhere: Elsewhere
+    Attributes
+    ----------
+    seconds : of killing, at least
+    kills : that there should be; a computer that is busy with other work starts processes slowly, so the storm goes on
+        until then
+    longest : seconds that it goes on at most
+    real : real identifications that are ordered after that, and hit; the others have light stages
+    faults : with a full disk, a read-only store and jumps of the clock; the storm goes on until each came
+    pace : of the faults (:class:`benchmarks.storm.faults.Weather`)
+    everywhere : with faults, the storm also goes on until a job was cancelled in each stage
+    """
+
     seconds: float
-    longest: float
+    chance: random.Random
+    show: Show
     kills: int
-    real: int
-    everywhere: bool
+    longest: float
+    real: int = REAL
+    faults: bool = True
+    pace: Pace = PACE
+    everywhere: bool = True
 
-    def run(self) -> Outcome:
-        """Run as :func:`run`."""
-        files, postgresql = self.files, self.postgresql
+    def run(
+        self, directory: Path, machine: Path, postgresql: PostgreSQL | None, files: DataDirectory, weather: Weather,
+        elsewhere: Elsewhere,
+    ) -> Outcome:  # fmt: skip
+        """Start the hosts, kill, and check what is left; ``machine``: file of the one that is acquired."""
         url = None if postgresql is None else postgresql.new_database()
-        order = self.directory / "order.json"
-        storage = None if url is None else self.elsewhere.storage_url or f"file://{self.directory}/storage"
+        order = directory / "order.json"
+        storage = None if url is None else elsewhere.storage_url or f"file://{directory}/storage"
         content = HostOrder(str(files.root), url, storage, datetime.now(UTC).isoformat())
         order.write_text(json.dumps(asdict(content)), encoding="utf-8")
         names = [] if url is None else [f"worker-{number + 1}" for number in range(WORKERS)]
         here = [list[str]] * WORKERS
-        herd = Herd(order, dict(zip(names, self.elsewhere.starters or here, strict=False)), self.directory)
-        told, own = Told(), [worker_directory(order, name) for name in names]
-        client = Client(lambda: herd.server.said if herd.server.up.is_set() else None, told)
+        herd = Herd(order, dict(zip(names, elsewhere.starters or here, strict=False)), directory)
+        noted, own = Acknowledged(), [worker_directory(order, name) for name in names]
+        client = Client(lambda: herd.server.line if herd.server.up.is_set() else None, noted)
         try:
             with _database(files, url, herd) as database:
-                name, recording = prepare(client, self.machine)
+                name, recording = prepare(client, machine)
                 count_results(database)
-                first = self._first_real(client, told, name) if self.real else _Undisturbed({}, 0.0)
-            traffic = Traffic(client, told, name, recording)
+                order_real, real_s = (
+                    self._first_real(client, noted, name, directory / "case") if self.real else ({}, 0.0)
+                )
+            traffic = Traffic(client, noted, name, recording)
             traffic.start()
-            course = self._killed(herd, told, traffic, first)
+            course = self._killed(herd, noted, traffic, weather, postgresql, order_real)
             traffic.stop()
-            end = self._ended(herd, client, QUIET_S + 2 * self.real * first.seconds)
+            end = self._ended(herd, client, QUIET_S + 2 * self.real * real_s)
             seen = DataDirectory(files.root, storage)
             with _database(seen, url) as database:
-                checks = list(all_checks(database, seen, told, own))
+                checks = list(all_checks(database, seen, noted, own))
             if url is not None and postgresql is not None:
                 checks.append(amcheck(url, postgresql.programs))
         finally:
-            self.weather.clear()
+            weather.clear()
             for host in herd.hosts:
-                if host.process is not None and host.process.poll() is None:
-                    host.process.kill()
-                    host.process.wait()
+                host.kill()
         found = (
             course.check(self.kills),
             *_killed_real(herd, self.real, course.after, course.after_s),
-            *_weather(self.weather, herd, told, course.revived),
+            *_weather(weather, herd, noted, course.revived),
         )
-        return Outcome((*found, *end, *checks, *_said(herd, told)))
+        return Outcome((*found, *end, *checks, *_logs(herd, noted)))
 
-    def _first_real(self, client: Client, told: Told, machine: str) -> _Undisturbed:
-        """Order a real identification that nothing hits, and wait for it."""
-        order = real_order(client, machine, self.directory / "case")
-        self.say("a real identification, undisturbed")
+    def _first_real(
+        self, client: Client, noted: Acknowledged, machine: str, case: Path
+    ) -> tuple[dict[str, Any], float]:
+        """Order a real identification that nothing hits, and wait for it; return its order, and how many s it took."""
+        order = real_order(client, machine, case)
+        self.show("a real identification, undisturbed")
         asked = time.monotonic()
-        told.undisturbed = undisturbed(client, order)
+        noted.undisturbed = undisturbed(client, order)
         took = time.monotonic() - asked
-        self.say(f"it took {took:.1f} s")
-        return _Undisturbed(order, took)
+        self.show(f"it took {took:.1f} s")
+        return order, took
 
-    def _killed(self, herd: Herd, told: Told, traffic: Traffic, first: _Undisturbed) -> _Course:
+    def _killed(
+        self, herd: Herd, noted: Acknowledged, traffic: Traffic, weather: Weather, database: PostgreSQL | None,
+        order: dict[str, Any],
+    ) -> _Course:  # fmt: skip
         """Kill, with weather, until all that is asked for was seen; then while real identifications run."""
-        say, real = self.say, self.real
-        say(f"{self.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
-        killing = Killing(herd, self.chance, AIM * self.kills / self.seconds, say, self.weather)
+        show, real = self.show, self.real
+        show(f"{self.seconds:g} s of kill -9; light stages stand for those of an identification, all else is real")
+        killing = Killing(herd, self.chance, AIM * self.kills / self.seconds, show, weather)
 
         def wanted(past: float) -> bool:
-            places = {cancel.where for cancel in told.cancels.values()}
-            weather = not self.weather.all_seen or (self.everywhere and not places.issuperset(STAGES))
-            return past < self.seconds or herd.total < self.kills or (bool(self.weather.faults) and weather)
+            places = {cancel.where for cancel in noted.cancels.values()}
+            missing = not weather.all_seen or (self.everywhere and not places.issuperset(STAGES))
+            return past < self.seconds or herd.total < self.kills or (bool(weather.faults) and missing)
 
         killing.go_on(wanted, self.longest)
-        self.weather.clear()
-        revived = self.postgresql is not None and self.postgresql.revive()
+        weather.clear()
+        revived = database is not None and database.revive()
         total, counts, starting, lasted = herd.total, dict(herd.killed), herd.starting, killing.past
         if real:
-            say(f"{real} real identifications, too")
+            show(f"{real} real identifications, too")
             herd.wait_up()
             killing.weather = None
-            traffic.order_real(real, first.order)
+            traffic.order_real(real, order)
             killing.go_on(lambda _: sum(herd.hits.values()) < real * REAL_KILLS, self.longest)
         return _Course(total, counts, starting, lasted, revived, herd.total - total, killing.past - lasted)
 
@@ -250,7 +241,7 @@ class _Storm:
         whole = herd.wait_up()
         # Stages have the lowest priority: a computer with other work may give them next to nothing.
         quiet = whole and becomes_quiet(client, longest)
-        self.say(f"quiet {time.monotonic() - before:.1f} s after the last kill")
+        self.show(f"quiet {time.monotonic() - before:.1f} s after the last kill")
         left = _left(herd)
         codes = herd.stop()
         starts = sum(host.starts for host in herd.hosts)
@@ -260,14 +251,6 @@ class _Storm:
             fact("one acquisition, no stage afterwards", alone, str(left)),
             fact("hosts stop in order", not any(codes), f"exit codes {codes}"),
         )
-
-
-@dataclass(frozen=True)
-class _Undisturbed:
-    """A real identification that nothing hit: its order, and seconds that it took."""
-
-    order: dict[str, Any]
-    seconds: float
 
 
 @dataclass(frozen=True)
@@ -297,10 +280,10 @@ class _Course:
         return Check("processes killed", self.total, shown, "at least", float(kills), str(kills))
 
 
-def _said(herd: Herd, told: Told) -> tuple[Check, ...]:
+def _logs(herd: Herd, noted: Acknowledged) -> tuple[Check, ...]:
     """Check what the logs hold, and how requests were answered."""
     errors = ", ".join(f"{count} {event}" for event, count in sorted(herd.log_events().items())) or "none"
-    answers = ", ".join(f"{count} x {status}" for status, count in sorted(told.answers.items()))
+    answers = ", ".join(f"{count} x {status}" for status, count in sorted(noted.answers.items()))
     return Check("errors in the logs", None, errors), Check("answers by status (0: none)", None, answers)
 
 
@@ -314,7 +297,7 @@ def _left(herd: Herd) -> dict[str, int]:
         time.sleep(0.3)
 
 
-def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterator[Check]:
+def _weather(weather: Weather, herd: Herd, noted: Acknowledged, revived: bool) -> Iterator[Check]:
     """Check what happened beside kills, and how the hosts took it."""
     seen = ", ".join(f"{count} times {name}" for name, count in sorted(weather.seen.items())) or "none"
     missing = [fault.name for fault in weather.faults if not weather.seen[fault.name]]
@@ -325,10 +308,10 @@ def _weather(weather: Weather, herd: Herd, told: Told, revived: bool) -> Iterato
     yield Check("starts refused meanwhile", herd.refused.total(), refused or "none")
     if revived:
         yield Check("PostgreSQL", None, "ended by itself on the full disk, and was started again")
-    broke = told.answers.get(500, 0)
+    broke = noted.answers.get(500, 0)
     yield figure("answers 500", broke, most=0)
-    poor = f"{len(told.poor)}" if not told.poor else f"{len(told.poor)}: {'; '.join(told.poor[:3])}"
-    yield figure("refusals that do not say what to do", len(told.poor), most=0, shown=poor)
+    poor = f"{len(noted.poor)}" if not noted.poor else f"{len(noted.poor)}: {'; '.join(noted.poor[:3])}"
+    yield figure("refusals that do not say what to do", len(noted.poor), most=0, shown=poor)
 
 
 @contextmanager

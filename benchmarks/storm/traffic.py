@@ -1,4 +1,4 @@
-"""The clients of a storm: they order, cancel, record and note what they were told; no answer, and they ask again."""
+"""The clients of a storm: they order, cancel, record and note what was acknowledged; no answer, and they ask again."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from benchmarks.service.hosts import API, FITTED
 from benchmarks.storm.stages import STAGES
 
-API = "/api/v1"
 #: Jobs that may be open before no more are ordered.
 MOST_OPEN = 3
 PATIENCE_S = 15.0
@@ -25,7 +27,7 @@ CANCELLED_IN = ("queue", *STAGES)
 
 
 class NoAnswerError(Exception):
-    """The server was gone, is still starting, or says that it cannot at the moment."""
+    """The server was gone, is still starting, or answers that it cannot at the moment."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,13 @@ class Cancelled:
 
 
 @dataclass
-class Told:
+class Acknowledged:
     """What the server acknowledged.
 
     Attributes
     ----------
     orders : key of an order -> id of the identification that was made
-    rows : id of a recording -> most rows that the server said were recorded
+    rows : id of a recording -> most rows that the server reported as recorded
     answers : how many by status; 0: none came
     poor : refusals that are no problem document in one line, or 503 without saying when to come again
     cancels : by job
@@ -73,9 +75,9 @@ class Told:
 class Client:
     """Asks whatever server there is at the moment."""
 
-    def __init__(self, address: Callable[[], str | None], told: Told) -> None:
+    def __init__(self, address: Callable[[], str | None], noted: Acknowledged) -> None:
         self._address = address
-        self._told = told
+        self._noted = noted
         self._lock = threading.Lock()
 
     def ask(self, method: str, path: str, content: Any = None, headers: dict[str, str] | None = None) -> Any:
@@ -108,13 +110,13 @@ class Client:
         """Note a refusal that does not name what is wrong and what to do."""
         detail = str(found.get("detail", "")) if isinstance(found, dict) else ""
         if not detail or "\n" in detail or not str(found.get("type", "")).startswith("urn:hilfit:problem:"):
-            self._told.poor.append(f"{what}: {found}")
+            self._noted.poor.append(f"{what}: {found}")
         if answer.status == 503 and answer.getheader("Retry-After") is None:
-            self._told.poor.append(f"{what} without Retry-After: {detail}")
+            self._noted.poor.append(f"{what} without Retry-After: {detail}")
 
     def _count(self, status: int) -> None:
         with self._lock:
-            self._told.answers[status] = self._told.answers.get(status, 0) + 1
+            self._noted.answers[status] = self._noted.answers.get(status, 0) + 1
 
 
 class Traffic:
@@ -125,9 +127,9 @@ class Traffic:
     recording : of which identifications are made
     """
 
-    def __init__(self, client: Client, told: Told, machine: str, recording: str) -> None:
+    def __init__(self, client: Client, noted: Acknowledged, machine: str, recording: str) -> None:
         self._client = client
-        self._told = told
+        self._noted = noted
         self._machine = machine
         self._recording = recording
         self._stop = threading.Event()
@@ -152,7 +154,7 @@ class Traffic:
             body = {"machine": self._machine, "recordings": [{"id": self._recording}], "label": key}
             made = self._until(partial(self._ordered, key, body))
             if made is not None:
-                self._told.orders[key] = made
+                self._noted.orders[key] = made
                 if number % 2:
                     self._to_cancel.put(made)
                 number += 1
@@ -180,10 +182,10 @@ class Traffic:
             there = row["stage"] if row["state"] == "running" and row["stage"] in STAGES else "queue"
             if asked or CANCELLED_IN.index(there) >= CANCELLED_IN.index(where):
                 asked = True
-                self._told.asked.add(job)
+                self._noted.asked.add(job)
                 code, answer = self._client.ask("POST", f"/jobs/{job}/cancel")
                 if code == 202 and answer["state"] in ("queued", "running", "cancelled"):
-                    self._told.cancels[job] = Cancelled(identification, time.time(), there)
+                    self._noted.cancels[job] = Cancelled(identification, time.time(), there)
                     return job
             time.sleep(0.03)
         return None
@@ -194,8 +196,8 @@ class Traffic:
             key = f"storm-real-{number}"
             made = self._until(partial(self._ordered, key, order | {"label": key}, math.inf))
             if made is not None:
-                self._told.orders[key] = made
-                self._told.real.append(key)
+                self._noted.orders[key] = made
+                self._noted.real.append(key)
 
     def _ordered(self, key: str, body: dict[str, Any], most: float = MOST_OPEN) -> str | None:
         _, status = self._client.ask("GET", "/status")
@@ -224,7 +226,7 @@ class Traffic:
                 code, answer = self._client.ask("POST", "/recordings", body)
                 if code == 201:
                     number += 1
-                    self._told.rows[answer["id"]] = 0
+                    self._noted.rows[answer["id"]] = 0
                     self._follow(answer["id"])
                     self._stop.wait(2.0)
             except NoAnswerError:
@@ -240,7 +242,82 @@ class Traffic:
                 if self._stop.wait(0.5):
                     return
                 continue
-            self._told.rows[id] = max(self._told.rows[id], int(row["statistics"].get("rows") or 0))
+            self._noted.rows[id] = max(self._noted.rows[id], int(row["statistics"].get("rows") or 0))
             if row["state"] != "recording":
                 return
             time.sleep(0.1)
+
+
+#: Seconds until the machine is acquired, recorded and scheduled, before the first kill.
+READY_S = 240.0
+
+
+def prepare(client: Client, machine: Path) -> tuple[str, str]:
+    """Acquire the machine, record what identifications are made of, and make the schedule; machine and recording."""
+    content, yaml = machine.read_bytes(), {"Content-Type": "application/yaml"}
+    name = str(_answer(lambda: client.ask("POST", "/machines", content, yaml)[1], READY_S)["name"])
+    _answer(lambda: client.ask("PUT", f"/machines/{name}/acquisition", {"enabled": True}), READY_S)
+    body: dict[str, Any] = {"machine": name, "role": "operation", "label": "before", "seconds": 4.0}
+    recording = _answer(lambda: _created(client, "/recordings", body), READY_S)
+    place = f"/recordings/{recording['id']}"
+    _answer(lambda: client.ask("GET", place)[1]["state"] == "sealed", READY_S)
+    wish = {"machine": name, "cron": "*/5 * * * *", "timezone": "UTC", "motion": "operation", "duration_s": 30.0}
+    _answer(lambda: _created(client, "/schedules", wish), READY_S)
+    return name, str(recording["id"])
+
+
+def real_order(client: Client, name: str, case: Path) -> dict[str, Any]:
+    """Upload what real identifications are made of; the body of such an order."""
+    chosen = []
+    for role, stem in FITTED:
+        place = f"/recordings/upload?machine={name}&role={role}&name={stem}.parquet"
+        content = (case / f"{stem}.parquet").read_bytes()
+        chosen.append({"id": _answer(partial(_created, client, place, content), READY_S)["id"], "role": role})
+    return {"machine": name, "recordings": chosen}
+
+
+def undisturbed(client: Client, order: dict[str, Any]) -> str:
+    """Return the id of a real identification that is done."""
+    made = _answer(lambda: _created(client, "/identifications", order | {"label": "undisturbed"}), READY_S)
+    place = f"/jobs/{made['job']}"
+    _answer(lambda: client.ask("GET", place)[1]["state"] == "done", 2 * READY_S)
+    return str(made["id"])
+
+
+def _created(client: Client, path: str, body: Any) -> Any:
+    status, answer = client.ask("POST", path, body)
+    return answer if status in (201, 202) else None
+
+
+def _answer(ask: Callable[[], Any], seconds: float) -> Any:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        with suppress(NoAnswerError):
+            if answer := ask():
+                return answer
+        time.sleep(0.2)
+    raise RuntimeError(f"the service was not ready for the storm in {seconds:g} s")
+
+
+def becomes_quiet(client: Client, seconds: float) -> bool:
+    """Wait until no job is open and nothing is recorded, the schedule switched off; False if that takes too long."""
+    deadline = time.monotonic() + seconds
+    off = False
+    while time.monotonic() < deadline:
+        try:
+            if not off:
+                _, found = client.ask("GET", "/schedules")
+                for schedule in found["items"]:
+                    id, *_ = (schedule.pop(key, None) for key in ("id", "created", "next", "last"))
+                    code, _ = client.ask("PUT", f"/schedules/{id}", schedule | {"enabled": False})
+                    off = code == 200
+            _, status = client.ask("GET", "/status")
+            _, found = client.ask("GET", "/recordings?state=recording")
+            acquired = all(state["state"] == "running" for state in status["acquisition"].values())
+            busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
+            if off and acquired and not busy and not found["items"]:
+                return True
+        except NoAnswerError:
+            pass
+        time.sleep(0.3)
+    return False

@@ -20,7 +20,7 @@ CommandOf = Callable[[float, float, float, float, float, bool], float]
 
 @dataclass(frozen=True)
 class AxisAnswer:
-    """What is said of one axis.
+    """What is found of one axis.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class AxisAnswer:
     edges : per direction the command, fraction of full, that gives 2 % of the speed at the largest recorded one
     largest : per direction the largest recorded command, fraction of full
     effects : per finding the ids that it may be, the best first
-    laws : variables of laws that no name says
+    laws : variables of laws without a name
     flow_limit : m^3/s, or None
     command : the inverse, or None
     """
@@ -46,7 +46,7 @@ class AxisAnswer:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is said of a machine, by name of joint, and the processor time in s that it took."""
+    """What is found of a machine, by name of joint, and the processor time in s that it took."""
 
     axes: Mapping[str, AxisAnswer]
     seconds: float = 0.0
@@ -81,17 +81,15 @@ def _axis(own: Mapping[str, Any], model: Any) -> AxisAnswer:
         return float(value["value"]), None if interval is None else (float(interval[0]), float(interval[1]))
 
     def command(speed: float, head: float, rod: float, supply: float, tank: float, moving: bool) -> float:
-        told = model.command(speed, moving=moving, head=head, rod=rod, supply=supply, tank=tank)
-        return float(told.share)
+        wanted = model.command(speed, moving=moving, head=head, rod=rod, supply=supply, tank=tank)
+        return float(wanted.share)
 
     limit, pump = own["pump_limit"], {"pump_flow_limit"} if own["pump_limit"] or own["pump_power"] else set()
-    effects = [(effect["id"], *effect["indistinguishable_from"]) for effect in own["effects"]]
+    effects, ways = [(e["id"], *e["indistinguishable_from"]) for e in own["effects"]], own["directions"]
     return AxisAnswer(
         error=float(own["errors"]["handed_out"]),
         delay=bar(own["delay"]),
-        edges={
-            way: bar(own["directions"][way]["edge_at_2_percent"]) for way in WAYS if own["directions"][way]["moves"]
-        },
+        edges={way: bar(ways[way]["edge_at_2_percent"]) for way in WAYS if ways[way]["moves"]},
         largest=own["largest_recorded"],
         effects=(*effects, *((name,) for name in pump - {found[0] for found in effects})),
         laws=tuple(law["variable"] for law in own["unexplained"]),

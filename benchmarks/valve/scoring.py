@@ -1,4 +1,4 @@
-"""Answers beside what is true: a line per case, and rates with their targets."""
+"""Answers beside what is true: a line per case, paths followed through inverses, and rates with their targets."""
 
 from __future__ import annotations
 
@@ -10,10 +10,13 @@ import numpy as np
 import yaml
 
 from benchmarks.targets import Check, figure, rate
+from benchmarks.valve.drawing import ValveKey, order_of
 from benchmarks.valve.judging import WAYS, Answer, AxisAnswer, Bar
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
-from sim_backends.valve.tracking import Pressures, TrueInverse
+from fitting.arrays import FloatArray
+from sim_backends.valve.motion import Follow, working_motion
+from sim_backends.valve.tracking import Control, Inverse, Pressures, TrueInverse, linear_inverse, track
 from sim_backends.valve.truth import ValvePlantTruth, load_valve_truth
 
 #: Error of the healthy law over the speed's root mean square from which an effect is large, and share of the time for
@@ -107,8 +110,8 @@ def command_errors(folder: Path, machine: Machine, truth: ValvePlantTruth, joint
         pressures = Pressures(*chambers, supply=float(supply[k]), tank=float(tank[k]))
         true = float(inverse(wished, pressures)[number])
         if 0.0 < abs(true) <= axis.largest[WAYS[0 if true > 0 else 1]]:
-            told = axis.command(float(speed[k]), head[k], rod[k], supply[k], tank[k], True)
-            errors.append(abs(told - true))
+            command = axis.command(float(speed[k]), head[k], rod[k], supply[k], tank[k], True)
+            errors.append(abs(command - true))
     return errors
 
 
@@ -187,7 +190,48 @@ def case_text(line: Line) -> str:
     """Write one line for the terminal."""
     parts = []
     for name, axis in line["axes"].items():
-        said = ", ".join("|".join(found) for found in axis["named"]) or "nothing"
-        parts.append(f"{name} {axis['error']:.3f}/{axis['floor']:.3f} {said}")
+        names = ", ".join("|".join(found) for found in axis["named"]) or "nothing"
+        parts.append(f"{name} {axis['error']:.3f}/{axis['floor']:.3f} {names}")
     true = ", ".join(f"{e['id']} ({e['form']}) at {e['joint'] or 'all'}" for e in line["effects"]) or "nothing"
     return f"{line['case']}: {true}: " + "; ".join(parts)
+
+
+SECONDS = 30.0
+CALM = 0.5  # of the travel, or of the speed
+POWER_ON = 1000.0  # s: later than any recording
+PRESSURE_NOISE = 2.0e4  # Pa
+HALF_A_CYCLE = 0.01  # s for which a command is older than when it was sent, on the average
+
+
+def inverse_of(answer: Answer) -> Inverse:
+    """Combine all axes' inverses; an axis ordered to rest does so until it is asked for enough."""
+    axes = list(answer.axes.values())
+    moving = [False] * len(axes)
+
+    def inverse(speed: FloatArray, p: Pressures) -> FloatArray:
+        commands = np.zeros(len(axes))
+        for j, axis in enumerate(axes):
+            assert axis.command is not None
+            commands[j] = axis.command(float(speed[j]), float(p.head[j]), float(p.rod[j]), p.supply, p.tank, moving[j])
+            moving[j] = commands[j] != 0.0
+        return commands
+
+    return inverse
+
+
+def followed(folder: Path, key: ValveKey, answer: Answer) -> dict[str, Any]:
+    """Measure tracking errors (RMS of all axes, over travel) of one feedback with four feedforwards."""
+    machine, truth = load_machine(folder / "machine.yaml"), load_valve_truth(folder / "truth.yaml")
+    guesses = order_of(key)[3]
+    rng = np.random.default_rng([80, key.seed, key.number])
+    path = next(p.path for p in working_motion(guesses, rng, SECONDS, CALM) if isinstance(p, Follow))
+    linear, late = linear_inverse(guesses), np.array([axis.delay[0] + HALF_A_CYCLE for axis in answer.axes.values()])
+    ways = {
+        "feedback": Control(linear, feedforward=False),
+        "linear": Control(linear),
+        "inverse": Control(inverse_of(answer)),
+        "preview": Control(inverse_of(answer), preview=late),
+    }
+    tracked = track(machine, truth, path, list(ways.values()), power_on=POWER_ON, pressure_std=PRESSURE_NOISE, rng=rng)
+    travel = np.array([guess.high - guess.low for guess in guesses])
+    return {way: float(np.sqrt(((own.rms / travel) ** 2).mean())) for way, own in zip(ways, tracked, strict=True)}

@@ -1,21 +1,23 @@
-"""The monitor of valves on simulated machines: quiet while they are healthy, and what it says of changes.
+"""The monitor of valves on simulated machines: quiet while they are healthy, and what it reports of changes.
 
 Each machine is identified by its own recordings. Then it works for long, its usual numbers are learnt and watched on;
-and once more it works after one change to the first of its axes, which nobody tells the monitor of. What is fed to the
-monitor are rows as a ring buffer has them.
+and once more it works after one change to the first of its axes, of which the monitor is not informed. It is fed rows
+as a ring buffer has them.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.targets import Check, figure, rate
+from benchmarks.cases import append
+from benchmarks.targets import Check, Outcome, Show, figure, rate, silent
 from benchmarks.valve.drawing import ValveKey, order_of
 from benchmarks.valve.scoring import true_delay
 from daq.frames.frame import row_dtype
@@ -56,19 +58,19 @@ def watched(folder: Path, key: ValveKey) -> Found:
     judged = [read_recording(folder / "validate.parquet", machine, "validate")]
     (folder / "valve.json").write_text(json.dumps(identify_valves(machine, train, judged).report), encoding="utf-8")
     work = list(_worked(key))
-    healthy = _said(folder, machine, [own.rows for own in work if not own.change])
+    healthy = _monitored(folder, machine, [own.rows for own in work if not own.change])
     drifting = np.array([False, *(bool(one["drifting"]) for one in healthy)])
     alarms = int(np.count_nonzero(drifting[1:] & ~drifting[:-1]))
     found: Found = {"case": key.text, "blocks": len(healthy), "alarms": alarms, "changes": []}
     memory = (folder / "memory.json").read_bytes()
     for name, form, size in CHANGES:
         (folder / "memory.json").write_bytes(memory)  # a change is watched from where the healthy machine stood
-        said = _said(folder, machine, [own.rows for own in work if own.change == name])
-        first = next((number for number, one in enumerate(said, 1) if one["drifting"]), None)
-        last = next(own for own in said[-1]["joints"] if own["joint"] == machine.joints[0].name)
+        reports = _monitored(folder, machine, [own.rows for own in work if own.change == name])
+        first = next((number for number, one in enumerate(reports, 1) if one["drifting"]), None)
+        last = next(own for own in reports[-1]["joints"] if own["joint"] == machine.joints[0].name)
         spec = ValveEffectSpec(name, form, machine.joints[0].name, size)
         found["changes"].append(
-            {"change": name, "blocks": first, "axes": sorted({axis for one in said for axis in one["drifting"]}),
+            {"change": name, "blocks": first, "axes": sorted({axis for one in reports for axis in one["drifting"]}),
              "moved": last.get("moved", []), "true": _true(truth, with_effect(machine, truth, spec), spec)}
         )  # fmt: skip
     return found
@@ -94,16 +96,16 @@ def _worked(key: ValveKey) -> Iterator[_Work]:
         yield _Work(change, rows)
 
 
-def _said(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
+def _monitored(folder: Path, machine: Machine, several: Sequence[np.ndarray[Any, Any]]) -> list[Mapping[str, Any]]:
     """Monitor each block; between motions rows are missing."""
     rules = Rules()
     order = Order("valves", folder / "valve.json", folder / "machine.yaml", "", folder / "memory.json", rules)
     followed = Speeds(order.model, machine, rules)
     cutter = Windows(followed.overlap, followed.block_samples(rules.block_s))
     windows = (window for rows in several for window in cutter.push(rows, missed=1))
-    said = list[Mapping[str, Any]]()
-    watch(followed, tuple(channel.name for channel in machine.channels), order, windows, said.append)
-    return said
+    reports = list[Mapping[str, Any]]()
+    watch(followed, tuple(channel.name for channel in machine.channels), order, windows, reports.append)
+    return reports
 
 
 def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectSpec) -> dict[str, float]:
@@ -111,15 +113,14 @@ def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectS
     joint = str(spec.joint)
     moved = dict[str, float]()
     for way, name, sign in (("extend", "head_in", 1.0), ("retract", "rod_in", -1.0)):
-        edges = [
-            truth.valves[joint].lands[name].edge - sign * truth.valves[joint].spool.null for truth in (healthy, changed)
-        ]
+        valves = [truth.valves[joint] for truth in (healthy, changed)]
+        edges = [valve.lands[name].edge - sign * valve.spool.null for valve in valves]
         moved[f"edge.{way}"] = edges[1] - edges[0]
         moved[f"delay.{way}"] = true_delay(changed, joint) - true_delay(healthy, joint)
     return {name: value for name, value in moved.items() if value}
 
 
-def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
+def checks(found: Sequence[Found], show: Show) -> list[Check]:
     """Check rates and figures of a run."""
     right, named, errors = 0, 0, list[float]()
     changes = [(one["case"], own) for one in found for own in one["changes"]]
@@ -128,9 +129,8 @@ def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
         right += len(own["axes"]) == 1 and own["blocks"] is not None
         named += set(own["true"]) <= set(moved)
         errors += [moved[name] / true - 1.0 for name, true in own["true"].items() if name in moved]
-        told = ", ".join(f"{name} {value:+.4f}" for name, value in moved.items())
-        true = ", ".join(f"{name} {value:+.4f}" for name, value in own["true"].items())
-        show(f"{case}: {own['change']}: after {own['blocks']} blocks at {', '.join(own['axes'])}: {told} (true {true})")
+        by, true = (", ".join(f"{k} {v:+.4f}" for k, v in numbers.items()) for numbers in (moved, own["true"]))
+        show(f"{case}: {own['change']}: after {own['blocks']} blocks at {', '.join(own['axes'])}: {by} (true {true})")
     blocks = sum(one["blocks"] for one in found)
     waited = [own["blocks"] for _, own in changes if own["blocks"] is not None]
     off = 100.0 * float(np.quantile(np.abs(errors or [0.0]), 0.9))
@@ -141,3 +141,14 @@ def checks(found: Sequence[Found], show: Callable[[str], None]) -> list[Check]:
         figure("blocks of 2 s until the alarm, largest", max(waited, default=0), "{}"),
         figure("error of what is said to have moved, p90", off, "{:.0f} %"),
     ]
+
+
+def run(count: int, seed: int, output: Path | None, show: Show) -> Outcome:
+    """Monitor ``count`` machines, one after another; append each one's numbers to ``output``."""
+    found = list[Found]()
+    for number in range(count):
+        with TemporaryDirectory() as temporary:
+            found.append(watched(Path(temporary), ValveKey(number, "null", seed)))
+        append(output, found[-1])
+        checks(found[-1:], show)
+    return Outcome(tuple(checks(found, silent)), ("",), {"machines": found})

@@ -118,10 +118,10 @@ class AcquisitionProcess:
             raise AcquisitionError(
                 f"acquisition of '{self.machine.name}' is not running after {START_TIMEOUT_S:g} s; check its buses"
             )
-        self._hear()
+        self._receive()
         self.check()
 
-    def _hear(self) -> None:
+    def _receive(self) -> None:
         """Take in what the process reported; its silence after the end is a failure too."""
         if self._control is None:
             return
@@ -143,14 +143,14 @@ class AcquisitionProcess:
 
     def check(self) -> None:
         """Raise AcquisitionError if it has failed since."""
-        self._hear()
+        self._receive()
         if self._failure is not None:
             raise AcquisitionError(self._failure)
 
     @property
     def alive(self) -> bool:
         """Whether cycles are running."""
-        self._hear()
+        self._receive()
         return self._running and self._failure is None
 
     def statistics(self) -> AcquisitionStatistics:

@@ -65,14 +65,14 @@ def main(control: Connection) -> None:
                 gc.collect()
                 gc.freeze()  # what is loaded stays: looking through it all takes longer than a cycle
                 threading.Thread(target=_listen, args=(control, stopping), daemon=True).start()
-                _say(control, "running")
+                _report(control, "running")
                 run_cycles(cycles, ring, stopping.is_set, fifo=fifo, warnings=warnings)
             finally:
                 ring.finish()
     except HilfitError as error:
-        _say(control, "failed", str(error))
+        _report(control, "failed", str(error))
     except Exception as error:  # the parent must not be left waiting for a process that died of a bug
-        _say(control, "failed", f"acquisition of '{machine.name}' broke: {type(error).__name__}: {error}")
+        _report(control, "failed", f"acquisition of '{machine.name}' broke: {type(error).__name__}: {error}")
         raise
 
 
@@ -84,7 +84,7 @@ def _kept(machine: Machine, data_directory: Path | None) -> Iterator[Path]:
         yield folder
 
 
-def _say(control: Connection, what: str, text: str = "") -> None:
+def _report(control: Connection, what: str, text: str = "") -> None:
     """Notify the parent; one that died meanwhile is :func:`_listen`'s to notice."""
     with contextlib.suppress(OSError):
         control.send((what, " ".join(text.split())))

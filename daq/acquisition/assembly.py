@@ -97,7 +97,7 @@ class Assembler:
             quality, ages = self._judged(values, self._fresh), self._no_age - lag_s if lag_s else self._no_age
             self._newest = (values, tick.cycle, -lag_s)
         else:
-            quality, ages, interval = self._told(samples, new, refused, lag_s)
+            quality, ages, interval = self._described(samples, new, refused, lag_s)
             quality = self._judged(values, quality)
             self._hold(tick.cycle, new, values, ages, quality, interval)
         if quality is self._fresh:
@@ -106,7 +106,7 @@ class Assembler:
             self._counts[quality, self._all] += 1
         return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
 
-    def _told(
+    def _described(
         self, samples: Sequence[Samples], new: npt.NDArray[np.bool_], refused: list[int], lag_s: float
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Compute quality, age and interval (n,) of values: ``new``, or ``refused`` by a sentinel."""

@@ -33,7 +33,7 @@ REASONS = {
 }
 FRAME, SKIP, LOST = 0, 1, 2  # what a row stands for: a frame, a cycle that never happened, a frame the ring lost
 EMPTY = 3  # a journal does not say which: a row without any value
-UNTOLD, DAMAGED = "recovered: a row without values", "recovered: damaged batch"
+EMPTIED, DAMAGED = "recovered: a row without values", "recovered: damaged batch"
 
 
 @dataclass
@@ -72,7 +72,7 @@ class Ledger:
             held = (quality[:, index] == Quality.HELD) & frames
             channel.stored += int((stored[:, index] & ~held).sum())
             missing = absent[:, index] & ~held
-            for reason, rows in ((SKIPPED, origin == SKIP), (OVERWRITTEN, origin == LOST), (UNTOLD, origin == EMPTY)):
+            for reason, rows in ((SKIPPED, origin == SKIP), (OVERWRITTEN, origin == LOST), (EMPTIED, origin == EMPTY)):
                 channel.dropped[reason] += int((missing & rows).sum())
             flags, counts = np.unique(quality[missing & frames, index], return_counts=True)
             for flag, count in zip(flags.tolist(), counts.tolist(), strict=True):

@@ -124,7 +124,7 @@ def _print_summary(machine: Machine, summary: RecordingSummary, warnings: Sequen
         f"{summary.missed_cycles} cycles missed, {bad} values not fresh"
     )
     for event in summary.events:
-        print(_told(event))
+        print(_line(event))
     for warning in warnings:
         print(f"warning: {warning}")
 
@@ -152,7 +152,7 @@ def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
     return [asdict(result) for result in restore_nodes(machine, data_directory)]
 
 
-def _told(event: dict[str, Any]) -> str:
+def _line(event: dict[str, Any]) -> str:
     """Word an event as a line."""
     at = datetime.fromtimestamp(event["utc_ns"] / 1e9, UTC).strftime("%H:%M:%S.%f")[:-4]
     lasted = "lasts on" if event["seconds"] is None else f"{event['seconds']:.2f} s" if event["seconds"] else ""
@@ -196,7 +196,7 @@ def replay(
         return
     print(f"{output}: {len(result.frames)} rows from {trace}")
     for event in result.events:
-        print(_told(event))
+        print(_line(event))
 
 
 def recover(

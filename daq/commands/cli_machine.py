@@ -57,8 +57,8 @@ def check(
     for finding in checked.errors:
         print(f"hilfit: {finding.under(str(file))}", file=sys.stderr)
     if machine is not None:
-        said = "for fitting a valid" if checked.errors else "a valid"
-        print(f"{file}: {said} machine file ({machine.schema_})")
+        kind = "for fitting a valid" if checked.errors else "a valid"
+        print(f"{file}: {kind} machine file ({machine.schema_})")
         for key, value in facts_of(machine).items():
             if key != "travel":
                 print(f"  {key}: {value}")

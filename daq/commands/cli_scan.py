@@ -127,8 +127,8 @@ def _described(
     found: list[AnyBus] = []
     try:
         if interface is not None:
-            told = {"interface": interface, "channel": channel, "bitrate": bitrate, "options": pairs}
-            found.append(CanopenBus.model_validate({"name": "can", "type": "canopen", **told}))
+            settings = {"interface": interface, "channel": channel, "bitrate": bitrate, "options": pairs}
+            found.append(CanopenBus.model_validate({"name": "can", "type": "canopen", **settings}))
         if tcp is not None:
             host, _, port = tcp.rpartition(":") if ":" in tcp else (tcp, "", "502")
             found.append(ModbusTcpBus(name="modbus", type="modbus_tcp", host=host, port=int(port)))

@@ -75,10 +75,10 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
     return dict(sorted(answers.items()))
 
 
-def said(number: int, told: Mapping[str, int | str]) -> FoundNode:
+def described(number: int, objects: Mapping[str, int | str]) -> FoundNode:
     """Describe a node by its own objects (:func:`daq.drivers.canopen.profiles.ask`)."""
-    numbers = {name: value for name, value in told.items() if isinstance(value, int)}
-    texts = {name: value for name, value in told.items() if isinstance(value, str)}
+    numbers = {name: value for name, value in objects.items() if isinstance(value, int)}
+    texts = {name: value for name, value in objects.items() if isinstance(value, str)}
     device_type = numbers.get("0x1000:0")
     return FoundNode(
         number, device_type=device_type, profile="" if device_type is None else profile_name(device_type),
@@ -93,7 +93,7 @@ def asked(link: CanLink, node: FoundNode) -> FoundNode:
     """Add a node's answers about itself; what it refuses is None."""
     sdo = link.sdo(node.node)
     try:
-        answered = said(node.node, ask(sdo))
+        answered = described(node.node, ask(sdo))
         heartbeat_ms, pdos = _number(sdo, 0x1017), tuple(pdos_of(partial(_number, sdo), TPDO_COUNT))
         return replace(answered, state=node.state, answers=node.answers, heartbeat_ms=heartbeat_ms, pdos=pdos)
     except NoAnswerError:  # it went away, or answers one question in two

@@ -33,7 +33,7 @@ _TIMES = 4096  # of one identifier that are kept
 
 
 @dataclass(frozen=True)
-class Heard:
+class Frames:
     """Frames of one identifier.
 
     Attributes
@@ -74,7 +74,7 @@ class CanScan:
     seconds: float
     masters: str
     asked: bool
-    heard: tuple[Heard, ...]
+    heard: tuple[Frames, ...]
     nodes: tuple[FoundNode, ...]
     notes: tuple[str, ...]
 
@@ -132,15 +132,15 @@ def scan_can(
         time.sleep(seconds)
         health.look(time.monotonic_ns())
         with link.lock:
-            heard = tuple(_heard(key, link) for key in sorted(link.times, key=lambda key: (key[1], key[0])))
-        found = {node.node: node for node in _alive(heard)}
+            seen = tuple(_frames(key, link) for key in sorted(link.times, key=lambda key: (key[1], key[0])))
+        found = {node.node: node for node in _alive(seen)}
         asked = link.failure is None and link.leadership.lead()
-        masters = link.leadership.told()
+        masters = link.leadership.masters_seen()
         if asked:
             for number, answers in answering(link, nodes).items():
                 known = found.get(number, FoundNode(number))
                 found[number] = asked_node(link, replace(known, answers=answers))
-        notes = _notes(bus.name, link, health, heard, masters, asked=asked)
+        notes = _notes(bus.name, link, health, seen, masters, asked=asked)
         notes += [
             f"bus '{bus.name}': {node.answers} devices answer as node {node.node}; give each an ID of its own"
             for node in found.values()
@@ -148,7 +148,7 @@ def scan_can(
         ]
         described = bus.model_dump(mode="json", exclude_unset=True)
         nodes_found = tuple(found[number] for number in sorted(found))
-        return CanScan(described, seconds, masters, asked, heard, nodes_found, tuple(notes))
+        return CanScan(described, seconds, masters, asked, seen, nodes_found, tuple(notes))
     finally:
         link.close()
 
@@ -172,12 +172,12 @@ def _canopen(bus: CanopenBus | CanSignalsBus, *, listen_only: bool, listen_s: fl
 # Listening
 
 
-def _heard(key: tuple[int, bool], link: _Ear) -> Heard:
+def _frames(key: tuple[int, bool], link: _Ear) -> Frames:
     identifier, extended = key
     steps = np.diff(link.times[key]) / NS
     what, node = _meaning(identifier, extended)
     data = link.last[key]
-    return Heard(
+    return Frames(
         identifier,
         extended,
         what,
@@ -206,10 +206,10 @@ def _meaning(identifier: int, extended: bool) -> tuple[str, int | None]:
     return (f"TPDO{number}" if function & 0x080 else f"RPDO{(function - 0x200) // 0x100 + 1}"), node
 
 
-def _alive(heard: Sequence[Heard]) -> list[FoundNode]:
+def _alive(seen: Sequence[Frames]) -> list[FoundNode]:
     """List the nodes that sent something."""
     found: dict[int, FoundNode] = {}
-    for entry in heard:
+    for entry in seen:
         if entry.node is None or entry.what.startswith(("RPDO", "SDO request")):
             continue
         node = found.get(entry.node, FoundNode(entry.node))
@@ -220,22 +220,22 @@ def _alive(heard: Sequence[Heard]) -> list[FoundNode]:
     return list(found.values())
 
 
-def _notes(name: str, link: _Ear, health: BusHealth, heard: Sequence[Heard], masters: str, *, asked: bool) -> list[str]:
+def _notes(name: str, link: _Ear, health: BusHealth, seen: Sequence[Frames], masters: str, *, asked: bool) -> list[str]:
     notes = []
     if link.failure is not None:
         notes.append(f"bus '{name}': {link.failure}; check the interface")
     if health.line:
         notes.append(health.line)
-    if health.error_frames and not heard:
+    if health.error_frames and not seen:
         notes.append(f"bus '{name}': {health.error_frames} error frames and nothing else; the bitrate is wrong")
-    elif not heard and not asked:
+    elif not seen and not asked:
         notes.append(f"bus '{name}': nothing was heard; check bitrate, cable and power")
     if masters:
         notes.append(
             f"bus '{name}': another master leads it ({masters}), so nothing was sent; take its PDOs as they are with "
             "listen_only: true"
         )
-    if any(entry.extended for entry in heard):
+    if any(entry.extended for entry in seen):
         notes.append(
             f"bus '{name}': frames with 29 bits; if it is J1939, read them with type: can_signals and a DBC file"
         )

@@ -110,8 +110,8 @@ def check_machine_buses(
     found = machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
     delays = delays_of_frames(machine, rows)
     if len({c.bus for c in found.channels}) > 1 and not delays:
-        untold = "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
-        return replace(found, notes=(*found.notes, untold))
+        note = "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
+        return replace(found, notes=(*found.notes, note))
     return replace(found, delays=delays)
 
 
@@ -147,8 +147,8 @@ def machine_check(
     for channel, checked in zip(machine.channels, channels, strict=True):
         findings += _of_channel(channel, checked, depressurised)
         node = nodes.get((checked.bus, channel.source.node)) if isinstance(channel.source, CanSource) else None
-        said = None if node is None else scale_finding(machine, channel, node)
-        findings += [said] if said else []
+        finding = None if node is None else scale_finding(machine, channel, node)
+        findings += [finding] if finding else []
     moving = [checked.name for checked in channels if checked.rest.moved]
     if moving:
         more = ", ..." if len(moving) > 4 else ""
@@ -239,17 +239,17 @@ def _devices(
     return found
 
 
-def _unit_identity(told: Mapping[str, str | int]) -> dict[str, str]:
+def _unit_identity(identity: Mapping[str, str | int]) -> dict[str, str]:
     """Return a Modbus unit's identity, by the words of its device identification."""
-    words = {"device": told.get("product") or told.get("vendor"), "firmware": told.get("revision")}
-    return {name: str(word) for name, word in (words | {"vendor": told.get("vendor")}).items() if word}
+    words = {"device": identity.get("product") or identity.get("vendor"), "firmware": identity.get("revision")}
+    return {name: str(word) for name, word in (words | {"vendor": identity.get("vendor")}).items() if word}
 
 
 def _identity(node: FoundNode) -> dict[str, str]:
     numbers = {"vendor": node.vendor_id, "product": node.product_code, "serial number": node.serial_number}
     words: dict[str, str | None] = {"device": node.name, "profile": node.profile, "firmware": node.firmware}
-    told = {key: value for key, value in words.items() if value}
-    return told | {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
+    known = {key: value for key, value in words.items() if value}
+    return known | {key: f"0x{value:08X}" for key, value in numbers.items() if value is not None}
 
 
 # Channels
@@ -280,8 +280,8 @@ def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) ->
             "sink?"
         )
     span = 0.0 if channel.range is None else channel.range[1] - channel.range[0]
-    told = depressurised and channel.quantity in PRESSURES
-    if told and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
+    zero_due = depressurised and channel.quantity in PRESSURES
+    if zero_due and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
         yield (
             f"{name}: shows {rest.mean:.4g} {unit} without pressure; if there is none, write offset: "
             f"{channel.source.offset - rest.mean:.6g} in its source"

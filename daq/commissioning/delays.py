@@ -99,11 +99,11 @@ def bus_delays(machine: Machine, values: Mapping[str, FloatArray], rate_hz: floa
                     motion = _motion(machine, number, reference, values, kind)
                     if motion is None or (kind == "position" and not forth):  # the same two, seen from the other side
                         continue
-                    told = _delay(motion, y, rate_hz)
-                    if told is not None:
+                    delay = _delay(motion, y, rate_hz)
+                    if delay is not None:
                         key = (bus, base) if forth else (base, bus)
-                        seconds = told[0] if forth else -told[0]
-                        pair = PairDelay(joint.name, late, reference.name, kind, seconds, *told[1:])
+                        seconds = delay[0] if forth else -delay[0]
+                        pair = PairDelay(joint.name, late, reference.name, kind, seconds, *delay[1:])
                         found.setdefault(key, []).append(pair)
     return [_together(bus, base, pairs) for (bus, base), pairs in found.items()]
 

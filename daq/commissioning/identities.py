@@ -24,10 +24,10 @@ def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[
         if config.node != node.node:
             continue
         for key in ("device_type", "vendor_id", "product_code", "revision_number", "serial_number"):
-            wanted, told = getattr(config, key), getattr(node, key)
-            if wanted is not None and wanted != told:
-                said = "nothing" if told is None else f"0x{told:08X}"
-                lines.append(f"{place}: {key} is {said}, the machine file says 0x{wanted:08X}; which device is it?")
+            wanted, answered = getattr(config, key), getattr(node, key)
+            if wanted is not None and wanted != answered:
+                shown = "nothing" if answered is None else f"0x{answered:08X}"
+                lines.append(f"{place}: {key} is {shown}, the machine file says 0x{wanted:08X}; which device is it?")
         if config.firmware is not None and config.firmware != node.firmware:
             lines.append(f"{place}: has firmware '{node.firmware}', the machine file says '{config.firmware}'")
     return lines
@@ -49,16 +49,16 @@ def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | 
         if settings:
             return None  # commissioning writes how it is scaled, so what it says before is no matter
         try:
-            said = own.scale * conversion(own.unit, machine.si_unit(channel)).factor
+            device = own.scale * conversion(own.unit, machine.si_unit(channel)).factor
         except ValueError:
             return (
                 f"{channel.name}: node {node.node} measures in {own.unit}, the channel in {channel.unit}; correct one"
             )
         file = abs(machine.conversion(channel).factor * source.scale / 10.0**source.decimals)
-        if not math.isclose(said, file, rel_tol=SAME):
-            scale = said / machine.conversion(channel).factor
+        if not math.isclose(device, file, rel_tol=SAME):
+            scale = device / machine.conversion(channel).factor
             return (
-                f"{channel.name}: by its own objects node {node.node} has {said / file:.4g} times the machine file's "
+                f"{channel.name}: by its own objects node {node.node} has {device / file:.4g} times the machine file's "
                 f"scaling ({own.unit}); correct scale ({scale:.6g}) or set the device"
             )
     return None

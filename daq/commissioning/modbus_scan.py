@@ -88,15 +88,15 @@ def _unit(connection: ModbusConnection, number: int, registers: range | None) ->
     if answer.failure is not None or answer.exception in GATEWAY_EXCEPTIONS:
         return None
     if answer.exception is None:
-        said = f"holding register {first}: {answer.registers[0]}"
+        reply = f"holding register {first}: {answer.registers[0]}"
     else:
-        said = f"exception {answer.exception} ({EXCEPTIONS.get(answer.exception, 'unknown')})"
+        reply = f"exception {answer.exception} ({EXCEPTIONS.get(answer.exception, 'unknown')})"
     held = {}
     if registers is not None:
         read = {table: _registers(connection, number, table, registers) for table in ("holding", "input")}
         held = {table: own for table, own in read.items() if own}
     identity = tuple(connection.identity(number).values())
-    return FoundUnit(number, took, said, identity, held, answer.exception == DEVICE_FAILURE)
+    return FoundUnit(number, took, reply, identity, held, answer.exception == DEVICE_FAILURE)
 
 
 def _registers(connection: ModbusConnection, number: int, table: str, wanted: range) -> dict[int, int]:

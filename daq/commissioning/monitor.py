@@ -44,10 +44,10 @@ class Picture:
         table = Table("channel", "value", "unit", "quality", "age, ms", "values/s", "spread", "device", box=None)
         for column in (1, 4, 5, 6):
             table.columns[column].justify = "right"
-        told = self.content(statistics)["channels"]
+        shown = self.content(statistics)["channels"]
         for channel in self._machine.channels:
             source = "" if channel.source is None else channel.source.bus
-            one = told.get(channel.name)
+            one = shown.get(channel.name)
             if one is None:
                 table.add_row(channel.name, "", channel.unit, "nothing yet", "", "", "", source)
                 continue

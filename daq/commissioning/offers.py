@@ -121,8 +121,8 @@ def kind_of(unit: str) -> str:
 
 def signals_bus(name: str, interface: str, channel: str, paths: Iterable[str]) -> dict[str, Any]:
     """Build the entry of ``buses:`` for DBC files."""
-    told = {"name": name, "type": "can_signals", "interface": interface, "channel": channel, "dbc": tuple(paths)}
-    made = CanSignalsBus.model_validate(told)
+    settings = {"name": name, "type": "can_signals", "interface": interface, "channel": channel, "dbc": tuple(paths)}
+    made = CanSignalsBus.model_validate(settings)
     return made.model_dump(mode="json", exclude_unset=True)
 
 

@@ -164,8 +164,8 @@ def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
     allowed = (*QUANTITIES[offer.kind], *OF_VALVES.get(offer.kind, ())) or get_args(Quantity)
     unit = f" in {offer.unit}" if offer.unit else ""
     while True:
-        said = str(typer.prompt(f"{offer.device} {offer.what}, {offer.kind}{unit}: JOINT QUANTITY, or skip", default))
-        words = said.split()
+        reply = str(typer.prompt(f"{offer.device} {offer.what}, {offer.kind}{unit}: JOINT QUANTITY, or skip", default))
+        words = reply.split()
         if words == [SKIP]:
             return Choice(None)
         quantity = words[-1] if words else ""

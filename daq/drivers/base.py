@@ -151,7 +151,7 @@ def nothing(count: int, quality: Quality = Quality.MISSING) -> Samples:
 
 
 class Spread:
-    """Mean and standard deviation of times that are told one by one, ns in, ms out."""
+    """Mean and standard deviation of times that are added one by one, ns in, ms out."""
 
     __slots__ = ("count", "squares", "total")
 
@@ -164,7 +164,7 @@ class Spread:
         self.total += ns
         self.squares += ns * ns
 
-    def told(self) -> tuple[float, float] | None:
+    def mean_std(self) -> tuple[float, float] | None:
         """Return mean and deviation; None before the second one."""
         if self.count < 2:
             return None

@@ -30,7 +30,7 @@ class Port:
         if self.failure is None:
             self.failure = f"{type(error).__name__}: {first_line(error)}"
 
-    def heard_ns(self, now_ns: int) -> int:
+    def received_ns(self, now_ns: int) -> int:
         """Return up to when all that came was taken: nobody is silent by what this process missed."""
         return now_ns
 

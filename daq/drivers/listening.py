@@ -85,7 +85,7 @@ class Listener(BusDriver):
     def __init__(self, config: Bus, names: Sequence[str], context: DriverContext, counts: Iterable[str] = ()) -> None:
         super().__init__(config, names, context, ("missing", "late", "short", "not_a_number", "two_senders", *counts))
         self.streams: list[Stream] = []
-        self.cycle_ns = self._heard_ns = 0
+        self.cycle_ns = self._received_ns = 0
         self.led = False  # whether the cycle began with another master's SYNC, at cycle_ns
         self._silent: set[str] = set()
 
@@ -129,7 +129,7 @@ class Listener(BusDriver):
             return nothing(len(self._names), Quality.BUS_ERROR)
         answers = Answers(len(self._names))
         if self.port is not None:
-            self._heard_ns = self.port.heard_ns(self.cycle_ns)
+            self._received_ns = self.port.received_ns(self.cycle_ns)
         self.decode(answers)
         self.counts["not_a_number"] += answers.no_numbers
         for stream in self.streams:
@@ -189,7 +189,7 @@ class Listener(BusDriver):
             stream.name
             for stream in self.streams
             if stream.device == device
-            and (stream.at_ns is None or self._heard_ns - stream.at_ns > max(SILENT_S * NS, 3 * stream.interval_ns))
+            and (stream.at_ns is None or self._received_ns - stream.at_ns > max(SILENT_S * NS, 3 * stream.interval_ns))
         ]
 
     def _line(self, device: str) -> str:

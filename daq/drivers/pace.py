@@ -23,7 +23,7 @@ BEHIND = 4  # frames in a row that are late after a stall; then they were lost
 HITS = 6  # frames in a row where they were due with others between them: two senders
 ELSEWHERE = 2  # frames in a row where they were not due, behind others: one that also sends changes
 PULL = 0.25  # of what a frame is off, by which the next one is expected otherwise
-DOUBT = 12  # frames after the last one too many in which a stream is still another's
+SUSPECT = 12  # frames after the last one too many in which a stream is still another's
 HALF = 16  # frames of each half that are compared
 
 
@@ -43,7 +43,7 @@ class Pace:
         self._period = 0.0  # of one sender, once it was regular
         self._near = 0.0  # ns that a frame may be off
         self._due = 0.0
-        self._early = self._late = self._hits = self._elsewhere = self._doubt = 0
+        self._early = self._late = self._hits = self._elsewhere = self._suspect = 0
         self._sends_changes = False
         self._held: deque[tuple[float, ...]] = deque(maxlen=2 * HALF)
 
@@ -63,10 +63,10 @@ class Pace:
         if last is None:
             return False
         self._intervals.append(at_ns - last)
-        self._doubt -= self._doubt > 0
+        self._suspect -= self._suspect > 0
         if self._period:
             early = self._look(at_ns)
-            if self._doubt or (early and not self._sends_changes):
+            if self._suspect or (early and not self._sends_changes):
                 self._intervals.clear()  # of one sender the period is, not of two
                 return True
         self._median = statistics.median(self._intervals)
@@ -81,8 +81,8 @@ class Pace:
         """Return whether a frame came before it was due."""
         if at_ns < self._due - self._near:
             self._early += 1
-            if self._doubt:
-                self._doubt = DOUBT
+            if self._suspect:
+                self._suspect = SUSPECT
             return True
         in_time = at_ns <= self._due + self._near
         behind = self._early > 0
@@ -90,9 +90,9 @@ class Pace:
             self._hits = self._hits + 1 if in_time else 0
             self._elsewhere = 0 if in_time else self._elsewhere + 1
             if self._elsewhere >= ELSEWHERE:
-                self._sends_changes, self._doubt = True, 0
+                self._sends_changes, self._suspect = True, 0
             elif self._hits >= HITS and not self._sends_changes:
-                self._doubt = DOUBT
+                self._suspect = SUSPECT
         self._early = 0
         self._late = 0 if in_time else self._late + 1
         lost = self._late >= BEHIND or self._sends_changes or (behind and not in_time)

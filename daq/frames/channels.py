@@ -92,7 +92,7 @@ def channel_table(machine: Machine) -> ChannelTable:
         if channel.range is not None:
             ends = to_si.to_si(channel.range)
             low[i], high[i] = ends.min(), ends.max()
-        if channel.source is not None and not (isinstance(channel.source, Word) and channel.source.told_decimals):
+        if channel.source is not None and not (isinstance(channel.source, Word) and channel.source.asks_decimals):
             sentinels += [(i, value) for value in channel.source.sentinels]
     names = tuple(channel.name for channel in channels)
     return ChannelTable(names, gain, bias, low, high, tuple(sentinels), tuple(fields), tuple(turns))

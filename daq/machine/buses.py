@@ -63,7 +63,7 @@ class Word(Scaled):
     """
 
     data_type: DataType
-    tells_decimals: ClassVar[str] = ""  # the key that says where the device has them
+    decimals_key: ClassVar[str] = ""  # the key that says where the device has them
     mask: Annotated[int, Field(gt=0, lt=2**53)] | None = None  # bits in one piece, 0x00FFFFFF; integers only
     modulo: Annotated[float, Field(gt=0)] | None = None  # raw units of a turn, after which an encoder begins anew
     zero: float = 0.0  # raw value where the channel is `offset`
@@ -87,15 +87,15 @@ class Word(Scaled):
         return self
 
     @property
-    def told_decimals(self) -> bool:
+    def asks_decimals(self) -> bool:
         """Whether the device is asked how many decimals there are."""
-        return bool(self.tells_decimals) and getattr(self, self.tells_decimals) is not None
+        return bool(self.decimals_key) and getattr(self, self.decimals_key) is not None
 
     @model_validator(mode="after")
     def _decimals_from_one(self) -> Word:
         beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
-        if self.told_decimals and beside:
-            raise ValueError(f"{self.tells_decimals} and {beside[0]} do not go together; keep one")
+        if self.asks_decimals and beside:
+            raise ValueError(f"{self.decimals_key} and {beside[0]} do not go together; keep one")
         return self
 
 
@@ -118,7 +118,7 @@ def object_of(text: str) -> tuple[int, int]:
 class CanSource(Word):
     """Where a channel comes from on a CANopen bus: an object of a node, mapped into a TPDO."""
 
-    tells_decimals = "decimals_object"
+    decimals_key = "decimals_object"
     node: Annotated[int, Field(ge=1, le=127)]
     object: Annotated[int, Field(ge=0x1000, le=0xFFFF)]
     subindex: Annotated[int, Field(ge=0, le=255)] = 0
@@ -152,7 +152,7 @@ class ModbusSource(Word):
     """Where a channel comes from on a Modbus bus: registers of a unit, read in one block per unit and cycle."""
 
     known_by = frozenset({"unit", "register"})
-    tells_decimals = "decimals_register"
+    decimals_key = "decimals_register"
     unit: Annotated[int, Field(ge=0, le=255)]  # 1 to 247; 0 or 255 is a TCP device itself
     register_: Annotated[int, Field(ge=0, le=0xFFFF, alias="register")]  # zero-based protocol address
     table: Literal["holding", "input"] = "holding"

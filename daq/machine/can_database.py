@@ -126,9 +126,9 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
     return list(found.values()), problems
 
 
-def unit_doubts(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
+def unusual_units(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
     """List channels (position, line) taken as they are, although the file has another unit."""
-    doubts = []
+    unusual = []
     for wanted in (wanted for message in listed for wanted in message.wanted):
         channel, unit = channels[wanted.position], wanted.signal.unit
         source = channel.source
@@ -140,8 +140,8 @@ def unit_doubts(machine: Machine, listed: Sequence[Listed], channels: Sequence[C
             continue
         if meant != machine.conversion(channel):
             text = f"{channel.name}: the bus's file has {wanted.signal.name} in {unit}, the channel says {channel.unit}"
-            doubts.append((wanted.position, f"{text}; correct unit, or give scale and offset"))
-    return doubts
+            unusual.append((wanted.position, f"{text}; correct unit, or give scale and offset"))
+    return unusual
 
 
 def read_database(path: str, bus: str) -> Database:

@@ -47,7 +47,7 @@ def incoherences(machine: Machine) -> list[str]:
     if problems:  # a channel that is nobody's makes its joint look unmeasured
         return problems
     problems = _of(*((_measured, machine, joint.name) for joint in joints))
-    return problems or _of((_velocities_are_told, machine), (_motors_tell, machine))
+    return problems or _of((_velocities_are_measured, machine), (_motors_determine, machine))
 
 
 def _one_sync(machine: Machine) -> None:
@@ -58,13 +58,13 @@ def _one_sync(machine: Machine) -> None:
 
 def _delayed_buses(machine: Machine) -> None:
     names = [bus.name for bus in machine.buses]
-    told: set[frozenset[str]] = set()
+    known: set[frozenset[str]] = set()
     for number, delay in enumerate(machine.delays):
         for name in (delay.bus, delay.behind):
             _known(name, names, "bus", f"delays[{number}]")
-        if frozenset((delay.bus, delay.behind)) in told:
+        if frozenset((delay.bus, delay.behind)) in known:
             raise ValueError(f"delays[{number}]: '{delay.bus}' and '{delay.behind}' are told twice; keep one")
-        told.add(frozenset((delay.bus, delay.behind)))
+        known.add(frozenset((delay.bus, delay.behind)))
 
 
 def _one_supply(machine: Machine) -> None:
@@ -230,13 +230,13 @@ def _driven(machine: Machine, name: str, *, link_side: bool) -> None:
             )
 
 
-def _velocities_are_told(machine: Machine) -> None:
+def _velocities_are_measured(machine: Machine) -> None:
     """Check that what else a motor turns with is known where it gives its joint's velocity."""
-    told = {n for n, joint in enumerate(machine.joints) if machine.channel("joint_velocity", joint.name)}
-    told |= set(machine.turning_at_motors)
+    measured = {n for n, joint in enumerate(machine.joints) if machine.channel("joint_velocity", joint.name)}
+    measured |= set(machine.turning_at_motors)
     for number in machine.turning_at_motors:
         for other in np.flatnonzero(machine.ratios[number]):
-            if other not in told:
+            if other not in measured:
                 own, missing = machine.joints[number].name, machine.joints[other].name
                 raise ValueError(
                     f"joints.{own}: its motor_velocity holds the speed of {missing} too, which nothing measures; "
@@ -244,7 +244,7 @@ def _velocities_are_told(machine: Machine) -> None:
                 )
 
 
-def _motors_tell(machine: Machine) -> None:
+def _motors_determine(machine: Machine) -> None:
     """Check that ratios can be solved for joints that only motors measure, each row by its own ratio."""
     for unknown in (machine.at_motors, machine.turning_at_motors):
         R = machine.ratios[np.ix_(unknown, unknown)]

@@ -16,7 +16,7 @@ from daq.machine.coherence import incoherences
 from daq.machine.joints import Cylinder, Drive, Joint
 from daq.machine.machine_file import Channel, Machine, machine_problems, read_machine_text
 from daq.machine.machine_file_errors import Problem, line_of, of_the_whole
-from daq.machine.plausible import doubts, valve_doubts
+from daq.machine.plausible import unusual_values, unusual_valves
 from daq.machine.travel import travel_of
 from daq.machine.valves import Valve
 from daq.units import SI_UNITS
@@ -52,12 +52,12 @@ def check_machine(path: str | Path) -> Checked:
     if machine is None and all(p.key for p in problems):  # parts are wrong, so that nobody looked at the whole
         problems += [of_the_whole(tree, text) for text in _of_the_parts(content)]
     findings = list(problems)
-    said = {finding.key for finding in findings}
-    for doubt in (*doubts(content), *(() if machine is None else valve_doubts(machine))):
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in doubt.place).lstrip(".")
-        if key not in said:  # of several doubts about one key the first says most
-            said.add(key)
-            findings.append(Problem(line_of(tree, list(doubt.place)), key, doubt.text, doubt.cure, "warning"))
+    named = {finding.key for finding in findings}
+    for unusual in (*unusual_values(content), *(() if machine is None else unusual_valves(machine))):
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in unusual.place).lstrip(".")
+        if key not in named:  # of several about one key the first holds most
+            named.add(key)
+            findings.append(Problem(line_of(tree, list(unusual.place)), key, unusual.text, unusual.cure, "warning"))
     if machine is not None:
         findings += _of_the_files(machine, tree)
     return Checked(machine, tuple(findings))
@@ -92,12 +92,12 @@ def _of_the_files(machine: Machine, tree: yaml.Node | None) -> list[Problem]:
         place: list[str | int] = ["buses", number]
         try:
             if isinstance(bus, CanSignalsBus):
-                from daq.machine.can_database import listed_messages, unit_doubts
+                from daq.machine.can_database import listed_messages, unusual_units
 
                 listed, problems = listed_messages(bus, channels)
                 levels: tuple[tuple[Literal["error", "warning"], list[tuple[int, str]]], ...] = (
                     ("error", problems),
-                    ("warning", unit_doubts(machine, listed, channels)),
+                    ("warning", unusual_units(machine, listed, channels)),
                 )
                 for level, found in levels:
                     for position, text in found:

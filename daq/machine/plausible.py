@@ -23,7 +23,7 @@ Place = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
-class Doubt:
+class Unusual:
     """A number that is hardly meant: its place in the file, what is odd, and the cure.
 
     ``slight`` ones change what an identification gives by little or nothing.
@@ -44,16 +44,16 @@ class Usual:
     unit: str
     others: Mapping[str, float]
 
-    def doubts(self, place: Place, value: float | None, what: str) -> Iterator[Doubt]:
+    def check(self, place: Place, value: float | None, what: str) -> Iterator[Unusual]:
         """Yield a remark if there is a value outside."""
         if value is None or self.low <= (size := abs(value)) <= self.high:
             return
         usual = f"{what} {value:g} {self.unit} is outside the usual {self.low:g} to {self.high:g} {self.unit}".strip()
         for unit, factor in self.others.items():
             if self.low <= size * factor <= self.high:
-                yield Doubt(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
+                yield Unusual(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
                 return
-        yield Doubt(place, usual, "correct it, or leave it if it is right")
+        yield Unusual(place, usual, "correct it, or leave it if it is right")
 
 
 _MM = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
@@ -81,7 +81,7 @@ _STEEL = 7850.0  # kg/m^3
 _GRAVITIES = {"Earth": 9.81, "the Moon": 1.62, "Mars": 3.71}
 
 
-def doubts(content: Mapping[str, Any]) -> Iterator[Doubt]:
+def unusual_values(content: Mapping[str, Any]) -> Iterator[Unusual]:
     """Yield remarks on a machine file's content as read from YAML; what is malformed is passed over."""
     yield from _of_the_machine(content)
     joints = content.get("joints")
@@ -115,29 +115,29 @@ def _numbers(count: int, tree: object, *keys: str) -> list[float] | None:
     return None if None in numbers else [entry for entry in numbers if entry is not None]
 
 
-def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Doubt]:
+def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Unusual]:
     rate = _number(content, "rate_hz")
     if rate is not None and rate > 0 and not 5.0 <= rate <= 5000.0:
-        yield Doubt(("rate_hz",), f"a rate of {rate:g} Hz is unusual", "write samples per second (50 is usual)")
+        yield Unusual(("rate_hz",), f"a rate of {rate:g} Hz is unusual", "write samples per second (50 is usual)")
     gravity = _numbers(3, content, "gravity")
     if gravity is not None:
         size = float(np.linalg.norm(gravity))
         if size > 0 and not any(abs(size - known) <= 0.01 * known for known in _GRAVITIES.values()):
-            yield Doubt(
+            yield Unusual(
                 ("gravity",),
                 f"has a magnitude of {size:.4g} m/s^2, on Earth it is 9.81",
                 "write the acceleration of gravity in the base frame in m/s^2, as in [0.0, -9.81, 0.0]; zeros if every "
                 "axis is vertical",
             )
     for key, pressure, limit in (("hydraulics", "supply_pressure", "pump_flow"), ("supply", "pressure", "flow_limit")):
-        yield from _PRESSURE.doubts((key, pressure), _number(content, key, pressure), "a supply pressure of")
-        yield from _FLOW.doubts((key, limit), _number(content, key, limit), "a flow of")
+        yield from _PRESSURE.check((key, pressure), _number(content, key, pressure), "a supply pressure of")
+        yield from _FLOW.check((key, limit), _number(content, key, limit), "a flow of")
 
 
-def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
+def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Unusual]:
     revolute = joint.get("type", "revolute") == "revolute"
     for key in ("a", "d"):
-        yield from _LINK.doubts((*place, "dh", key), _number(joint, "dh", key), "a length of")
+        yield from _LINK.check((*place, "dh", key), _number(joint, "dh", key), "a length of")
     for key in ("alpha", "theta"):
         value = _number(joint, "dh", key)
         yield from _turn((*place, "dh", key), value)
@@ -153,7 +153,7 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
         ("acceleration", _TURN_RATE if revolute else _SLIDE_RATE, "an acceleration of"),
     ):
         if (value := _number(joint, "limits", key)) is not None and value > 0:
-            yield from usual.doubts((*place, "limits", key), value, what)
+            yield from usual.check((*place, "limits", key), value, what)
     if isinstance(cylinder, dict):
         yield from _of_a_cylinder((*place, "cylinder"), cylinder)
         try:
@@ -163,17 +163,17 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Doubt]:
         yield from _of_its_travel(place, travel_of(made))
 
 
-def _turn(place: Place, value: float | None) -> Iterator[Doubt]:
+def _turn(place: Place, value: float | None) -> Iterator[Unusual]:
     if value is not None and abs(value) > 2 * np.pi:
         cure = f"if it is in degrees, write {np.radians(value):.7g} (rad)"
-        yield Doubt(place, f"an angle of {value:g} rad is more than a turn", cure)
+        yield Unusual(place, f"an angle of {value:g} rad is more than a turn", cure)
 
 
-def _angle(place: Place, value: float) -> Iterator[Doubt]:
+def _angle(place: Place, value: float) -> Iterator[Unusual]:
     off = abs(value - np.round(value / (np.pi / 2)) * (np.pi / 2))
     if _SQUARE[0] < off < _SQUARE[1]:
         quarter = float(np.round(value / (np.pi / 2)) * (np.pi / 2))
-        yield Doubt(
+        yield Unusual(
             place,
             f"is {off:.1e} rad from a quarter turn, which makes parameters formally independent that nothing can tell",
             f"write {quarter:.7f} if that is meant",
@@ -181,40 +181,40 @@ def _angle(place: Place, value: float) -> Iterator[Doubt]:
         )
 
 
-def _limits(place: Place, limits: Sequence[float], revolute: bool) -> Iterator[Doubt]:
+def _limits(place: Place, limits: Sequence[float], revolute: bool) -> Iterator[Unusual]:
     most, width = max(abs(value) for value in limits), limits[1] - limits[0]
     low, high = limits
     if revolute and most > 2 * np.pi:
-        yield Doubt(
+        yield Unusual(
             place,
             f"{low:g} to {high:g} rad is more than a turn to one side",
             f"if they are in degrees, write [{np.radians(low):.5g}, {np.radians(high):.5g}]",
         )
     elif not revolute and most > 20.0:
-        yield Doubt(
+        yield Unusual(
             place, f"{low:g} to {high:g} m is long", f"if they are in mm, write [{low / 1e3:g}, {high / 1e3:g}]"
         )
     if 0 < width < (0.02 if revolute else 0.002):
         unit = "rad" if revolute else "m"
-        yield Doubt(place, f"the joint moves by {width:.3g} {unit} only", f"write its whole range in {unit}")
+        yield Unusual(place, f"the joint moves by {width:.3g} {unit} only", f"write its whole range in {unit}")
 
 
-def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]:
+def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Unusual]:
     bore, rod, stroke = (_number(cylinder, key) for key in ("bore", "rod", "stroke"))
     if bore is not None and bore > 0:
-        if odd := list(_BORE.doubts((*place, "bore"), bore, "a bore of")):
+        if odd := list(_BORE.check((*place, "bore"), bore, "a bore of")):
             yield from odd
             bore = None  # no proportion is judged by it
         elif rod is not None and 0 <= rod < bore and not 0.2 <= rod / bore <= 0.95:
-            yield Doubt(
+            yield Unusual(
                 (*place, "rod"),
                 f"the rod is {rod / bore:.3g} of the bore; cylinders are built with 0.2 to 0.95",
                 "correct rod or bore (diameters, in m)",
             )
     if stroke is not None and stroke > 0:
-        yield from _STROKE.doubts((*place, "stroke"), stroke, "a stroke of")
+        yield from _STROKE.check((*place, "stroke"), stroke, "a stroke of")
         if bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
-            yield Doubt(
+            yield Unusual(
                 (*place, "stroke"),
                 f"the stroke is {stroke / bore:.3g} bores; 0.2 to 60 are built",
                 "correct stroke or bore (in m)",
@@ -223,7 +223,7 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]
     if mass is not None and mass > 0 and bore and rod is not None and stroke:
         steel = _STEEL * np.pi / 4 * (rod**2 * 1.2 * stroke + bore**3)
         if not 0.05 <= mass / steel <= 20:
-            yield Doubt(
+            yield Unusual(
                 (*place, "moving_mass"),
                 f"{mass:g} kg is {mass / steel:.2g} times a steel rod and piston of this size",
                 "correct it, or leave it out: it is then identified",
@@ -232,68 +232,68 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Doubt]
     if not isinstance(linkage, dict):
         return
     for key in ("a", "b", "retracted", "rod_arm", "coupler_arm", "coupler", "radius"):
-        yield from _PIN.doubts((*place, "linkage", key), _number(linkage, key) or None, "a length of")
+        yield from _PIN.check((*place, "linkage", key), _number(linkage, key) or None, "a length of")
     for key in ("base_pin", "base_pivot", "rod_pin", "link_pivot", "rocker_pivot", "coupler_pin"):
         point = _numbers(2, linkage, key)
         if point is not None:
-            yield from _LINK.doubts((*place, "linkage", key), max(point, key=abs), "a coordinate of")
+            yield from _LINK.check((*place, "linkage", key), max(point, key=abs), "a coordinate of")
     for key in ("offset", "angle", "arms_angle", "zero"):
         yield from _turn((*place, "linkage", key), _number(linkage, key))
     retracted = _number(linkage, "retracted")
     if retracted is not None and stroke is not None and 0 < retracted < _LEAST_RETRACTED * stroke:
-        yield Doubt(
+        yield Unusual(
             (*place, "linkage", "retracted"),
             f"pin to pin {retracted:g} m with the piston in, for a stroke of {stroke:g} m",
             "write the distance of the pins with the piston fully in, in m",
         )
 
 
-def _of_its_travel(place: Place, travel: Travel) -> Iterator[Doubt]:
+def _of_its_travel(place: Place, travel: Travel) -> Iterator[Unusual]:
     cylinder, x, r = travel.joint.cylinder, travel.x, travel.r
     if cylinder is None or x is None or r is None:
         return
     used = float(np.ptp(x)) / cylinder.stroke
     if used < _LEAST_STROKE_USE:
-        yield Doubt(
+        yield Unusual(
             (*place, "limits", "position"),
             f"moves the piston over {100 * used:.2g} % of its stroke only",
             "correct the limits, the stroke or the linkage's lengths",
         )
     if not travel.revolute:
         if cylinder.linkage.type in ("three_pin", "rack"):
-            yield Doubt(
+            yield Unusual(
                 (*place, "cylinder", "linkage"),
                 f"a {cylinder.linkage.type} linkage turns a joint, and this one slides",
                 "use type: direct",
             )
         return
     if cylinder.linkage.type == "direct":
-        yield Doubt(
+        yield Unusual(
             (*place, "cylinder", "linkage"),
             "a direct cylinder moves a sliding joint, and this one turns",
             "use three_pin, pins, four_bar or rack",
         )
     lever = np.abs(r)
     most = float(lever.max())
-    odd = list(_LEVER.doubts((*place, "cylinder", "linkage"), most, "a lever arm of"))
+    odd = list(_LEVER.check((*place, "cylinder", "linkage"), most, "a lever arm of"))
     yield from odd
     least = float(lever.min())
     if not odd and least < _LEAST_LEVER_SHARE * most:
-        yield Doubt(
+        yield Unusual(
             (*place, "limits", "position"),
             f"comes near a dead centre: the lever arm falls to {1e3 * least:.2g} mm of {1e3 * most:.4g} mm",
             "narrow the limits, or correct the linkage",
         )
     speed = most * travel.joint.limits.velocity
     if speed > _MOST_PISTON_SPEED:
-        yield Doubt(
+        yield Unusual(
             (*place, "limits", "velocity"),
             f"moves the piston at {speed:.3g} m/s; seals are made for 0.5 to 1 m/s",
             "correct it (rad/s), or the linkage's lengths",
         )
 
 
-def _among_joints(joints: Sequence[Any]) -> Iterator[Doubt]:
+def _among_joints(joints: Sequence[Any]) -> Iterator[Unusual]:
     """Find one bore ten times as large, or as small, as those of all others."""
     bores = {i: b for i, joint in enumerate(joints) if (b := _number(joint, "cylinder", "bore")) and b > 0}
     if len(bores) < 3:
@@ -302,14 +302,14 @@ def _among_joints(joints: Sequence[Any]) -> Iterator[Doubt]:
         others = [other for i, other in bores.items() if i != index]
         factor = bore / float(np.median(others))
         if factor > _SLIP or factor < 1 / _SLIP:
-            yield Doubt(
+            yield Unusual(
                 ("joints", index, "cylinder", "bore"),
                 f"{bore:g} m is {factor:.2g} times the other cylinders' bore",
                 "look for a slipped decimal point",
             )
 
 
-def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any]) -> Iterator[Doubt]:
+def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any]) -> Iterator[Unusual]:
     quantity, unit, bounds = channel.get("quantity"), channel.get("unit"), _numbers(2, channel, "range")
     if not isinstance(quantity, str) or quantity not in SI_UNITS or not isinstance(unit, str):
         return
@@ -320,7 +320,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
         return
     noise = _number(channel, "noise_std")
     if bounds is not None and noise is not None and noise > 0.1 * (bounds[1] - bounds[0]) > 0:
-        yield Doubt(
+        yield Unusual(
             (*place, "noise_std"),
             f"noise of {noise:g} {unit} is more than a tenth of the range",
             f"write the standard deviation in {unit}",
@@ -330,7 +330,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     low, high = (float(there.to_si(value)) for value in bounds)
     high_pressure = quantity.endswith("_pressure") and quantity != "tank_pressure"
     if high_pressure and not 5e5 <= high <= 1.5e8:
-        yield Doubt(
+        yield Unusual(
             (*place, "range"),
             f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",
             f"write the range in {unit}, or correct the unit",
@@ -339,7 +339,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     if quantity == "joint_position" and limits is not None and limits[0] < limits[1]:
         shared = min(high, limits[1]) - max(low, limits[0])
         if shared < 0.5 * (limits[1] - limits[0]):
-            yield Doubt(
+            yield Unusual(
                 (*place, "range"),
                 f"covers {100 * max(shared, 0.0) / (limits[1] - limits[0]):.0f} % of the joint's limits: every value "
                 "beyond it counts as saturated",
@@ -347,7 +347,7 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
             )
 
 
-def valve_doubts(machine: Machine) -> Iterator[Doubt]:
+def unusual_valves(machine: Machine) -> Iterator[Unusual]:
     """Report what a valid machine file omits of its valves, and what that costs, by joint."""
     for number, joint in enumerate(machine.joints):
         if joint.cylinder is None or joint.cylinder.valve is None:
@@ -355,14 +355,14 @@ def valve_doubts(machine: Machine) -> Iterator[Doubt]:
         place: Place = ("joints", number, "cylinder", "valve")
         pressures = [machine.channel(f"{side}_pressure", joint.name) for side in ("head", "rod")]
         if machine.channel("command", joint.name) is None:
-            yield Doubt(
+            yield Unusual(
                 place,
                 "no channel shows what this valve is told, so nothing of it can be identified",
                 f"add a channel of quantity command, joint {joint.name}, in {joint.cylinder.valve.unit}",
                 slight=True,
             )
         elif not all(pressures):
-            yield Doubt(
+            yield Unusual(
                 place,
                 "without both chamber pressures only the curve and the delay can be told: speeds at another load are "
                 "predicted worse",
@@ -370,7 +370,7 @@ def valve_doubts(machine: Machine) -> Iterator[Doubt]:
                 slight=True,
             )
         elif machine.supplied_at is None and machine.channel("supply_pressure") is None:
-            yield Doubt(
+            yield Unusual(
                 place,
                 "nothing tells the supply pressure: an orifice that feeds the cylinder cannot be told from a "
                 "compensated valve, and speeds at another load are predicted worse",

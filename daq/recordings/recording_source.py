@@ -62,8 +62,8 @@ def load_table(
     for name in absent:
         filled[name] = np.full(table.rows, np.nan)
         filled[f"{name}.quality"] = np.full(table.rows, int(Quality.MISSING), dtype=np.int64)
-    said = f"{path.name}: has no {', '.join(absent)}: marked missing"
-    return Table(filled, table.metadata, table.sha256), (*notes, said)
+    note = f"{path.name}: has no {', '.join(absent)}: marked missing"
+    return Table(filled, table.metadata, table.sha256), (*notes, note)
 
 
 def _loaded(
@@ -164,7 +164,7 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
             ).astype(np.int64)
     units = {name: unit for table in tables for name, unit in table.units.items()}
     metadata = {**tables[0].metadata, UNITS: json.dumps(units)}
-    return Table(result, metadata, tables[0].sha256), (_said(path, machine, done),)
+    return Table(result, metadata, tables[0].sha256), (_note(path, machine, done),)
 
 
 def channel_columns(
@@ -211,7 +211,7 @@ def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> d
     return found
 
 
-def _said(path: Path, machine: Machine, done: Sequence[Resampled]) -> str:
+def _note(path: Path, machine: Machine, done: Sequence[Resampled]) -> str:
     rates = ", ".join(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
     uneven = " with uneven steps" if any(part.uneven for part in done) else ""
     slowest = min(part.rate_hz for part in done)

@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of standard parameters that joint efforts can tell at all.
+"""Base parameters: the combinations of standard parameters that joint efforts determine at all.
 
 Columns of the regressor that vanish for every motion are dropped; columns that are combinations of others are
 regrouped: ``tau = Y pi = Y_independent (P pi)`` with ``P`` the regrouping matrix. Which columns those are is

@@ -54,7 +54,7 @@ def _derived(machine: Machine) -> list[Channel]:
     """Make the joint channels that motors determine."""
     joints = machine.joints
     unmeasured = [j for j in joints if machine.channel("joint_effort", j.name) is None]
-    said: tuple[tuple[str, Quantity, list[Joint]], ...] = (
+    kinds: tuple[tuple[str, Quantity, list[Joint]], ...] = (
         ("from_motors", "joint_position", [joints[n] for n in machine.at_motors]),
         ("velocity_from_motors", "joint_velocity", [joints[n] for n in machine.turning_at_motors]),
         (
@@ -65,7 +65,7 @@ def _derived(machine: Machine) -> list[Channel]:
     )
     return [
         Channel(name=f"{joint.name}.{name}", quantity=quantity, joint=joint.name, unit=_unit(joint, quantity))
-        for name, quantity, of in said
+        for name, quantity, of in kinds
         for joint in of
     ]
 

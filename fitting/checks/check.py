@@ -173,7 +173,7 @@ def _usable(
             if channel.name not in (finding.channels or (finding.channel,)):
                 continue
             options = gains(machine.si_unit(channel), machine.conversion(channel).factor)
-            gain = next((g for g, says in options.items() if says == finding.says), None)
+            gain = next((g for g, unit in options.items() if unit == finding.says), None)
             if gain is None:
                 return [], False
             kept = [
@@ -287,12 +287,12 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         options.append(f"with this bore the rod would be {1e3 * cylinder.bore * np.sqrt(1 - ratio):.3g} mm thick")
         if cylinder.rod > 0:
             options.append(f"with this rod the bore would be {1e3 * cylinder.rod / np.sqrt(1 - ratio):.3g} mm")
-    said = f" ({' and '.join(options)})" if options else ""
+    other_sizes = f" ({' and '.join(options)})" if options else ""
     return finding_of(
         "cylinder_areas",
         ratio=ratio,
         declared=declared,
-        said=said,
+        said=other_sizes,
         where=places.key(("joints", own.joint, "cylinder", "bore")),
         joint=joint.name,
         before=own.before,
@@ -348,9 +348,9 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
     misfits = current.misfits
     if np.nanmax(misfits, initial=0.0) >= GROSS:
         misfits = np.fmin(misfits, with_payload(searched.trial).misfits)
-    tells = np.isfinite(misfits) & ~(current.shares < _CARRIES)
-    bad = tells & (misfits >= GROSS)
-    whole = bool(bad.any() and np.mean(bad[tells]) > _MOST_JOINTS)  # no joint is pushed where all of an arm is wrong
+    judged = np.isfinite(misfits) & ~(current.shares < _CARRIES)
+    bad = judged & (misfits >= GROSS)
+    whole = bool(bad.any() and np.mean(bad[judged]) > _MOST_JOINTS)  # no joint is pushed where all of an arm is wrong
     for number in (int(k) for k in np.flatnonzero(bad)):
         joint, misfit = machine.joints[number], misfits[number]
         pushed = not whole and CLEAR * with_couplings(searched.trial, number) < misfit

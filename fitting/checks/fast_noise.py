@@ -49,15 +49,15 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         ]
         conversion = machine.conversion(channel)
         own_step = abs(conversion.factor) * (channel.resolution or 0.0)
-        said: tuple[float, float, str] | None = None
+        excess: tuple[float, float, str] | None = None
         if noise > least and sisters and noise > _TIMES * (usual := float(np.median(sisters))) > 0:
-            said = (noise, usual, "that of the other sensors of its kind")
+            excess = (noise, usual, "that of the other sensors of its kind")
         elif noise > least and own_step and noise > _TIMES * own_step:
-            said = (noise, own_step, "its resolution")
+            excess = (noise, own_step, "its resolution")
         elif (apart := _apart(moving[channel.name], least)) is not None:
-            said = (*apart, "that of its other stretches")
-        if said is not None:
-            before, after, what = said
+            excess = (*apart, "that of its other stretches")
+        if excess is not None:
+            before, after, what = excess
             who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "unit": machine.si_unit(channel)}
             times = before / after
             found.append(finding_of("noisy", times=times, what=what, before=before, after=after, strength=3.0, **who))

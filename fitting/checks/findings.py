@@ -76,8 +76,8 @@ def finding_of(
 ) -> Finding:
     """Make a finding by the key of its texts; ``values`` fill them, or are the finding's own fields, or both."""
     own = {name: value for name, value in values.items() if name in _OWN}
-    said = worded(key, **values)
-    return Finding(*said, severity=severity, alternatives=alternatives, strength=strength, **own)
+    texts = worded(key, **values)
+    return Finding(*texts, severity=severity, alternatives=alternatives, strength=strength, **own)
 
 
 def worded(key: str, **values: Any) -> tuple[str, str, str]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Channel, Machine, machine_content
-from daq.machine.plausible import Doubt, doubts
+from daq.machine.plausible import Unusual, unusual_values
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
@@ -193,35 +193,35 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
             continue
         options = gains(unit, machine.conversion(channel).factor)
         fitting = [
-            (abs(np.log((most - least) * g / (0.6 * width))) + (0.7 if says in RARE else 0.0), says)
-            for g, says in options.items()
+            (abs(np.log((most - least) * g / (0.6 * width))) + (0.7 if likely in RARE else 0.0), likely)
+            for g, likely in options.items()
             if abs(g) < 1 and least * g > low - 0.15 * width and most * g < high + 0.15 * width
             and (most - least) * g > 0.02 * width
         ]  # fmt: skip
-        says = min(fitting)[1] if fitting and most - least > 1.5 * width else None
-        sign = says is None and -most > low - 0.15 * width and -least < high + 0.15 * width
+        likely = min(fitting)[1] if fitting and most - least > 1.5 * width else None
+        sign = likely is None and -most > low - 0.15 * width and -least < high + 0.15 * width
         what = (
-            f"the values look like {says}"
-            if says
+            f"the values look like {likely}"
+            if likely
             else "it looks as if it counted the other way"
             if sign
             else "unit, zero or sign are wrong, or the limits are"
         )
-        cure = f"set its unit to '{says}'" if says else (
+        cure = f"set its unit to '{likely}'" if likely else (
             "correct the sign of its scale" if sign else "check its unit, sign and offset, and limits.position of "
             "the joint"
         )  # fmt: skip
         found.append(
             Finding(
-                "unit" if says else ("sign" if sign else "out_of_range"),
+                "unit" if likely else ("sign" if sign else "out_of_range"),
                 f"{channel.name}: goes from {least:.4g} to {most:.4g} {unit}, the machine file allows {low:.4g} "
                 f"to {high:.4g}; " + what,
                 cure,
                 joint=channel.joint,
                 channel=channel.name,
                 before=beyond,
-                says=says,
-                strength=7.0 if says else 4.0,
+                says=likely,
+                strength=7.0 if likely else 4.0,
             )
         )
     return _together(found, counted, machine)
@@ -292,14 +292,14 @@ _STRENGTH = 9.5
 def machine_findings(machine: Machine, places: Places) -> list[Finding]:
     """Check the machine file alone."""
     content = machine_content(machine)
-    found = list(doubts(content))
+    found = list(unusual_values(content))
     bores = {warning.place[:-1] for warning in found if warning.place[-1] == "bore"}
     # A rod is only compared with its bore.
     kept = [warning for warning in found if warning.place[-1] != "rod" or warning.place[:-1] not in bores]
     return [_finding(content, warning, places) for warning in kept]
 
 
-def _finding(content: dict[str, Any], warning: Doubt, places: Places) -> Finding:
+def _finding(content: dict[str, Any], warning: Unusual, places: Places) -> Finding:
     code = "linkage" if "linkage" in warning.place else _ENTER.get(str(warning.place[-1]))
     joint = content["joints"][warning.place[1]]["name"] if warning.place[0] == "joints" else None
     key = ".".join(str(part) for part in warning.place if part != "joints" and not isinstance(part, int))

@@ -72,7 +72,7 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
     step = max(1, min(len(first), len(second)) // _ROWS)
     motion: list[float] = []
     effort: list[tuple[float, float]] = []
-    still = {j.name for j in machine.joints if all(_stands(machine, j, recording) for recording in (first, second))}
+    still = {j.name for j in machine.joints if all(_stationary(machine, j, recording) for recording in (first, second))}
     columns = [
         c.name
         for c in machine.channels
@@ -112,7 +112,7 @@ def _without_gaps(values: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
 
 
-def _stands(machine: Machine, joint: Joint, recording: Recording) -> bool:
+def _stationary(machine: Machine, joint: Joint, recording: Recording) -> bool:
     """Return whether a joint moves at most a small share of its reach in a recording, single wrong values aside."""
     channel = position_channel(machine, joint)
     values = None if channel is None else recording.values.get(channel.name)
@@ -128,7 +128,7 @@ def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     return [
         finding_of("parked", joint=joint.name, severity="note")
         for joint in machine.joints
-        if loaded and all(_stands(machine, joint, recording) for recording in loaded)
+        if loaded and all(_stationary(machine, joint, recording) for recording in loaded)
     ]
 
 

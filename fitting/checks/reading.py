@@ -46,8 +46,8 @@ def recorded_role(path: Path) -> str:
         If the file is no table.
     """
     named = path.stem.partition("-")[0]
-    said = named if is_foreign(path) else read_table(path).metadata.get("hilfit.role", named)
-    return said if said in ROLES else "train"
+    role = named if is_foreign(path) else read_table(path).metadata.get("hilfit.role", named)
+    return role if role in ROLES else "train"
 
 
 def refused(code: str, error: RecordingError, file: str) -> Finding:

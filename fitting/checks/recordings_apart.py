@@ -17,7 +17,7 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.two_sensors import AGREE, NEAR, gap
-from fitting.signals.rods import with_rods_as_said
+from fitting.signals.rods import with_declared_rods
 
 
 def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple[list[Finding], list[Recording]]:
@@ -61,8 +61,8 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
         elif other := _alone_off(recording, recordings, gaps):
             wrong = "other_machine"
         if wrong:
-            said: dict[str, Any] = {"other": other, "seen": seen, "before": off / max(seen, 1)}
-            found.append(finding_of(wrong, recording=recording.file, strength=8.0, **said))
+            details: dict[str, Any] = {"other": other, "seen": seen, "before": off / max(seen, 1)}
+            found.append(finding_of(wrong, recording=recording.file, strength=8.0, **details))
         else:
             kept.append(recording)
     return found, kept
@@ -78,7 +78,7 @@ def rods_for_a_time(machine: Machine, recordings: Sequence[Recording]) -> tuple[
     kept: list[Recording] = []
     for recording in recordings:
         try:
-            (without,), lines = with_rods_as_said(machine, [recording])
+            (without,), lines = with_declared_rods(machine, [recording])
         except RecordingError:
             without, lines = recording, ()
         kept.append(without)

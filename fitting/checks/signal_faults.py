@@ -23,8 +23,8 @@ from fitting.signals.preparation import parked, reach
 POSITIONS = ("joint_position", "piston_position", "motor_position")
 #: s that a value has to stay the same at least, and chance of such a run that is too small.
 _FROZEN_S, _CHANCE = 0.3, 1e-9
-#: A signal of fewer levels is coarse, but for the effort of a joint that stands for more than this share of the time.
-_LEVELS, _STANDS = 16, 0.25
+#: A signal of fewer levels is coarse, but for the effort of a joint at rest for more than this share of the time.
+_LEVELS, _AT_REST = 16, 0.25
 #: A position has to be resolved better: speeds and accelerations are differences of it.
 _POSITION_LEVELS = 100
 #: A position that changes by less than this share of its travel stands still: few values are then no fault.
@@ -114,13 +114,13 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
 
 
 def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
-    """Return whether a joint is at rest for more than :data:`_STANDS` of a recording."""
+    """Return whether a joint is at rest for more than :data:`_AT_REST` of a recording."""
     channel = position_channel(machine, joint)
     x = None if channel is None else recording.values.get(channel.name)
     if channel is None or x is None or not np.isfinite(x).any():
         return False
     own = reach(joint, channel.quantity == "piston_position")
-    return float(np.mean(parked(x[np.isfinite(x)], own, recording.rate_hz))) > _STANDS
+    return float(np.mean(parked(x[np.isfinite(x)], own, recording.rate_hz))) > _AT_REST
 
 
 def _coarse(own: _Signal) -> Finding | None:
@@ -147,8 +147,8 @@ def _held(own: _Signal) -> Finding | None:
         if len(places) < 0.2 * len(own.steps) / every or np.bincount(places % every).max() < _IN_STEP * len(places):
             continue
         severity: Severity = "mistake" if every >= _HELD_ROWS and rate / every < _SLOW_HZ else "note"
-        said: dict[str, Any] = {"hz": rate / every, "rate": rate, "before": float(every), "unit": "rows"}
-        return finding_of("held", severity=severity, strength=4.0, **said, **own.who)
+        details: dict[str, Any] = {"hz": rate / every, "rate": rate, "before": float(every), "unit": "rows"}
+        return finding_of("held", severity=severity, strength=4.0, **details, **own.who)
     return None
 
 
@@ -189,8 +189,8 @@ def _jumps(own: _Signal) -> Finding | None:
     lasting = [k for k in large if k not in after and k not in back and size[k] > least]
     spike = max((float(size[k]) for k in back), default=0.0) / own.span
     if back and spike > (_SPIKE_POSITION if own.position else _SPIKE_EFFORT) and (own.position or len(back) >= 3):
-        said: dict[str, Any] = {"at": time[back[0] + 1], "share": spike, "before": float(len(back)), "unit": "rows"}
-        return finding_of("outliers", strength=5.0, **said, **own.who)
+        details: dict[str, Any] = {"at": time[back[0] + 1], "share": spike, "before": float(len(back)), "unit": "rows"}
+        return finding_of("outliers", strength=5.0, **details, **own.who)
     if not own.position or not lasting:
         return None
     sizes, ways, first = size[lasting], np.sign(steps[lasting]), lasting[0]
@@ -198,8 +198,8 @@ def _jumps(own: _Signal) -> Finding | None:
     of_turns = min(abs(turn / t - 1) for t in (np.pi, 2 * np.pi)) < 0.05
     round_turn = own.channel.quantity != "piston_position" and of_turns
     if np.ptp(sizes) < 0.1 * turn and (np.ptp(ways) > 0 or round_turn):
-        said = {"times": len(lasting), "row": first + 2, "at": time[first + 1]}
-        return finding_of("wrap", before=turn, strength=6.0, **said, **own.who)
+        details = {"times": len(lasting), "row": first + 2, "at": time[first + 1]}
+        return finding_of("wrap", before=turn, strength=6.0, **details, **own.who)
     return finding_of("jump", step=steps[first], at=time[first], before=turn, strength=5.0, **own.who)
 
 
@@ -256,14 +256,14 @@ def _clipped(own: _Signal) -> Finding | None:
         count = piled_up(values, extreme)
         # A fine sensor with little noise says one value wherever the signal rests.
         if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
-            said: dict[str, Any] = {
+            details: dict[str, Any] = {
                 "rows": len(values),
                 "side": side,
                 "extreme": extreme,
                 "before": float(count),
                 "unit": "rows",
             }
-            return finding_of("clipped", strength=4.0, **said, **own.who)
+            return finding_of("clipped", strength=4.0, **details, **own.who)
     return None
 
 

@@ -56,8 +56,8 @@ def repeated_findings(recording: Recording) -> list[Finding]:
     rows = np.flatnonzero(repeated_rows(recording))
     if not len(rows):
         return []
-    said = {"count": len(rows), "at": recording.time[rows[0]]}
-    return [finding_of("lost_rows/repeated", recording=recording.file, severity="note", strength=4.0, **said)]
+    details = {"count": len(rows), "at": recording.time[rows[0]]}
+    return [finding_of("lost_rows/repeated", recording=recording.file, severity="note", strength=4.0, **details)]
 
 
 def _backwards(file: str, time: FloatArray, steps: FloatArray) -> list[Finding]:
@@ -65,9 +65,9 @@ def _backwards(file: str, time: FloatArray, steps: FloatArray) -> list[Finding]:
     if not len(backwards):
         return []
     row = int(backwards[0])
-    said: dict[str, Any] = {"earlier": time[row], "later": time[row + 1], "row": row + 2, "more": len(backwards) - 1}
-    key = "time_jump/often" if said["more"] else "time_jump/backwards"
-    return [finding_of(key, recording=file, strength=9.0, **said)]
+    details: dict[str, Any] = {"earlier": time[row], "later": time[row + 1], "row": row + 2, "more": len(backwards) - 1}
+    key = "time_jump/often" if details["more"] else "time_jump/backwards"
+    return [finding_of(key, recording=file, strength=9.0, **details)]
 
 
 def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]:
@@ -78,8 +78,8 @@ def _other_rate(machine: Machine, file: str, steps: FloatArray) -> list[Finding]
     for size, name in _UNITS.items():
         if abs(ratio / size - 1) < 0.02:
             key = "time_unit/larger" if size > 1 else "time_unit/smaller"
-            said: dict[str, Any] = {"says": name, "step": np.median(steps), "size": size}
-            return [finding_of(key, recording=file, factor=1 / size, strength=9.0, **said)]
+            details: dict[str, Any] = {"says": name, "step": np.median(steps), "size": size}
+            return [finding_of(key, recording=file, factor=1 / size, strength=9.0, **details)]
     return [finding_of("wrong_rate/steps", recording=file, before=rate / ratio, after=rate, unit="Hz", strength=9.0)]
 
 
@@ -105,10 +105,10 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
         long = odd[steps[odd] > _LONG_S + 1 / rate]
         in_long = float(np.sum(steps[long] - 1 / rate)) / float(time[-1] - time[0])
         many = in_long > _LOST or share > _LOST_IN_ALL or len(uneven_steps(time, rate)) > 0
-        said: dict[str, Any] = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
+        details: dict[str, Any] = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
         severity: Severity = "mistake" if many else "note"
         key = "lost_rows/many" if many else "lost_rows/few"
-        found.append(finding_of(key, recording=file, severity=severity, before=share, strength=6.0, **said))
+        found.append(finding_of(key, recording=file, severity=severity, before=share, strength=6.0, **details))
     return found
 
 

@@ -271,7 +271,7 @@ def _whole_arm(
                 "condition_number": _finite(each.condition_number),
                 "own_condition_number": _finite(each.own_condition_number),
                 "base_parameters": len(plan.base),
-                "not_told": list(each.not_told),
+                "not_told": list(each.undetermined),
                 "limits": [asdict(limit) for limit in each.limits],
             },
         )

@@ -46,7 +46,7 @@ def valve_motion(
             "experiment": "valve", "does": f"commands at most: {levels} of full; program {program}",
             "limits": [asdict(use) for use in planned.limits],
         })  # fmt: skip
-    guessed = [own.joint.name for own in expected_of(described, report) if not own.told]
+    guessed = [own.joint.name for own in expected_of(described, report) if not own.from_report]
     notes = [
         "limits are those of valves that give 30 % more than expected; obstacles are known by limits.position alone"
     ]

@@ -37,7 +37,7 @@ class Backlash(Effect):
     parity = Parity.OTHER
     dependence = "follows the sign of the load; where it never changes this is an offset"
     parameters = (Parameter("g", "m", low=0.0, high=0.02),)
-    stays_in_gap = True
+    between_sensors = True
     slow = (0.05, 0.01)  # oil and friction let it be crossed in a tenth of a second
     discrete_shapes = frozenset({"about", "friction", "sensor"})
     shape_units: ClassVar[Mapping[str, str]] = {"width": "N"}

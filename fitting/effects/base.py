@@ -307,8 +307,8 @@ class Effect(ABC):
     shape_steps: ClassVar[Mapping[str, float]] = {}
     #: True where the joint's effort itself is moved in time; the column is only the beginning of what that does.
     delays_effort: ClassVar[bool] = False
-    #: True where what it does to positions stays between the sensors: both are right, each for its own side.
-    stays_in_gap: ClassVar[bool] = False
+    #: True where what it does to positions is between the sensors: both are right, each for its own side.
+    between_sensors: ClassVar[bool] = False
     #: How slow that is: what it is late by, s, and the square of its mode's period over two pi, s^2.
     slow: ClassVar[tuple[float, float]] = (0.01, 1e-3)
     #: Effects that are this one with some parameters zero: where they explain the same, they are the simpler name.
@@ -376,16 +376,16 @@ class Effect(ABC):
 
         Friction follows the piston's own speed.
         """
-        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0)) if self.stays_in_gap else (shape,)
+        return tuple({**shape, "sensor": sensor} for sensor in (0.0, 1.0)) if self.between_sensors else (shape,)
 
     def apply_to_signals(
         self, corrections: Corrections, joint: str, shape: Shape, values: Sequence[float]
     ) -> Corrections:
         """Take it out of positions when recordings are prepared again, where it was found between position sensors.
 
-        What stays in the gap is not taken out: each sensor is of its own side then.
+        What is between the sensors is not taken out: each sensor is of its own side then.
         """
-        if self.stays_in_gap:
+        if self.between_sensors:
             return corrections.with_play(joint, "sensor" if shape.get("sensor") else "pin")
         raise NotImplementedError(f"{self.id} is no effect on positions")
 

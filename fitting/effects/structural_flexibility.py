@@ -22,7 +22,7 @@ class StructuralFlexibility(Effect):
     parity = Parity.OTHER
     dependence = "follows the load and its derivatives; resonance at 2 to 15 Hz"
     parameters = (Parameter("c", "rad/(N m)", low=0.0),)
-    stays_in_gap = True
+    between_sensors = True
     discrete_shapes = frozenset({"about", "friction", "sensor"})
     confounders = ("presliding_hysteresis", "sensor_latency")
     experiment = "a tap test: hit the boom and look for the resonance"

@@ -2,7 +2,7 @@
 
 An estimator takes the rows of a linear regression ``b = A theta + e`` and gives parameters with a covariance. Rows
 come in groups (one per joint: joints have different units and noise) and are in time order within a group. An
-estimator never guesses: a parameter that the rows cannot tell is marked in :attr:`Estimate.told`.
+estimator never guesses: a parameter that the rows do not determine is marked in :attr:`Estimate.determined`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ class Estimate:
 
     Attributes
     ----------
-    theta : (p,) parameters. ``A @ theta`` is the prediction also where some are not told: of columns that stand in
+    theta : (p,) parameters. ``A @ theta`` is the prediction also where some are undetermined: of columns that stand in
         for one another some are then left at zero
-    covariance : (p, p); infinite variance and no covariance for a parameter that is not told
+    covariance : (p, p); infinite variance and no covariance for an undetermined parameter
     residual_std : (g,) standard deviation of ``b - A theta`` in each group, in the unit of ``b``, with the degrees
         of freedom that the fit took from that group counted
     groups : (g,) labels of the groups, ascending
     condition_number : of the columns used, scaled to unit norm
-    told : (p,) False for every parameter with a part in the null space of ``A``
+    determined : (p,) False for every parameter with a part in the null space of ``A``
     details : what else the estimator has to say of this fit (plain JSON), for the report
     """
 
@@ -39,7 +39,7 @@ class Estimate:
     residual_std: FloatArray
     groups: IntArray
     condition_number: float
-    told: BoolArray
+    determined: BoolArray
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property

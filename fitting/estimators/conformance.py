@@ -36,7 +36,7 @@ def check_estimator(estimator: Estimator) -> None:
     _check_noise(estimator, A, groups, rng)
     _check_scaling(estimator, A, groups, rng)
     _check_weights(estimator, A, groups, rng)
-    _check_untold(estimator, A, groups, rng)
+    _check_rank(estimator, A, groups, rng)
     _check_refusals(estimator, A)
 
 
@@ -49,7 +49,7 @@ def _shaped(estimate: Estimate, p: int, groups: int) -> None:
     _require(isinstance(estimate, Estimate), "fit does not return an Estimate")
     _require(estimate.theta.shape == (p,), "theta is not (p,)")
     _require(estimate.covariance.shape == (p, p), "covariance is not (p, p)")
-    _require(estimate.told.shape == (p,) and estimate.told.dtype == bool, "told is not (p,) of bool")
+    _require(estimate.determined.shape == (p,) and estimate.determined.dtype == bool, "determined is not (p,) of bool")
     _require(estimate.residual_std.shape == (groups,), "residual_std has not one entry per group")
     _require(estimate.condition_number >= 1.0 - 1e-9, "the condition number is below one")
 
@@ -60,7 +60,7 @@ def _check_exact(estimator: Estimator, A: FloatArray, groups: npt.NDArray[np.int
     estimate = estimator.fit(A, b, groups=groups)
     _shaped(estimate, 4, 2)
     _require(bool(np.array_equal(A, kept_A) and np.array_equal(b, kept_b)), "fit changes its arguments")
-    _require(bool(estimate.told.all()), "it does not tell parameters that the rows tell")
+    _require(bool(estimate.determined.all()), "it does not tell parameters that the rows tell")
     _require(bool(np.array_equal(estimate.groups, [2, 5])), "groups are not the labels, ascending")
     _require(
         bool(np.allclose(estimate.theta, _TRUTH, rtol=1e-8, atol=0)),
@@ -101,15 +101,15 @@ def _check_weights(estimator: Estimator, A: FloatArray, groups: npt.NDArray[np.i
     _require(bool(np.allclose(one, other, rtol=1e-6, atol=0)), "rows of weight zero count")
 
 
-def _check_untold(estimator: Estimator, A: FloatArray, groups: npt.NDArray[np.int_], rng: np.random.Generator) -> None:
-    # Columns 4 and 1 are the same but for a factor, column 5 is zero: neither they nor it can be told.
+def _check_rank(estimator: Estimator, A: FloatArray, groups: npt.NDArray[np.int_], rng: np.random.Generator) -> None:
+    # Columns 4 and 1 are the same but for a factor, column 5 is zero: none of them is determined.
     wide = np.column_stack([A, -2.0 * A[:, 1], np.zeros(len(A))])
     b = A @ _TRUTH + 0.01 * rng.standard_normal(len(A))
     estimate = estimator.fit(wide, b, groups=groups)
     _shaped(estimate, 6, 2)
     _require(
-        estimate.told.tolist() == [True, False, True, True, False, False],
-        f"columns 1, 4 and 5 cannot be told from these rows, it says {estimate.told.tolist()}",
+        estimate.determined.tolist() == [True, False, True, True, False, False],
+        f"columns 1, 4 and 5 cannot be told from these rows, it says {estimate.determined.tolist()}",
     )
     _require(bool(np.isfinite(estimate.theta).all()), "theta is not finite where parameters cannot be told")
     _require(bool(np.isinf(estimate.std[[1, 4, 5]]).all()), "a parameter that is not told has a finite variance")

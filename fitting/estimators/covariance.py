@@ -168,12 +168,12 @@ def autoregression(e: FloatArray) -> FloatArray:
     best, taps = np.ones(1), np.ones(1)
     cost = n * np.log(power) if power > 0 else -np.inf
     for order in range(1, min(_MOST_ORDER, n // 10) + 1):
-        ahead, behind = forward[1:], backward[:-1]
-        both = float(ahead @ ahead + behind @ behind)
+        f, b = forward[1:], backward[:-1]
+        both = float(f @ f + b @ b)
         if both <= 1e-24 * n * max(power, 1e-300):
             break
-        k = -2.0 * float(ahead @ behind) / both
-        forward, backward = ahead + k * behind, behind + k * ahead
+        k = -2.0 * float(f @ b) / both
+        forward, backward = f + k * b, b + k * f
         taps = np.append(taps, 0.0) + k * np.append(taps, 0.0)[::-1]
         power *= 1.0 - k**2
         if power <= 0:

@@ -297,14 +297,14 @@ class EffortRows:
             residual_std=np.sqrt(squares / np.where(freedom > 1e-6, freedom, np.nan)),
             groups=np.arange(len(squares)),
             condition_number=solution.condition_number,
-            told=solution.told,
+            determined=solution.determined,
         )
 
     def fit(self, prior: Prior) -> Fit:
         """Fit the most probable parameters with equal weights beside a settled prior, with sandwich deviations."""
         theta, found = self._solved(self._stacked, prior, self.spread)
-        told = np.zeros(self.columns, dtype=bool)
-        told[found.told] = True
+        determined = np.zeros(self.columns, dtype=bool)
+        determined[found.determined] = True
         rng = np.random.default_rng(20)
         closing = self._prior_rows(prior)[:, :-1] @ found.root
         S = np.zeros((found.root.shape[1], found.root.shape[1]))
@@ -321,7 +321,7 @@ class EffortRows:
         return Fit(
             theta=theta,
             covariance=found.root @ S @ found.root.T,
-            told=told,
+            determined=determined,
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
             condition_number=self._factor.condition_number,

@@ -33,7 +33,7 @@ class Solution:
     root : (p, rank) with ``(A'A)^-1 = root root'`` on the kept columns, zero rows for the dropped
     Q : (R, rank) orthonormal basis of the column space; ``A^+ = root Q'``
     kept : (p,) columns of the basic solution
-    told : (p,) columns with no part in the null space
+    determined : (p,) columns with no part in the null space
     condition_number : of the kept columns at unit norm
     """
 
@@ -41,7 +41,7 @@ class Solution:
     root: FloatArray
     Q: FloatArray
     kept: BoolArray
-    told: BoolArray
+    determined: BoolArray
     condition_number: float
 
     @property
@@ -61,9 +61,9 @@ class Solution:
         """
         spread = self.root * middle if np.ndim(middle) == 0 else self.root @ middle
         out = spread @ self.root.T
-        out[~self.told, :] = 0.0
-        out[:, ~self.told] = 0.0
-        out[~self.told, ~self.told] = np.inf
+        out[~self.determined, :] = 0.0
+        out[:, ~self.determined] = 0.0
+        out[~self.determined, ~self.determined] = np.inf
         return np.asarray(out)
 
 
@@ -81,19 +81,19 @@ def solve(A: FloatArray, b: FloatArray) -> Solution:
     rank = int(np.count_nonzero(pivots > RANK_TOLERANCE * pivots[0])) if len(pivots) else 0
     columns: IntArray = alive[order]
     Q, R11 = Q[:, :rank], R[:rank, :rank]
-    kept, told = np.zeros(p, dtype=bool), np.zeros(p, dtype=bool)
+    kept, determined = np.zeros(p, dtype=bool), np.zeros(p, dtype=bool)
     kept[columns[:rank]] = True
-    told[columns[:rank]] = True
+    determined[columns[:rank]] = True
     theta, root = np.zeros(p), np.zeros((p, rank))
     if not rank:
-        return Solution(theta, root, Q, kept, told, float("inf"))
+        return Solution(theta, root, Q, kept, determined, float("inf"))
     theta[columns[:rank]] = linalg.solve_triangular(R11, Q.T @ b) / scale[order[:rank]]
     root[columns[:rank]] = linalg.solve_triangular(R11, np.eye(rank)) / scale[order[:rank], None]
     if rank < len(columns):
         null = linalg.solve_triangular(R11, R[:rank, rank:])
-        told[columns[:rank]] = np.abs(null).max(axis=1) < _INVOLVED
+        determined[columns[:rank]] = np.abs(null).max(axis=1) < _INVOLVED
     values = linalg.svdvals(R11)
-    return Solution(theta, root, Q, kept, told, float(values[0] / values[-1]))
+    return Solution(theta, root, Q, kept, determined, float(values[0] / values[-1]))
 
 
 def residual_std(rows: Rows, leverage: FloatArray, theta: FloatArray) -> FloatArray:

@@ -37,5 +37,5 @@ def weighted_fit(rows: Rows, colour: Colour) -> Estimate:
         residual_std=residual_std(rows, solution.leverage, solution.theta),
         groups=rows.labels,
         condition_number=solution.condition_number,
-        told=solution.told,
+        determined=solution.determined,
     )

@@ -80,7 +80,7 @@ class PossibleFit(RowsEstimator):
             residual_std=spread(theta),
             groups=rows.labels,
             condition_number=data.solution.condition_number,
-            told=data.solution.told,
+            determined=data.solution.determined,
             details=details,
         )
 

@@ -114,7 +114,7 @@ class RecursiveLeastSquares:
 
     @property
     def theta(self) -> FloatArray:
-        """Parameters now, (p,); those that the rows do not determine yet: see :attr:`told`."""
+        """Parameters now, (p,); those that the rows do not determine yet: see :attr:`determined`."""
         factor, _, _ = self._current()
         R, z = factor[:-1, :-1], factor[:-1, -1]
         norms = np.linalg.norm(R, axis=0)
@@ -127,9 +127,9 @@ class RecursiveLeastSquares:
         return solve(R, z).theta
 
     @property
-    def told(self) -> BoolArray:
+    def determined(self) -> BoolArray:
         """Mask of the parameters that the rows determine, (p,)."""
-        return self._solved()[0].told
+        return self._solved()[0].determined
 
     @property
     def condition_number(self) -> float:

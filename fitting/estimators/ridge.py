@@ -1,4 +1,4 @@
-"""Ridge toward a prior: what the recordings cannot tell is taken from a drawing or an earlier calibration.
+"""Ridge toward a prior: what the recordings do not determine is taken from a drawing or an earlier calibration.
 
 Minimises ``(b - A theta)' C^-1 (b - A theta) + sum ((theta - mean) / std)^2``, with the residual's own colour in ``C``:
 the rows count as often as they are independent, so the prior is not drowned by sampling faster. This is the posterior
@@ -60,14 +60,14 @@ class RidgeTowardPrior(RowsEstimator):
         """
         rows = weighted_by_group(rows)
         data = information(rows, self.colour)
-        theta, covariance, told = data.solution.theta, data.covariance, data.solution.told
+        theta, covariance, determined = data.solution.theta, data.covariance, data.solution.determined
         details: dict[str, object] = {}
         if self.prior is not None:
             if self.prior.mean.shape != theta.shape:
                 raise ValueError(f"the prior has {len(self.prior.mean)} parameters, the regressor {len(theta)}")
             more = np.diag(1.0 / self.prior.std)
             both = solve(np.vstack([data.rows, more]), np.concatenate([data.target, self.prior.mean / self.prior.std]))
-            theta, covariance, told = both.theta, both.covariance(1.0), both.told
+            theta, covariance, determined = both.theta, both.covariance(1.0), both.determined
             share = 1.0 - np.diag(covariance) / self.prior.std**2
             details = {
                 "prior": self.prior.source,
@@ -80,6 +80,6 @@ class RidgeTowardPrior(RowsEstimator):
             residual_std=residual_std(rows, data.solution.leverage, theta),
             groups=rows.labels,
             condition_number=data.solution.condition_number,
-            told=told,
+            determined=determined,
             details=details,
         )

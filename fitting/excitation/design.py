@@ -53,7 +53,7 @@ class Excitation:
     own_condition_number : of this motion alone (infinite if it cannot tell all parameters)
     information : ``W'W`` of this motion at the machine's rate, shape (nb, nb); sum these to pass on what is gathered
     limits : how much of each limit is used
-    not_told : names of base parameters that neither this motion nor what was gathered before can tell
+    undetermined : names of base parameters that neither this motion nor what was gathered before determines
     """
 
     motion: Motion
@@ -63,7 +63,7 @@ class Excitation:
     own_condition_number: float
     information: FloatArray
     limits: tuple[LimitUse, ...]
-    not_told: tuple[str, ...]
+    undetermined: tuple[str, ...]
 
 
 def design_motion(
@@ -190,11 +190,11 @@ def _finish(problem: Problem, coefficients: FloatArray, gathered: FloatArray | N
         own_condition_number=condition_of_information(own),
         information=own,
         limits=limits,
-        not_told=_not_told(problem, Y, gathered),
+        undetermined=_undetermined(problem, Y, gathered),
     )
 
 
-def _not_told(problem: Problem, Y: FloatArray, gathered: FloatArray | None) -> tuple[str, ...]:
+def _undetermined(problem: Problem, Y: FloatArray, gathered: FloatArray | None) -> tuple[str, ...]:
     W = stacked(Y)
     if gathered is not None:
         values, vectors = np.linalg.eigh(gathered)

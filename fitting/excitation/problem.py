@@ -82,7 +82,7 @@ class Problem:
     top_acceleration: FloatArray
     harmonics: tuple[tuple[int, ...], ...]
     bases: tuple[FourierBasis, ...]  # sampled for the search
-    columns: IntArray  # base columns that can be told
+    columns: IntArray  # base columns that can be determined
     gathered: FloatArray  # per sample of the final motion
     hydraulic: HydraulicLimits
     options: ExcitationOptions

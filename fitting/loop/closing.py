@@ -107,7 +107,7 @@ class Step:
 
 def settled(hypotheses: Sequence[Hypothesis]) -> bool:
     """Return whether one explanation has the probability from which it is reported."""
-    return bool(hypotheses) and hypotheses[0].probability >= priors.SAID
+    return bool(hypotheses) and hypotheses[0].probability >= priors.CREDIBLE
 
 
 def close(first: Kind, record: Recorder, most: int = MOST_RECORDINGS) -> tuple[Kind, tuple[Step, ...]]:
@@ -206,7 +206,7 @@ def rivals_of(item: Accepted, found: Attribution) -> tuple[tuple[Term, ...], tup
         terms += [rival.term for rival, _ in pairs]
         chances += item.rival_probabilities[: len(terms) - 1]
     for other, chance in _alternatives(item, found):
-        if sum(chances) >= priors.SAID or len(terms) >= MOST_NAMED:
+        if sum(chances) >= priors.CREDIBLE or len(terms) >= MOST_NAMED:
             break
         if other.family not in {t.family for t in terms} or isinstance(other.content, Law):
             terms.append(other)

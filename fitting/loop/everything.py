@@ -147,7 +147,7 @@ def _with_rivals(
         beside = pieces.refit([renumbered(term, {n: k for k, n in whole.items()}) for term in others])
         best, best_chi, best_item = item.score.term, _priced(model), item
         gain = model.wald(number)
-        width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _doubt(item.score, gain)
+        width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _gain_uncertainty(item.score, gain)
         values = {item.score.term.family: best_chi}
         terms = {item.score.term.family: item.score}
         for rival in item.rivals:
@@ -176,14 +176,14 @@ def _priced(model: Model) -> float:
 
 
 def _count(model: Model, number: int) -> int:
-    return int(np.count_nonzero(model.fit.told[model.term_slice(number)]))
+    return int(np.count_nonzero(model.fit.determined[model.term_slice(number)]))
 
 
-def _doubt(score: Score, gain: float) -> float:
+def _gain_uncertainty(score: Score, gain: float) -> float:
     """Compute the uncertainty of a term's gain by the bias of noisy regressors, grown as the gain has."""
     if score.null is None or score.gain <= 0:
         return 0.0
-    return score.null.doubt(score.information, score.gain) * gain / score.gain
+    return score.null.uncertainty(score.information, score.gain) * gain / score.gain
 
 
 def _with_gains(
@@ -261,8 +261,8 @@ def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
         reach *= 2.0 / (_VALUES - 1)
 
 
-def said(search: Search) -> str:
-    """Word in one sentence where was searched."""
+def search_note(search: Search) -> str:
+    """Word in one sentence where effects were searched for."""
     return (
         f"effects were searched for on {search.pieces} pieces of {_minutes(search.seconds)} in all, of "
         f"{_minutes(search.of_seconds)} recorded; what was found was fitted to, and its errors are of, everything; "

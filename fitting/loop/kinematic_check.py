@@ -39,7 +39,7 @@ from fitting.residual.kinematics import (
 from fitting.residual.terms import Model, Term
 from fitting.residual.views import Views
 from fitting.selection import priors
-from fitting.selection.decision import shares_believed
+from fitting.selection.decision import tempering
 from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
 from fitting.selection.posterior import MOST_NAMED
 from fitting.signals.corrections import Corrections
@@ -184,7 +184,7 @@ def _again(session: Session, posteriors: Mapping[int, GapPosterior], joint: int)
         apart = fit(start.with_play(session.machine.joints[joint].name, "pin"))
         views = tuple(apart.views[index][joint] for index in own.rows.indices)
         own = gap_posterior({(): with_forces(replace(own.rows, design=apart.design, views=views), apart)})
-    driven = [np.hstack([part.columns, part.rates]) for part in own.sets[0][0].parts if part.effect.stays_in_gap]
+    driven = [np.hstack([part.columns, part.rates]) for part in own.sets[0][0].parts if part.effect.between_sensors]
     rows = replace(own.rows, beside=driven[0] if driven else None)
     # As long as forces are bent by what is between the sensors, they choose nothing but whether something gives way.
     gives_way = APART in own.sets[0][0].pose
@@ -199,10 +199,10 @@ def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPos
     """Weight a posterior that leaves several sets by the efforts' evidence of their poses.
 
     The chi-square that each one's model leaves counts, divided by how much noisier the rows are that separate two
-    sets, and as far as a formula counts (:func:`fitting.selection.decision.shares_believed`).
+    sets, and as far as a formula counts (:func:`fitting.selection.decision.tempering`).
     """
     sets = [pair for pair in posterior.sets if pair[1] > LEAST and pair[0].pose in fits]
-    if posterior.sets[0][1] >= priors.SAID or len({chosen.pose for chosen, _ in sets}) < 2:
+    if posterior.sets[0][1] >= priors.CREDIBLE or len({chosen.pose for chosen, _ in sets}) < 2:
         return posterior
     rest = [pair for pair in posterior.sets if pair[1] <= LEAST or pair[0].pose not in fits]
     least = min((fits[chosen.pose] for chosen, _ in sets), key=_left)
@@ -213,7 +213,7 @@ def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPos
         apart = {n: ((own - best) * there)[kept] for n, ((own, there), (best, kept)) in enumerate(both)}
         behind.append(0.5 * (_left(model) - _left(least)) / left.inflation(apart))
         sizes.append(sum(float(each @ each) for each in apart.values()))
-    odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * shares_believed(np.array(sizes)[:, None])
+    odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * tempering(np.array(sizes)[:, None])
     chances = np.exp(odds - logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
     pairs = [(chosen, p) for (chosen, _), p in zip(sets, chances.tolist(), strict=True)]
     return replace(posterior, sets=tuple(sorted([*pairs, *rest], key=lambda pair: -pair[1])))
@@ -248,15 +248,15 @@ def _rebuilt(
     session: Session, start: Corrections, posterior: GapPosterior
 ) -> tuple[list[KinematicFinding], Corrections]:
     """Rebuild a joint's findings into the positions until nothing of its gap is left."""
-    said = posterior.conclusions()
-    scores = posterior.scores(said[0].chosen) if said else ()
+    conclusions = posterior.conclusions()
+    scores = posterior.scores(conclusions[0].chosen) if conclusions else ()
     if not scores:
         return [], start
     joint, corrections, steps = scores[0].joint, start, {score.effect.id: [score] for score in scores}
-    driven = [score for score in scores if score.effect.stays_in_gap]
+    driven = [score for score in scores if score.effect.between_sensors]
     for number in range(_REBUILDS):
         for own in steps.values():
-            if not own[0].effect.stays_in_gap and len(own) > number:
+            if not own[0].effect.between_sensors and len(own) > number:
                 corrections = corrected(corrections, own[number])
         prepared, left = session.prepared(corrections), tuple[GapScore, ...]()
         model = session.fit(prepared)
@@ -264,7 +264,7 @@ def _rebuilt(
         parts = [gap_columns(rows, own.effect, own.shape) for own in scores]
         if len(rows.values):
             left = GapPosterior(rows).scores(GapSet(tuple(part for part in parts if part is not None)))
-        rest = [own for own in left if not own.effect.stays_in_gap]
+        rest = [own for own in left if not own.effect.between_sensors]
         if all(np.all(np.abs(own.values) < 0.1 * np.asarray(own.stds)) for own in rest):
             break
         for more in rest:
@@ -277,7 +277,7 @@ def _rebuilt(
         return [], start
     nothing = next((p for own, p in posterior.sets if not own.names), 0.0)
     findings = []
-    for one in said:
+    for one in conclusions:
         if one.part is not None:
             own, effects_only = steps[one.name], [r for r in one.rivals if "/" not in r[0]]
             first = next(score for score in scores if score.effect.id == one.name)
@@ -318,7 +318,7 @@ def _placed(session: Session, corrections: Corrections, score: GapScore) -> tupl
     if len(places) > 1:
         reading_alone = session.fit(session.prepared(corrected(corrections, replace(score, shape=places[1]))))
         odds = _log_odds_of_moving(reading_alone, score)
-        if abs(odds) > np.log(priors.SAID / (1.0 - priors.SAID)):
+        if abs(odds) > np.log(priors.CREDIBLE / (1.0 - priors.CREDIBLE)):
             score = replace(score, shape=places[int(odds < 0)])
     return score, corrected(corrections, score)
 
@@ -350,13 +350,13 @@ def _log_odds_of_moving(model: Model, score: GapScore) -> float:
     return float(D @ left - 0.5 * (D @ D - taken @ taken)) / Leftover.of(model).inflation({joint: D})
 
 
-def _law(posterior: GapPosterior, said: GapConclusion) -> KinematicLaw:
+def _law(posterior: GapPosterior, conclusion: GapConclusion) -> KinematicLaw:
     """Return the law of a set with its curve."""
     rows: GapRows = posterior.rows
-    assert said.chosen.law is not None
-    values, covariance, gain = posterior.curve(said.chosen)
-    could_be = tuple((name, p) for name, p in said.rivals if "/" not in name)[: MOST_NAMED - 1]
-    return KinematicLaw(rows.joint, said.chosen.law, values, covariance, gain, said.probability, could_be)
+    assert conclusion.chosen.law is not None
+    values, covariance, gain = posterior.curve(conclusion.chosen)
+    could_be = tuple((name, p) for name, p in conclusion.rivals if "/" not in name)[: MOST_NAMED - 1]
+    return KinematicLaw(rows.joint, conclusion.chosen.law, values, covariance, gain, conclusion.probability, could_be)
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:

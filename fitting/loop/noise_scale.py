@@ -26,8 +26,8 @@ from fitting.signals.spectrum import Whitening
 _PASSES = 2
 #: Noise of free cylinders over that with the links from which on they are taken for alike.
 FAR_LESS = 0.5
-#: Factor from which on it is worth saying.
-WORTH_SAYING = 1.5
+#: Factor from which on it is reported.
+REPORTABLE = 1.5
 
 
 def on_fitted_rows(
@@ -49,7 +49,7 @@ def on_fitted_rows(
     share = min(1.0, 2.0 * design.bank.bandwidth_hz / design.bank.reduced_rate_hz)
     for _ in range(_PASSES):
         fit = fit_rows(design, noise, fitted)[0]
-        told = float(np.count_nonzero(fit.told)) / max(sum(map(len, fit.residual)), 1)
+        spent = float(np.count_nonzero(fit.determined)) / max(sum(map(len, fit.residual)), 1)
         moved = np.ones((2, len(factors)))
         for joint in range(len(factors)) if anew is None else anew:
             counts = [np.count_nonzero(design.kept(noise, joint, index)) for index in fitted]
@@ -57,7 +57,7 @@ def on_fitted_rows(
             for there in (False,) if noise.measured else (False, True):
                 own = fit.residual[joint][: len(loaded)][loaded == there]
                 if own.any():
-                    moved[int(there), joint] = np.sqrt(np.mean(own**2) / max(1.0 - told, 0.1) / share)
+                    moved[int(there), joint] = np.sqrt(np.mean(own**2) / max(1.0 - spent, 0.1) / share)
         factors *= moved[1]
         noise = replace(noise, whitenings=_sized(noise.whitenings, moved[1]), unloaded=_sized(noise.unloaded, moved[0]))
     pairs = zip(noise.whitenings, noise.unloaded, strict=False)
@@ -78,5 +78,5 @@ def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:
         f"{name}: no motion was recorded twice, and what a flexible model leaves is {1 / factor:.2g} times the noise "
         "of the fitted rows; their own size is used"
         for name, factor in zip(names, factors, strict=True)
-        if not 1 / WORTH_SAYING < factor < WORTH_SAYING
+        if not 1 / REPORTABLE < factor < REPORTABLE
     ]

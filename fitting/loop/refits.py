@@ -138,8 +138,8 @@ class SessionSignals:
         if not model.terms[-1].delays_effort:
             return model
         sampled_late = self._moved(model, resampled=False), self._prepared
-        handed_on_late = self._moved(model, resampled=True), self._prepared
-        best, self._prepared = min(sampled_late, handed_on_late, key=lambda tried: tried[0].fit.chi_square)
+        passed_late = self._moved(model, resampled=True), self._prepared
+        best, self._prepared = min(sampled_late, passed_late, key=lambda tried: tried[0].fit.chi_square)
         return best if best is model else self.refit(best.terms)
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:

@@ -43,7 +43,7 @@ from fitting.loop.weighting import weighed
 from fitting.residual.change_points import changes
 from fitting.residual.confirmation.confirmation import validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
-from fitting.residual.confirmation.uncertainty import with_doubts
+from fitting.residual.confirmation.uncertainty import with_uncertainties
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
@@ -99,7 +99,7 @@ def run_attribution(
     found = _screened(session, corrections, signals, found)
     explained = weighed(found.model, session.prior).weights == "whitened"
     moments = changes(found.model, signals.prepared(found.model.terms).pairs, explained)
-    return replace(found, model=with_doubts(found.model), lines=lines, changes=moments)
+    return replace(found, model=with_uncertainties(found.model), lines=lines, changes=moments)
 
 
 def _screened(session: Session, corrections: Corrections, signals: SessionSignals, found: Attribution) -> Attribution:

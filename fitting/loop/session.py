@@ -49,7 +49,7 @@ from fitting.signals.preparation import (
     with_delays,
     with_efforts_of,
 )
-from fitting.signals.rods import with_rods_as_said
+from fitting.signals.rods import with_declared_rods
 from fitting.signals.spectrum import Whitening, unit_whitening
 
 #: Roles that parameters are fitted on. `validate` is never among them.
@@ -198,7 +198,7 @@ class Session:
         self.synthetic = synthetic
         if not synthetic:
             self.machine, measured = at_joints(machine, [with_lost_rows(own) for own in recordings])
-            self.measured, self.left_out = with_rods_as_said(self.machine, measured)
+            self.measured, self.left_out = with_declared_rods(self.machine, measured)
         self.options = options
         self.file = file
         self.in_memory = in_memory
@@ -396,13 +396,13 @@ class Session:
         return self.fit(self.plain)
 
     @cached_property
-    def handed_base(self) -> Weighed:
+    def weighted_base(self) -> Weighed:
         """The base model with the weights that suit it."""
         return weighed(self.base_model, self.prior, settled_on=self._effort_rows)
 
     def base_with(self, weights: Weights) -> Model:
         """Fit the base model with given weights: the reference of the errors before the loop."""
-        suited = self.handed_base
+        suited = self.weighted_base
         return (
             suited.model
             if suited.weights == weights
@@ -412,9 +412,9 @@ class Session:
     @cached_property
     def stage_noise(self) -> NoiseModel:
         """What stage 1 in situ weighs its rows by: the noise, or each joint's own misfit where that is no noise."""
-        if self.handed_base.weights == "whitened":
+        if self.weighted_base.weights == "whitened":
             return self.plain.noise
-        design, fit = self.plain.design, self.handed_base.model.fit
+        design, fit = self.plain.design, self.weighted_base.model.fit
         joints = range(len(design.machine.joints))
 
         def misfit(joint: int, loaded: bool) -> Whitening:

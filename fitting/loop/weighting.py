@@ -29,7 +29,7 @@ from fitting.arrays import FloatArray
 from fitting.estimators.effort_fit import EffortRows
 from fitting.regression.prior import Prior
 from fitting.regression.solving import Fit, WhiteRows
-from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_doubts
+from fitting.residual.confirmation.uncertainty import law_variances, shape_columns, with_uncertainties
 from fitting.residual.terms import Model, beside, fit_model
 
 Weights = Literal["whitened", "equal"]
@@ -85,7 +85,7 @@ def weighed(
     if weights is None:
         weights = "equal" if ratio > MOST_LOST else "whitened"
     if weights == "whitened":
-        return Weighed(with_doubts(model), "whitened", ratio, tried, errors)
+        return Weighed(with_uncertainties(model), "whitened", ratio, tried, errors)
     return Weighed(replace(model, fit=equal, prior=settled), "equal", ratio, tried, errors)
 
 

@@ -124,7 +124,7 @@ def compare(
 def show(model: ModelPath, json: Json = False) -> None:
     """Show a model: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
     from fitting.model.codec import load_model, model_to_json
-    from fitting.model.export.words import said_of
+    from fitting.model.export.words import model_card
 
     loaded = load_model(model)
     content = model_to_json(loaded)
@@ -132,7 +132,7 @@ def show(model: ModelPath, json: Json = False) -> None:
         keys = ("schema", "provenance", "parameters", "terms", "corrections")
         print_json({"machine": loaded.machine.name} | {key: content[key] for key in keys})
         return
-    for line in said_of(loaded, ()):
+    for line in model_card(loaded, ()):
         print(line)
     print_table(
         ("parameter", "value", "std", "unit"),

@@ -94,7 +94,7 @@ def _fit(final: Model) -> dict[str, Any]:
         "passes": _passes(final),
         "covariance": final.fit.covariance - np.diag(hidden),
         "hidden": hidden if hidden.any() else None,
-        "told": final.fit.told,
+        "told": final.fit.determined,
         "residual_std": spread,
         "errors": np.array([np.sqrt(np.mean(own**2)) if len(own) else np.nan for own in errors]),
     }

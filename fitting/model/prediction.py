@@ -25,7 +25,7 @@ from fitting.regression.design import effort_errors
 from fitting.regression.error_sizes import measured_efforts, sizes
 from fitting.residual.confirmation.confirmation import overall_change
 from fitting.signals.preparation import segments_of
-from fitting.signals.rods import with_rods_as_said
+from fitting.signals.rods import with_declared_rods
 
 #: Standard deviations on each side of a normal variable's 95 % band.
 BAND = 1.959963984540054
@@ -109,7 +109,7 @@ def on_recording(
         for n in lost
     ]
     machine, measured = at_joints(model.machine, [recording])
-    measured, said = with_rods_as_said(machine, measured)
+    measured, more = with_declared_rods(machine, measured)
     latency, resampled = model.delays
     corrections = model.corrections
     segments = segments_of(
@@ -124,7 +124,7 @@ def on_recording(
     )
     kept = without(model, lost)
     starts = None if start is None else {number: start}
-    return evaluate(kept, [replace(segment, recording=number) for segment in segments], starts), (*lines, *said)
+    return evaluate(kept, [replace(segment, recording=number) for segment in segments], starts), (*lines, *more)
 
 
 def require_arm(recording: Recording) -> None:

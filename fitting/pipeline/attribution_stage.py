@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fitting.loop.closing import asked_of, next_experiment
-from fitting.loop.everything import said
+from fitting.loop.everything import search_note
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.noise_scale import words as noise_words
 from fitting.loop.residual_loop import attributed, other_bands
@@ -26,7 +26,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     corrections, search = found_corrections(session, results), session.search
     found = attributed(session, corrections, progress)
     names = tuple(joint.name for joint in session.machine.joints)
-    warnings = [*found.warnings, *([] if search.whole else [said(search)])]
+    warnings = [*found.warnings, *([] if search.whole else [search_note(search)])]
     warnings += noise_words(names, search.session.plain.rescaled)
     # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
     residual = results[Residual]

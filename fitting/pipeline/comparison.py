@@ -77,7 +77,7 @@ def compare(
 
     changes = {name: change(name) for name in contenders}
     first, second = contenders["hierarchical"], contenders["one_shot"]
-    both = first.told & second.told & (first.std > 0) & (second.std > 0)
+    both = first.determined & second.determined & (first.std > 0) & (second.std > 0)
     ratio = first.std[both] / second.std[both]
     apart = np.where(both, np.abs(first.theta - second.theta) / np.where(both, np.hypot(first.std, second.std), 1.0), 0)
     result: dict[str, Any] = {
@@ -90,8 +90,8 @@ def compare(
                     joint: float(np.std(own)) if len(own) else None
                     for joint, own in zip(design.parameters.joints, errors[name], strict=True)
                 },
-                "flagged": int(np.count_nonzero((c.std > FLAG_PERCENT / 100.0 * np.abs(c.theta)) & c.told)),
-                "untold": int(np.count_nonzero(~c.told)),
+                "flagged": int(np.count_nonzero((c.std > FLAG_PERCENT / 100.0 * np.abs(c.theta)) & c.determined)),
+                "untold": int(np.count_nonzero(~c.determined)),
             }
             for name, c in contenders.items()
         },
@@ -112,10 +112,10 @@ def compare(
             for k in np.flatnonzero(apart > 3.0)
         ],
     }
-    return result | {"said": said(result)}
+    return result | {"said": in_words(result)}
 
 
-def said(result: Mapping[str, Any]) -> str:
+def in_words(result: Mapping[str, Any]) -> str:
     """Word the outcome: conditioning and held-out error, each for itself."""
     ways = result["contenders"]
     first, second = (ways[name]["condition_number"] for name in ("hierarchical", "one_shot"))
@@ -182,7 +182,7 @@ def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[s
         ``held_out_error`` (relative: norm of the error over that of the effort; null without a validation motion),
         ``why`` in words.
     """
-    base, design = session.handed_base, session.plain.design
+    base, design = session.weighted_base, session.plain.design
     ways: dict[str, FloatArray] = dict(base.tried)
     ways |= {"one_shot": stage_two.one_shot.theta, "two_stage": stage_two.two_stage.theta}
     tried = []

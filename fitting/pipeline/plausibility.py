@@ -116,11 +116,11 @@ def _drives(model: Model, most: float) -> list[Violation]:
         start = parameters.drive_slice(joint).start
         for number, parameter in enumerate(parameters.drive[joint]):
             value, std = float(fit.theta[start + number]), float(fit.std[start + number])
-            if parameter not in ("m", "K", "J") or not fit.told[start + number] or not value < -most * std:
+            if parameter not in ("m", "K", "J") or not fit.determined[start + number] or not value < -most * std:
                 continue
             unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
-            said = f"the {NAMES['parameters'][parameter]} of {name} is negative", NAMES["causes"][parameter]
-            found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *said))
+            reason = f"the {NAMES['parameters'][parameter]} of {name} is negative", NAMES["causes"][parameter]
+            found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *reason))
     return found
 
 
@@ -134,9 +134,9 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
         joint = model.design.machine.joints[own.joint]
         straight = joint.cylinder is not None or joint.type == "prismatic"
         unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
-        said = f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it"
+        reason = f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it"
         sizes = worst.force, worst.std, unit, worst.sigmas
-        found.append(Violation("friction", joint.name, "f(v)", *sizes, said, NAMES["causes"]["friction"]))
+        found.append(Violation("friction", joint.name, "f(v)", *sizes, reason, NAMES["causes"]["friction"]))
     return found
 
 
@@ -152,14 +152,14 @@ def _links(model: Model, alarm: float) -> tuple[bool, float]:
 def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Violation]:
     """Find the base parameter to move furthest, in its own deviations."""
     part, base = model.design.parameters.base_slice, model.design.parameters.base
-    told = model.fit.told[part]
+    determined = model.fit.determined[part]
     std = model.fit.std[part]
-    moved = np.where(told & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
+    moved = np.where(determined & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
     worst = int(np.argmax(np.abs(moved)))
     name, value, unit = base.names[worst], float(model.fit.theta[part][worst]), base.units[worst]
-    said = f"no links that can exist have {name} = {value:.3g} {unit} together with the other base parameters"
+    reason = f"no links that can exist have {name} = {value:.3g} {unit} together with the other base parameters"
     sizes = value, float(std[worst]), unit, float(np.sqrt(distance))
-    return [Violation("link", None, name, *sizes, said, NAMES["causes"]["link"])]
+    return [Violation("link", None, name, *sizes, reason, NAMES["causes"]["link"])]
 
 
 def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
@@ -176,9 +176,9 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     ``whole`` asks for everything, otherwise for the links alone.
     """
     parameters, fit = model.design.parameters, model.fit
-    width, told = len(parameters), np.flatnonzero(fit.told)
+    width, determined = len(parameters), np.flatnonzero(fit.determined)
     first = 0 if whole else parameters.base_slice.start
-    chosen = told[(told >= first) & (told < width)]
+    chosen = determined[(determined >= first) & (determined < width)]
     if not len(chosen):
         return fit.theta.copy(), 0.0, 0
     S = fit.covariance[np.ix_(chosen, chosen)]
@@ -200,7 +200,7 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     found[: arm.drives] = np.where(signed[: arm.drives], found[: arm.drives].clip(0), found[: arm.drives])
     theta[chosen] = found[chosen]
     # Parameters that nothing is asked of follow by their correlation.
-    others = np.setdiff1d(told, chosen)
+    others = np.setdiff1d(determined, chosen)
     moved = white @ (theta[chosen] - fit.theta[chosen])
     theta[others] += fit.covariance[np.ix_(others, chosen)] @ (white.T @ moved)
     return theta, float(moved @ moved), len(chosen)

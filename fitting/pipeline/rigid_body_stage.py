@@ -97,10 +97,10 @@ def refit_rigid_body(
     else:
         stage = StageTwo(geometry_of(design.machine), design.parameters.base, colour, prior)
         estimate = within(estimator, stage).fit(A, target - D @ theta[others], groups=groups)
-    found, told = theta.copy(), np.ones(len(theta), dtype=bool)
-    found[base], told[base] = estimate.theta, estimate.told
+    found, determined = theta.copy(), np.ones(len(theta), dtype=bool)
+    found[base], determined[base] = estimate.theta, estimate.determined
     whole = _covariance(A, D, covariance[np.ix_(others, others)], estimate, groups, (base, others))
-    made = replace(estimate, theta=found, covariance=whole, told=told)
+    made = replace(estimate, theta=found, covariance=whole, determined=determined)
     return StackedEstimate(**vars(made), estimator=estimator.name)
 
 

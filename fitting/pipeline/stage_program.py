@@ -60,42 +60,42 @@ def main(arguments: Sequence[str], orders: Iterable[str] = ()) -> int:
     ----------
     orders : lines with what to do next, with ``--stay``
     """
-    stays = arguments[:1] == ["--stay"]
-    load = _keeping() if stays else Session.load
-    code = _one(arguments[1:] if stays else arguments, load, stays)
-    for line in orders if stays and code == 0 else ():
+    resident = arguments[:1] == ["--stay"]
+    load = _keeping() if resident else Session.load
+    code = _one(arguments[1:] if resident else arguments, load, resident)
+    for line in orders if resident and code == 0 else ():
         order = json.loads(line)
         with Path(order["log"]).open("ab") as log:
             os.dup2(log.fileno(), sys.stderr.fileno())
-        code = _one(order["arguments"], load, stays)
+        code = _one(order["arguments"], load, resident)
         if code:
             break
     return code
 
 
-def _one(arguments: Sequence[str], load: Callable[[Request], Session], stays: bool) -> int:
+def _one(arguments: Sequence[str], load: Callable[[Request], Session], resident: bool) -> int:
     """Run one stage, report its progress, and return the exit code."""
 
-    def say(content: dict[str, Any]) -> None:
+    def send(content: dict[str, Any]) -> None:
         print(json.dumps(content), flush=True)
 
     if len(arguments) != 2:
-        say({"error": "usage: python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE"})
+        send({"error": "usage: python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE"})
         return 2
     try:
         request = load_request(Path(arguments[0]))
 
         def progress(fraction: float, text: str) -> None:
-            say({"fraction": fraction, "text": text})
+            send({"fraction": fraction, "text": text})
 
         if arguments[1] == VALVE_STAGE:
             summary = valve_stage(request, progress)
         else:
             summary = run_stage(arguments[1], request, progress, load)
     except HilfitError as error:
-        say({"error": str(error)})
+        send({"error": str(error)})
         return 2 if isinstance(error, InputError) else 1
-    say({"summary": summary} | ({"stays": True} if stays else {}))
+    send({"summary": summary} | ({"stays": True} if resident else {}))
     return 0
 
 

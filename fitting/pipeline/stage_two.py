@@ -105,14 +105,14 @@ def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = Non
         details=dict(estimate.details),
         theta=estimate.theta,
         std=np.where(np.isfinite(estimate.std), estimate.std, 0.0),
-        told=estimate.told,
+        determined=estimate.determined,
         condition_number=float(estimate.condition_number),
         errors=errors,
         relative=relative,
     )
 
 
-def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
+def estimated(session: Session, model: Model) -> tuple[Model, Stacked | None]:
     """Return the final model: by the estimator asked for, and its remarks (None of the joint refit).
 
     An estimator gives the base parameters; everything else is as the joint refit has it.
@@ -120,7 +120,7 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
     asked = choice(session)
     if asked.estimator is None:
         return model, None
-    estimate = refit_rigid_body(
+    found = refit_rigid_body(
         model.design,
         model.fit.theta,
         model.fit.covariance,
@@ -129,8 +129,8 @@ def handed(session: Session, model: Model) -> tuple[Model, Stacked | None]:
         colour=asked.colour,
         prior=asked.prior,
     )
-    fit = replace(model.fit, theta=estimate.theta, covariance=estimate.covariance, told=estimate.told, share=None)
-    return replace(model, fit=fit), stacked(model.design, estimate, model.extra)
+    fit = replace(model.fit, theta=found.theta, covariance=found.covariance, determined=found.determined, share=None)
+    return replace(model, fit=fit), stacked(model.design, found, model.extra)
 
 
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:

@@ -49,7 +49,7 @@ from fitting.pipeline.results.stage_results import (
     to_json,
 )
 from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS, Progress, quiet
-from fitting.pipeline.stage_two import choice, comparison, handed, rigid_body_stage
+from fitting.pipeline.stage_two import choice, comparison, estimated, rigid_body_stage
 from fitting.pipeline.verdict import MOST_NOISE
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
@@ -88,9 +88,9 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
         forgetting=session.options.forgetting,
         in_situ=lambda: InSitu(
             session.stage_noise,
-            session.handed_base.model.fit,
-            session.handed_base.model.prior or session.prior,
-            session.handed_base.weights == "equal",
+            session.weighted_base.model.fit,
+            session.weighted_base.model.prior or session.prior,
+            session.weighted_base.weights == "equal",
         ),
     )
     return Cylinders(estimates)
@@ -98,12 +98,12 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
 
 def residual(session: Session, results: StageResults, progress: Progress) -> Residual:
     """Compute the noise floor, and what two position sensors show of each other."""
-    prepared, model = session.plain, session.handed_base.model
+    prepared, model = session.plain, session.weighted_base.model
     if prepared.pairs:
         floor = effort_floor(prepared.design, model.fit.theta, prepared.pairs)
     else:  # that of the noise model, at each joint's mean lever arm
         floor = prepared.noise.std * mean_levers(prepared.design)
-    left = np.nan_to_num(session.handed_base.errors[session.handed_base.weights])
+    left = np.nan_to_num(session.weighted_base.errors[session.weighted_base.weights])
     valid = (floor <= MOST_NOISE * left) | (left == 0)
     found = Kinematics(Corrections(session.machine))
     if session.options.loop:
@@ -122,7 +122,7 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
 def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Refit both stages jointly with the findings; errors before and after."""
     prepared, final = final_model(session, found_corrections(session, results), results[Attributed].terms)
-    (model, chosen), before = handed(session, final.model), handed(session, session.base_with(final.weights))[0]
+    (model, chosen), before = estimated(session, final.model), estimated(session, session.base_with(final.weights))[0]
     design = session.plain.design
     found = {
         "before": errors_of(design, before.fit.theta),
@@ -161,7 +161,7 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
 def _fitted(fit: Fit, count: int) -> Fitted:
     """Return the first parameters of a fit for the stage."""
     share = np.ones(len(fit.theta)) if fit.share is None else fit.share
-    return Fitted(fit.theta[:count], fit.std[:count], fit.told[:count], share[:count])
+    return Fitted(fit.theta[:count], fit.std[:count], fit.determined[:count], share[:count])
 
 
 def _predicted(rows: EffortRows, fit: Fit, trained: Sequence[float | None]) -> tuple[float | None, ...]:

@@ -57,18 +57,18 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     found = results[Attributed]
     if not found.looked:
         return "not_examined", []
-    kinematics, said = results[Residual].kinematics, found.verdict
-    if said in ("unexplained", "ambiguous"):
-        silent = said == "unexplained" and not (found.accepted or found.unconfirmed)
-        return said, [f"that nothing is missing has a probability of {found.nothing:.2g} only"] if silent else []
+    kinematics, outcome = results[Residual].kinematics, found.verdict
+    if outcome in ("unexplained", "ambiguous"):
+        silent = outcome == "unexplained" and not (found.accepted or found.unconfirmed)
+        return outcome, [f"that nothing is missing has a probability of {found.nothing:.2g} only"] if silent else []
     if results[Residual].laws:
         return "unexplained", []
     if kinematics:
         return ("ambiguous" if any(f.effect["indistinguishable_from"] for f in kinematics) else "effect_added"), []
-    if said != "nothing_missing":
-        return said, []
+    if outcome != "nothing_missing":
+        return outcome, []
     against = against_nothing_missing(results, joints)
-    return ("unexplained", against) if against else (said, what_to_record(results))
+    return ("unexplained", against) if against else (outcome, what_to_record(results))
 
 
 def label(results: StageResults) -> str | None:

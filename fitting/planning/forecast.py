@@ -26,7 +26,7 @@ from fitting.planning.guess import Guess
 from fitting.planning.planned import planned_segment
 from fitting.planning.planned_views import planned_views, usual_chambers
 from fitting.regression.design import NoiseModel, build_design, whitened
-from fitting.regression.identifiability import Telling, statement, tellings
+from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
 from fitting.regression.prior import mass_prior, with_prior
 from fitting.selection.evidence import least_gain
 from fitting.signals.filters import FilterBank, filter_bank
@@ -49,13 +49,13 @@ class Forecast:
     ----------
     visibilities : of every effect on every joint, in one shape of its grid
     choices : for each, the number of shapes and neighbours that a search will choose from
-    tellings : of every parameter
+    verdicts : of every parameter
     joints : names of the joints
     """
 
     visibilities: tuple[Visibility, ...]
     choices: tuple[int, ...]
-    tellings: tuple[Telling, ...]
+    verdicts: tuple[ParameterVerdict, ...]
     joints: tuple[str, ...]
 
 
@@ -102,7 +102,7 @@ def forecast(
     return Forecast(
         found,
         tuple(choices for _, choices in terms),
-        tellings(design, model, every, guess.theta, prior),
+        parameter_verdicts(design, model, every, guess.theta, prior),
         tuple(joint.name for joint in machine.joints),
     )
 
@@ -147,6 +147,6 @@ def forecast_to_json(found: Forecast, guess: Guess) -> dict[str, Any]:
         "measured": guess.measured,
         "power": _POWER,
         "effects": effects,
-        "parameters": [telling.to_json() for telling in found.tellings],
-        "parameters_statement": statement(found.tellings),
+        "parameters": [own.to_json() for own in found.verdicts],
+        "parameters_statement": statement(found.verdicts),
     }

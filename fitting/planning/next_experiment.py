@@ -136,11 +136,11 @@ class NextExperiment:
                 f"{self.recordings}, chance of a single name: {100 * self.chance:.0f} %"
             )
         apart = 100 * np.sqrt(most.expected.share)
-        said = (
+        best_text = (
             f"{first}, and by {_differ(most.expected)} with the best motion that this arm may make: these sensors "
             f"cannot tell; all mean the same effort to {apart:.2g} % of the effect"
         )
-        return f"{said}; what would tell: {'; or '.join(self.by_hand)}" if self.by_hand else said
+        return f"{best_text}; what would tell: {'; or '.join(self.by_hand)}" if self.by_hand else best_text
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:

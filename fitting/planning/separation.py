@@ -36,7 +36,7 @@ from fitting.residual.terms import Term
 from fitting.selection.decision import odds_behind
 from fitting.selection.evidence import log_mean, whitened_parts
 from fitting.selection.gains import averaged, orders
-from fitting.selection.priors import SAID_ODDS, USUAL_EFFORT
+from fitting.selection.priors import CREDIBLE_ODDS, USUAL_EFFORT
 
 #: Least standard deviation of log odds: noise moves what no motion tells apart as well.
 _LEAST_SPREAD = 0.5
@@ -235,8 +235,8 @@ def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | N
 def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
     names = not any(rival.is_law for rival in both)
 
-    def behind(said: float, size: float) -> float:
-        return odds_behind(said, size) if names else said
+    def behind(reported: float, size: float) -> float:
+        return odds_behind(reported, size) if names else reported
 
     start = now.log_odds if stated is None else behind(stated, now.size)
     more = max(then.chi_square - now.chi_square, 0.0)
@@ -246,5 +246,5 @@ def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None
         then.size,
         start + then.log_odds - now.log_odds,
         float(np.hypot(np.sqrt(then.chi_square if stated is None else more), _LEAST_SPREAD)),
-        behind(SAID_ODDS, then.size),
+        behind(CREDIBLE_ODDS, then.size),
     )

@@ -250,7 +250,7 @@ def _blocks(
         known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
         keep = _driven(joint.cylinder is not None or segment.loaded, moving_rows(bank, segment.rest[:, number]))
-        keep &= told_rows(bank, segment)
+        keep &= measured_rows(bank, segment)
         reduced = bank.reduce(np.column_stack([target, columns]))
         own = reduced[:, 0], reduced[:, 1:]
         blocks.append(JointBlock(target, known, used, len(parameters), columns, *own, keep))
@@ -269,15 +269,15 @@ def moving_rows(bank: FilterBank, rest: BoolArray) -> BoolArray:
     return np.abs(bank.reduce(rest.astype(float))) < REST_SHARE
 
 
-def told_rows(bank: FilterBank, segment: Segment) -> BoolArray:
+def measured_rows(bank: FilterBank, segment: Segment) -> BoolArray:
     """Return reduced rows (M,) without values made up where a gap hides something of the band."""
     if segment.bridged is None:
         return np.ones(bank.rows(len(segment)), dtype=bool)
     return np.abs(bank.reduce(hidden(segment.bridged, bank.decimation).astype(float))) < MADE_UP_SHARE
 
 
-def _driven(says_something: bool, keep: BoolArray) -> BoolArray:
-    return keep if says_something else np.zeros_like(keep)
+def _driven(informative: bool, keep: BoolArray) -> BoolArray:
+    return keep if informative else np.zeros_like(keep)
 
 
 @dataclass(frozen=True)

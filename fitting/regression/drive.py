@@ -56,17 +56,17 @@ def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:
 
     A directly driven joint's inertia ``J`` is listed only where it is separable from the links' inertias.
     """
-    told: set[str] = set()
+    independent: set[str] = set()
     if any(joint.cylinder is None for joint in machine.joints):
         base = reduce_parameters(machine, friction_by_stage_1=False)
-        told = {base.standard_names[i] for i in base.independent}
+        independent = {base.standard_names[i] for i in base.independent}
     names: list[tuple[str, ...]] = []
     for number, joint in enumerate(machine.joints, start=1):
         if joint.cylinder is not None:
             known = joint.cylinder.moving_mass is not None
             names.append(("K", "f_c", "f_v", "f_s") if known else ("m", "K", "f_c", "f_v", "f_s"))
         else:
-            inertia = ("J",) if f"J{number}" in told else ()
+            inertia = ("J",) if f"J{number}" in independent else ()
             offset = ("f_0",) if joint.drive is not None and joint.drive.offset else ()
             names.append((*inertia, "f_c", "f_v", *offset))
     return tuple(names)

@@ -43,7 +43,7 @@ def degrees_of_freedom(
     p = len(covariance)
     relative = np.zeros(p)
     variance = np.diag(covariance)
-    told = variance > 0
+    determined = variance > 0
     for joint, own in enumerate(rows):
         weights = own.A @ covariance
         for loaded in (True, False):
@@ -61,7 +61,7 @@ def degrees_of_freedom(
                 start += count
             if left_open is not None:
                 own_variance = left_open.variance(np.concatenate(frequencies), np.hstack(powers))
-                relative += np.where(told, own_variance / np.where(told, variance, 1.0) ** 2, 0.0)
+                relative += np.where(determined, own_variance / np.where(determined, variance, 1.0) ** 2, 0.0)
     return np.clip(2.0 / np.maximum(relative, 2.0 / _MOST_FREEDOM), _LEAST_FREEDOM, _MOST_FREEDOM)
 
 

@@ -35,7 +35,7 @@ _CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter 
 
 
 @dataclass(frozen=True)
-class Telling:
+class ParameterVerdict:
     """What can be said of one parameter.
 
     Attributes
@@ -56,13 +56,13 @@ class Telling:
         return {key: None if value == np.inf else value for key, value in vars(self).items()}
 
 
-def tellings(
+def parameter_verdicts(
     design: Design,
     noise: NoiseModel,
     indices: Sequence[int],
     theta: FloatArray,
     prior: Prior | None = None,
-) -> tuple[Telling, ...]:
+) -> tuple[ParameterVerdict, ...]:
     """Compute what a motion shows of each drive and base parameter.
 
     Parameters
@@ -97,7 +97,7 @@ def tellings(
             verdict = "assumed"
         else:
             verdict = "told" if relative <= FLAGGED else "poorly told" if relative <= HOPELESS else "not told"
-        result.append(Telling(name, verdict, float(together[k]), relative))
+        result.append(ParameterVerdict(name, verdict, float(together[k]), relative))
     return tuple(result)
 
 
@@ -132,17 +132,17 @@ def _variances(G: FloatArray) -> FloatArray:
         return result
     scale = np.sqrt(np.diag(G)[used])
     values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    told = values > max(_RANK**2 * values[-1], 1e-14 * values[-1])
-    inside = np.sum(vectors[:, told] ** 2 / values[told], axis=1) / scale**2
-    concerned = np.sum(vectors[:, ~told] ** 2, axis=1) > _CONCERNED**2
+    determined = values > max(_RANK**2 * values[-1], 1e-14 * values[-1])
+    inside = np.sum(vectors[:, determined] ** 2 / values[determined], axis=1) / scale**2
+    concerned = np.sum(vectors[:, ~determined] ** 2, axis=1) > _CONCERNED**2
     result[used] = np.where(concerned, np.inf, inside)
     return result
 
 
-def statement(found: Sequence[Telling]) -> str:
+def statement(found: Sequence[ParameterVerdict]) -> str:
     """Word in one sentence how many parameters the motion determines, and which not."""
-    told = [t.name for t in found if t.verdict == "told"]
-    text = f"this motion tells {len(told)} of {len(found)} parameters"
+    determined = [t.name for t in found if t.verdict == "told"]
+    text = f"this motion tells {len(determined)} of {len(found)} parameters"
     for verdict in ("assumed", "poorly told", "not told"):
         names = [t.name for t in found if t.verdict == verdict]
         if names:

@@ -1,4 +1,4 @@
-"""Least squares of whitened rows: the rank is decided, and what the rows cannot tell is left out.
+"""Least squares of whitened rows: the rank is decided, and what the rows do not determine is left out.
 
 Source: G. Golub and C. Van Loan, *Matrix Computations*, 2013, section 5.4 (QR with column pivoting).
 """
@@ -38,7 +38,7 @@ class Fit:
     ----------
     theta : (p,) parameters: drive, base, extra
     covariance : (p, p), from the whitened rows (unit noise)
-    told : (p,) False for parameters that these rows cannot tell (their value is 0)
+    determined : (p,) False for parameters that these rows do not determine (their value is 0)
     orthonormal : per joint (R_j, rank) rows of an orthonormal basis of the column space
     residual : per joint (R_j,) whitened residual
     condition_number : of the column-scaled whitened matrix
@@ -48,7 +48,7 @@ class Fit:
 
     theta: FloatArray
     covariance: FloatArray
-    told: BoolArray
+    determined: BoolArray
     orthonormal: Sequence[FloatArray]
     residual: tuple[FloatArray, ...]
     condition_number: float
@@ -77,14 +77,14 @@ class Factor:
 
     Attributes
     ----------
-    Q, R : (N, rank), (rank, rank) of the columns that are told, at unit norm, in the order of ``told``
-    told : (rank,) numbers of these columns
+    Q, R : (N, rank), (rank, rank) of the determined columns, at unit norm, in the order of ``determined``
+    determined : (rank,) numbers of these columns
     root : (p, rank) with ``(A'A)^-1 = root root'`` on them, zero rows for the others
     """
 
     Q: FloatArray
     R: FloatArray
-    told: IntArray
+    determined: IntArray
     root: FloatArray
 
     @property
@@ -109,10 +109,10 @@ def factor(A: FloatArray, extra: int = 0) -> Factor:
     Q, R, order = linalg.qr(A[:, used] / scale[used], mode="economic", pivoting=True)
     pivots = np.abs(np.diag(R))
     rank = int(np.count_nonzero(pivots > 1e-9 * pivots[0])) if len(pivots) else 0
-    Q, R, told = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
+    Q, R, determined = Q[:, :rank], R[:rank, :rank], used[order[:rank]]
     root = np.zeros((p, rank))
-    root[told] = linalg.solve_triangular(R, np.eye(rank)) / scale[told][:, None]
-    return Factor(Q, R, told, root)
+    root[determined] = linalg.solve_triangular(R, np.eye(rank)) / scale[determined][:, None]
+    return Factor(Q, R, determined, root)
 
 
 def inverse_root(G: FloatArray) -> FloatArray:
@@ -123,9 +123,9 @@ def inverse_root(G: FloatArray) -> FloatArray:
     used = np.flatnonzero(np.diag(G) > 0)
     scale = np.sqrt(np.diag(G)[used])
     values, vectors = linalg.eigh(G[np.ix_(used, used)] / np.outer(scale, scale), check_finite=False)
-    told = values > 1e-10 * values[-1] if len(used) else np.zeros(0, dtype=bool)
-    root = np.zeros((len(G), int(told.sum())))
-    root[used] = vectors[:, told] / np.sqrt(values[told]) / scale[:, None]
+    determined = values > 1e-10 * values[-1] if len(used) else np.zeros(0, dtype=bool)
+    root = np.zeros((len(G), int(determined.sum())))
+    root[used] = vectors[:, determined] / np.sqrt(values[determined]) / scale[:, None]
     return root
 
 
@@ -135,14 +135,14 @@ def solve(rows: Sequence[WhiteRows], extra_names: tuple[str, ...] = (), expected
     b = np.concatenate([r.b for r in (*rows, *expected)])
     found = factor(A, len(extra_names))
     projected = found.Q.T @ b
-    told = np.zeros(A.shape[1], dtype=bool)
-    told[found.told] = True
+    determined = np.zeros(A.shape[1], dtype=bool)
+    determined[found.determined] = True
     residual = b - found.Q @ projected
     ends = np.cumsum([len(r.b) for r in rows])
     return Fit(
         theta=found.root @ projected,
         covariance=found.root @ found.root.T,
-        told=told,
+        determined=determined,
         orthonormal=tuple(np.split(found.Q, ends)[: len(rows)]),
         residual=tuple(np.split(residual, ends)[: len(rows)]),
         condition_number=found.condition_number,

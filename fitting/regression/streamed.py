@@ -128,12 +128,12 @@ class _LateBasis(Sequence[FloatArray]):
 
     def __init__(self, found: Fit, R: FloatArray, walk: _Walk) -> None:
         self._walk = walk
-        self._told = found.told
-        self._in_columns = np.linalg.lstsq(R[:, found.told], found.orthonormal[0], rcond=None)[0]
+        self._determined = found.determined
+        self._in_columns = np.linalg.lstsq(R[:, found.determined], found.orthonormal[0], rcond=None)[0]
 
     @cached_property
     def _joints(self) -> tuple[FloatArray, ...]:
-        parts = [[r.A[:, self._told] @ self._in_columns for r in rows] for rows in self._walk]
+        parts = [[r.A[:, self._determined] @ self._in_columns for r in rows] for rows in self._walk]
         return tuple(np.vstack(joint) for joint in zip(*parts, strict=True))
 
     def __len__(self) -> int:

@@ -68,7 +68,7 @@ def _gutter(*axes: Axis) -> float:
 
 def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language = ENGLISH) -> str:
     """Draw what the law has to explain beside what is left, against its variable, on one scale."""
-    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
+    text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
     first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
     x, before, after, way = _finite(scatter.x, first, scatter.after, way)
@@ -80,7 +80,7 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language =
     left, top, bottom, height, gap = _gutter(y_axis), 22.0, 58.0, 284.0, 20.0
     width = (_WIDTH - left - gap - 8) / 2
     parts, entries = [], []
-    for column, (y, colour, title) in enumerate(((before, BEFORE, say(name)), (after, AFTER, say("after")))):
+    for column, (y, colour, title) in enumerate(((before, BEFORE, text(name)), (after, AFTER, text("after")))):
         panel = Panel(
             left + column * (width + gap), top, width, height - top - bottom, x_axis, y_axis, f"{prefix}-{column}"
         )
@@ -93,18 +93,18 @@ def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language =
                 inside.append(panel.line(law_x, law, LAW, width=entry.width, dash=entry.dash))
                 entries.append(entry)
         size = language.number(float(np.std(y))) if len(x) else ""
-        spread = say(": standard deviation {} {}", size, language.unit(units)) if len(x) else ""
+        spread = text(": standard deviation {} {}", size, language.unit(units)) if len(x) else ""
         parts.append(
             panel.frame(
                 inside,
                 title=title + spread,
                 x_label=_labelled(language.words(scatter.variable), scatter.unit, language),
-                y_label=_labelled(say("measured \u2212 predicted"), units, language) if column == 0 else "",
+                y_label=_labelled(text("measured \u2212 predicted"), units, language) if column == 0 else "",
                 y_marks=column == 0,
             )
         )
     parts.append(legend(entries, left, height - 12, centred=_WIDTH / 2))
-    label = say("Residual of {} against {}", scatter.joint, language.words(scatter.variable))
+    label = text("Residual of {} against {}", scatter.joint, language.words(scatter.variable))
     return drawing(_WIDTH, height, label, parts)
 
 
@@ -121,7 +121,7 @@ def _cloud(
         u, v = _thinned(x[chosen], y[chosen], most=_POINTS // 2 if both else _POINTS)
         clouds.append(panel.dots(u, v, colour, radius=1.3, opacity=0.42, hollow=sign == -1))
         means.append(panel.line(*_binned(x[chosen], y[chosen]), INK, dash=dash))
-        entries.append(Entry(language.say(names[sign]), INK, dash))
+        entries.append(Entry(language.phrase(names[sign]), INK, dash))
     return [*clouds, *means], entries
 
 
@@ -135,7 +135,7 @@ def _laws(scatter: Scatter, language: Language) -> list[tuple[Entry, FloatArray,
     drawn = []
     for law, dash, label in ways:
         x, y, std = _finite(scatter.law_x, law, scatter.law_std)
-        drawn.append((Entry(language.say(label), LAW, dash, 2.4), x, y, std))
+        drawn.append((Entry(language.phrase(label), LAW, dash, 2.4), x, y, std))
     return drawn
 
 
@@ -151,14 +151,14 @@ def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> st
 
     It can be zoomed along time where the page's script runs.
     """
-    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
+    text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
     time, measured, before, after = _finite(course.time, course.measured, course.before, course.after)
     time = _on_end(time)
-    predictions = [(after, Entry(say("predicted"), AFTER))]
+    predictions = [(after, Entry(text("predicted"), AFTER))]
     if not np.array_equal(before, after):
         predictions = [
-            (before, Entry(say("predicted before"), BEFORE, DASHED)),
-            (after, Entry(say("predicted after"), AFTER)),
+            (before, Entry(text("predicted before"), BEFORE, DASHED)),
+            (after, Entry(text("predicted after"), AFTER)),
         ]
     x_axis = axis(time, marks=8, margin=0.01)
     efforts = axis(measured, *(predicted for predicted, _ in predictions), marks=6)
@@ -174,11 +174,11 @@ def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> st
     return drawing(
         _WIDTH,
         height,
-        say("Measured and predicted effort of {}", course.joint),
+        text("Measured and predicted effort of {}", course.joint),
         [
-            legend([Entry(say("measured"), INK, width=2.2), *(entry for _, entry in predictions)], left, 10),
+            legend([Entry(text("measured"), INK, width=2.2), *(entry for _, entry in predictions)], left, 10),
             upper.frame(above, y_label=_labelled(language.effort(course.unit), course.unit, language), x_marks=False),
-            lower.frame(below, y_label=_labelled(say("error"), course.unit, language), x_label=f"{say('time')} [s]"),
+            lower.frame(below, y_label=_labelled(text("error"), course.unit, language), x_label=f"{text('time')} [s]"),
         ],
         zoom=lower,
     )
@@ -186,7 +186,7 @@ def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> st
 
 def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Language = ENGLISH) -> str:
     """Draw friction over speed, one panel per joint."""
-    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
+    text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
     columns = min(3, len(curves))
     rows = -(-len(curves) // columns)
     finite = [_finite(curve.speed, curve.force, curve.std) for curve in curves]
@@ -225,26 +225,26 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Langua
             panel.frame(
                 inside,
                 title=curve.joint,
-                x_label=_labelled(say("speed"), curve.unit_x, language),
-                y_label=_labelled(say("friction"), curve.unit_y, language),
+                x_label=_labelled(text("speed"), curve.unit_x, language),
+                y_label=_labelled(text("friction"), curve.unit_y, language),
             )
         )
-    entries = [Entry(say("before, \u00b12 std"), BEFORE)]
+    entries = [Entry(text("before, \u00b12 std"), BEFORE)]
     if any(after is not None for after in later):
-        entries.append(Entry(say("after"), AFTER, DASHED))
+        entries.append(Entry(text("after"), AFTER, DASHED))
     height = rows * row_height + _LINE
     parts.append(legend(entries, 0.0, height - 10, centred=_WIDTH / 2))
-    return drawing(_WIDTH, height, say("Friction of each joint over speed"), parts)
+    return drawing(_WIDTH, height, text("Friction of each joint over speed"), parts)
 
 
 def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = ENGLISH) -> str:
     """Draw the residual's correlation with its past and the speed, white noise's bound, and the spectrum."""
-    say, axis = language.say, partial(plain_axis, decimal=language.decimal)
+    text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
     power = np.log10(np.maximum(own.density_after, 1e-300))
     drawn = (
-        (own.lag, own.auto, own.bound, say("with itself"), say("lag [s]"), say("correlation")),
-        (own.cross_lag, own.cross, own.bound, say("with the speed"), say("lag [s]"), say("correlation")),
-        (own.frequency, power, 0.0, say("spectrum"), say("frequency [Hz]"), say("log10 of ({})\u00b2/Hz", own.unit)),
+        (own.lag, own.auto, own.bound, text("with itself"), text("lag [s]"), text("correlation")),
+        (own.cross_lag, own.cross, own.bound, text("with the speed"), text("lag [s]"), text("correlation")),
+        (own.frequency, power, 0.0, text("spectrum"), text("frequency [Hz]"), text("log10 of ({})\u00b2/Hz", own.unit)),
     )
     width, height, top = _WIDTH / 3, 210.0, 22.0
     parts = []
@@ -267,12 +267,12 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = EN
             inside = [panel.band(x, -edge, edge, BEFORE, 0.28), panel.level(0.0), *inside]
         name = f"{own.joint} {title}" if column == 0 else title
         parts.append(panel.frame(inside, title=name, x_label=x_label, y_label=y_label))
-    return drawing(_WIDTH, height, say("Correlations and spectrum of what is left at {}", own.joint), parts)
+    return drawing(_WIDTH, height, text("Correlations and spectrum of what is left at {}", own.joint), parts)
 
 
 def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language: Language = ENGLISH) -> str:
     """Draw validation error in noise floors, per joint: (joint, before, after)."""
-    say = language.say
+    text = language.phrase
     place = np.arange(len(rows), dtype=float)[::-1]
     before = np.array([row[1] for row in rows])
     after = np.array([row[2] for row in rows])
@@ -286,16 +286,16 @@ def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language:
         panel.upright(1.0, INK, 1.2, DOTTED),
         panel.bars(np.minimum(before, after), np.maximum(before, after), place, RULE, width=3),
     ]
-    entries = [Entry(say("error" if same else "after"), AFTER, kind="diamond")]
+    entries = [Entry(text("error" if same else "after"), AFTER, kind="diamond")]
     if not same:
         inside.append(panel.dots(before, place, BEFORE, radius=4))
-        entries.insert(0, Entry(say("before"), BEFORE, kind="dot"))
+        entries.insert(0, Entry(text("before"), BEFORE, kind="dot"))
     inside.append(panel.diamonds(after, place, AFTER, radius=4.9))
-    entries.append(Entry(say("measurement noise"), INK, DOTTED, 1.2))
-    label = say("error on the validation motion, in multiples of the measurement noise")
+    entries.append(Entry(text("measurement noise"), INK, DOTTED, 1.2))
+    label = text("error on the validation motion, in multiples of the measurement noise")
     return drawing(
         _WIDTH,
         top + panel.height + 36,
-        say("Error of each joint before and after, in multiples of its measurement noise"),
+        text("Error of each joint before and after, in multiples of its measurement noise"),
         [legend(entries, left, 10), panel.frame(inside, x_label=label, rules=False)],
     )

@@ -87,7 +87,7 @@ def write_report(
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
     """Render a checked report's page (see :func:`fitting.report.schema.validate_report`)."""
     named = [
-        (str(entry["id"]), language.said(str(entry["title"])), entry.get("joint"))
+        (str(entry["id"]), language.translated(str(entry["title"])), entry.get("joint"))
         for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
         if entry.get("title")
     ]
@@ -134,7 +134,7 @@ def with_contents(page: str, language: Language = ENGLISH) -> str:
 
     page = re.sub(r"<h2>(.*?)</h2>", numbered, page)
     links = "".join(f'<li><a href="#part-{n}">{title}</a></li>' for n, title in enumerate(titles, 1))
-    label = escape(language.say("Contents"))
+    label = escape(language.phrase("Contents"))
     return page.replace(CONTENTS, f'<nav class="contents" aria-label="{label}"><ol>{links}</ol></nav>', 1)
 
 
@@ -149,12 +149,12 @@ def _environment(language: Language) -> jinja2.Environment:
         undefined=jinja2.ChainableUndefined,
     )
 
-    def say(english: str, *values: object) -> Markup:
+    def phrase(english: str, *values: object) -> Markup:
         """Return a template's own text, which may hold markup; inserted values are escaped."""
-        return Markup(language.say(english, *(str(escape(value)) for value in values)))
+        return Markup(language.phrase(english, *(str(escape(value)) for value in values)))
 
     environment.globals.update(
-        say=say,
+        phrase=phrase,
         language=language.code,
         alternatives=_in(language, wording.alternatives),
         explanation=_in(language, wording.explanation),
@@ -168,14 +168,14 @@ def _environment(language: Language) -> jinja2.Environment:
         share=lambda value: language.share(_defined(value)),
         unit=language.unit,
         words=lambda value: language.words(str(value)),
-        own=lambda value: language.say(str(value)),
-        said=lambda value: language.said(str(value)),
-        said_each=lambda value: language.said_each(str(value)),
+        own=lambda value: language.phrase(str(value)),
+        translated=lambda value: language.translated(str(value)),
+        translated_each=lambda value: language.translated_each(str(value)),
         title_of=_in(language, wording.title),
         capital=wording.capital,
         follows=_in(language, wording.follows),
         nearest=_in(language, wording.nearest),
-        told_apart=lambda item, titles: wording.told_apart(plain(item, language), titles, language),
+        separated=lambda item, titles: wording.separated(plain(item, language), titles, language),
         chance=_in(language, wording.as_chance),
         readable=_in(language, wording.readable),
         evidence=_in(language, wording.evidence),
@@ -203,17 +203,17 @@ def plain(value: Any, language: Language = ENGLISH) -> str:
     if value is None or isinstance(value, jinja2.Undefined):
         return text.NONE
     if isinstance(value, bool):
-        return language.say("yes" if value else "no")
+        return language.phrase("yes" if value else "no")
     if isinstance(value, int):
         return text.count(value)
     if isinstance(value, float):
         return language.number(value)
     if isinstance(value, Mapping):
-        said = (f"{language.words(str(key))}: {plain(entry, language)}" for key, entry in value.items())
-        return "; ".join(said) or text.NONE
+        entries = (f"{language.words(str(key))}: {plain(entry, language)}" for key, entry in value.items())
+        return "; ".join(entries) or text.NONE
     if isinstance(value, list):
-        return language.say(", ").join(plain(entry, language) for entry in value) or text.NONE
-    return language.said(str(value))
+        return language.phrase(", ").join(plain(entry, language) for entry in value) or text.NONE
+    return language.translated(str(value))
 
 
 def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> dict[str, Any]:

@@ -75,8 +75,8 @@ class JointWords:
 
     def text(self, text: str) -> str:
         """Word an effect's own text for this joint."""
-        for said, own in self.texts.items():
-            text = text.replace(said, own)
+        for english, own in self.texts.items():
+            text = text.replace(english, own)
         return text
 
 
@@ -134,7 +134,7 @@ def in_words_of(machine: Machine, content: Any) -> Any:
     words = {joint.name: joint_words(joint) for joint in machine.joints}
     if not any(own.signals or own.texts for own in words.values()):
         return content
-    return _Speaker(words, machine_words(machine)).said(content, None)
+    return _Speaker(words, machine_words(machine)).converted(content, None)
 
 
 @dataclass(frozen=True)
@@ -142,14 +142,14 @@ class _Speaker:
     words: Mapping[str, JointWords]
     whole: JointWords
 
-    def said(self, content: Any, about: JointWords | None) -> Any:
+    def converted(self, content: Any, about: JointWords | None) -> Any:
         """Convert for joint ``about``, None while none was named."""
         if isinstance(content, Mapping):
             joint = content.get("joint")
             own = self.words.get(joint, about) if isinstance(joint, str) else about
-            return {name: self.said(entry, own) for name, entry in content.items()}
+            return {name: self.converted(entry, own) for name, entry in content.items()}
         if isinstance(content, (list, tuple)):
-            return [self.said(entry, about) for entry in content]
+            return [self.converted(entry, about) for entry in content]
         return self._text(content, about) if isinstance(content, str) else content
 
     def _text(self, text: str, about: JointWords | None) -> str:

@@ -39,10 +39,10 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
     ``direction`` and ``law_back`` are null where :class:`fitting.report.model.Scatter` has None. Values have
     :data:`DIGITS` significant digits, those that do not exist are null.
     """
-    said = {code: _said(report, language(code)) for code in codes()}
+    summaries = {code: _summary(report, language(code)) for code in codes()}
     return {
         **report,
-        "summary": {**said.pop(ENGLISH.code), "languages": said},
+        "summary": {**summaries.pop(ENGLISH.code), "languages": summaries},
         "figures": {
             "scatter": [_values(item) for item in figures.scatter],
             "friction": [_values(item) for item in figures.friction],
@@ -51,12 +51,12 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
     }
 
 
-def _said(report: Mapping[str, Any], speaks: Language) -> dict[str, str]:
+def _summary(report: Mapping[str, Any], own: Language) -> dict[str, str]:
     loop = report["loop"]
     titles = {
-        str(e["id"]): speaks.said(str(e["title"])) for e in (*loop["candidates"], *loop["effects"]) if e.get("title")
+        str(e["id"]): own.translated(str(e["title"])) for e in (*loop["candidates"], *loop["effects"]) if e.get("title")
     }
-    return {"label": wording.label(loop, speaks), "sentence": wording.verdict_sentence(report, titles, speaks)}
+    return {"label": wording.label(loop, own), "sentence": wording.verdict_sentence(report, titles, own)}
 
 
 #: Of each figure the arrays that have a value per sample, and how many values are kept of them.

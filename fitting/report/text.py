@@ -140,8 +140,8 @@ def moment(stamp: str, months: Sequence[str] = MONTHS, date: str = "{day} {month
     except ValueError:
         return stamp
     zone = f" {time.tzname()}" if time.tzinfo is not None else ""
-    said = date.format(day=time.day, month=months[time.month - 1], year=time.year)
-    return f"{said}, {time:%H:%M}{zone}"
+    day = date.format(day=time.day, month=months[time.month - 1], year=time.year)
+    return f"{day}, {time:%H:%M}{zone}"
 
 
 def words(name: str) -> str:

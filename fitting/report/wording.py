@@ -33,7 +33,7 @@ def is_offset(mean: float | None, rms: float | None) -> bool:
 
 def title(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Return an effect's name for people."""
-    return language.said(str(effect["title"])) if effect.get("title") else language.words(str(effect["id"]))
+    return language.translated(str(effect["title"])) if effect.get("title") else language.words(str(effect["id"]))
 
 
 def readable(text: str, titles: Mapping[str, str] | None = None, language: Language = ENGLISH) -> str:
@@ -42,7 +42,7 @@ def readable(text: str, titles: Mapping[str, str] | None = None, language: Langu
     ``joint2.piston_position`` becomes ``joint2 piston position``, and ``load_dependent_friction`` what ``titles`` (of
     effect ids, in this language) calls it; names that are neither are kept.
     """
-    text = language.said(text)
+    text = language.translated(text)
     if titles:
         text = _NAME.sub(
             lambda found: language.quoted(language.lower(titles[found[0]])) if found[0] in titles else found[0], text
@@ -50,11 +50,11 @@ def readable(text: str, titles: Mapping[str, str] | None = None, language: Langu
     return _SIGNAL.sub(lambda found: language.words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
 
 
-def told_apart(item: str, titles: Mapping[str, str], language: Language = ENGLISH) -> str:
+def separated(item: str, titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """Word what an experiment separates, for a list: an effect's title, or a law's signal."""
     signal = item.removeprefix("law of ")
     if signal != item:
-        return language.say("law of {}", language.words(signal))
+        return language.phrase("law of {}", language.words(signal))
     return language.lower(titles.get(item) or language.words(item))
 
 
@@ -67,27 +67,27 @@ def evidence(entries: Mapping[str, Any], language: Language = ENGLISH) -> dict[s
     """Return an effect's evidence, by names for people."""
     shown = {key: _cutoffs(entry, language) if key == "cutoffs" else entry for key, entry in entries.items()}
     return {
-        language.say(NAMES["evidence"][key]) if key in NAMES["evidence"] else key: entry for key, entry in shown.items()
+        language.phrase(NAMES["evidence"][key]) if key in NAMES["evidence"] else key: own for key, own in shown.items()
     }
 
 
 def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[str]:
     """Write ``0.0141 ± 0.0001 at 3.0 Hz`` each."""
     return [
-        language.say("{} at {} Hz", language.with_std(e.get("value"), e.get("std")), language.number(e.get("hz"), 2))
+        language.phrase("{} at {} Hz", language.with_std(e.get("value"), e.get("std")), language.number(e.get("hz"), 2))
         for e in entries
     ]
 
 
 def place(joint: str | None, language: Language = ENGLISH) -> str:
     """Write ``at joint2``, or the whole machine."""
-    return language.say("at {}", joint) if joint else language.say("of the whole machine")
+    return language.phrase("at {}", joint) if joint else language.phrase("of the whole machine")
 
 
 def at(effect: Mapping[str, Any], language: Language = ENGLISH, sizes: str = "") -> str:
     """Write ``friction that depends on position at joint2 (k1 = 312 N/m)``."""
     named, where = language.lower(title(effect, language)), place(effect.get("joint"), language)
-    return language.say("{} {} ({})", named, where, sizes) if sizes else language.say("{} {}", named, where)
+    return language.phrase("{} {} ({})", named, where, sizes) if sizes else language.phrase("{} {}", named, where)
 
 
 def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> list[str]:
@@ -108,7 +108,7 @@ def sizes(parameters: Mapping[str, Any] | None, most: int = 4, language: Languag
         for name, entry in list((parameters or {}).items())[:most]
         if entry.get("value") is not None and entry.get("unit") not in _NO_SIZES
     ]
-    return language.say(", ").join(parts)
+    return language.phrase(", ").join(parts)
 
 
 #: An effect with more sizes than that is a curve, and said by what it does: nobody reads coefficients.
@@ -131,12 +131,12 @@ def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
         return sizes(parameters, language=language)
     most = f"{language.number(size['largest'])} {language.unit(size['unit'])}"
     if not size.get("worst"):
-        return language.say("up to {}", most)
+        return language.phrase("up to {}", most)
     worst = size["worst"]
     position = worst["variable"] in ("piston_position", "joint_position")
     named = [] if position else [language.words(worst["variable"])]
-    said = _UP_TO[worst["friction"], position]
-    return language.say(said, most, *named, language.size(worst["at"], worst["unit"]))
+    pattern = _UP_TO[worst["friction"], position]
+    return language.phrase(pattern, most, *named, language.size(worst["at"], worst["unit"]))
 
 
 def validate(entry: Mapping[str, Any] | None) -> float | None:
@@ -158,7 +158,7 @@ def interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
     """Write ``(95 % interval −66 % to −52 %)`` or nothing."""
     if not ci:
         return ""
-    return language.say(" (95\u202f% interval {} to {})", language.percent(ci[0]), language.percent(ci[1]))
+    return language.phrase(" (95\u202f% interval {} to {})", language.percent(ci[0]), language.percent(ci[1]))
 
 
 def improvement(report: Mapping[str, Any], joints: Sequence[str | None], language: Language = ENGLISH) -> str:
@@ -171,8 +171,8 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None], languag
     where = "that of all joints together" if own else "the error of all joints on the validation motion"
     how = moved(overall["change_percent"])
     size = [language.percent(abs(overall["change_percent"])).removeprefix("+")] if "{}" in how else []
-    altogether = language.say(f"{where} {how}{{}}", *size, interval(overall.get("ci95_percent"), language))
-    return language.say("{} and {}", own, altogether) if own else altogether
+    altogether = language.phrase(f"{where} {how}{{}}", *size, interval(overall.get("ci95_percent"), language))
+    return language.phrase("{} and {}", own, altogether) if own else altogether
 
 
 def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -> str:
@@ -184,10 +184,10 @@ def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -
     last, unit = language.number(after), language.unit(entry["unit"])
     error = "the error of {} on the validation motion"
     if number(before) == number(after):
-        return language.say(f"{error} stayed at {{}} {{}}", joint, last, unit)
+        return language.phrase(f"{error} stayed at {{}} {{}}", joint, last, unit)
     percent = language.percent(change(before, after))
     way = "fell" if after < before else "rose"
-    return language.say(
+    return language.phrase(
         f"{error} {way} from {{}} to {{}} {{}} ({{}})", joint, language.number(before), last, unit, percent
     )
 
@@ -195,19 +195,19 @@ def _improvement_at(report: Mapping[str, Any], joint: str, language: Language) -
 def _signals(law: Mapping[str, Any], language: Language) -> str:
     """Word the signals of a law."""
     first, second = language.words(str(law["variable"])), law.get("second_variable")
-    return language.say("{} together with the {}", first, language.words(str(second))) if second else first
+    return language.phrase("{} together with the {}", first, language.words(str(second))) if second else first
 
 
 def follows(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Word an unexplained law: ``the error at joint1 follows the piston position``."""
     way = law.get("only_while")
-    turns = language.say(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
-    turns = language.say(f", only while the speed of the joint is {way}") if way else turns
+    own = language.phrase(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
+    turns = language.phrase(f", only while the speed of the joint is {way}") if way else own
     where = place(law.get("joint"), language)
     if (law.get("evidence") or {}).get("between"):
-        said = "what the two position sensors {} disagree by follows the {}"
-        return language.say(said, where, _signals(law, language))
-    return language.say("the error {} follows the {}{}", where, _signals(law, language), turns)
+        pattern = "what the two position sensors {} disagree by follows the {}"
+        return language.phrase(pattern, where, _signals(law, language))
+    return language.phrase("the error {} follows the {}{}", where, _signals(law, language), turns)
 
 
 #: Simple formulas, by what they are and whether they rise.
@@ -231,19 +231,19 @@ def nearest(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     place_ = f"{shape} {language.unit(law['unit'])}".rstrip() if law.get("unit") else shape
     kind = str(formula["kind"])
     if kind == "power":
-        said = language.say(_FORMULAS[kind, None], language.words(str(law["variable"])), shape)
+        name = language.phrase(_FORMULAS[kind, None], language.words(str(law["variable"])), shape)
     else:
         way = bool(formula["rising"]) if kind in ("threshold", "exponential") else None
-        said = language.say(_FORMULAS.get((kind, way), _FORMULAS["step", None]), place_)
+        name = language.phrase(_FORMULAS.get((kind, way), _FORMULAS["step", None]), place_)
     share = f"{100 * formula['share']:.0f}"
-    return language.say("The nearest simple formula is {}; it explains {} % of the curve.", said, share)
+    return language.phrase("The nearest simple formula is {}; it explains {} % of the curve.", name, share)
 
 
 def label(loop: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Word the verdict briefly, of the report's ``loop``."""
-    said = loop["verdict"] if looked(loop) else _unlooked(loop)
+    verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
     left_open = None if loop["effects"] else NAMES["open"].get(loop.get("label") or "")
-    return language.say(left_open or NAMES["verdicts"][said])
+    return language.phrase(left_open or NAMES["verdicts"][verdict])
 
 
 def _unlooked(loop: Mapping[str, Any]) -> str:
@@ -262,32 +262,32 @@ def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], langu
     """
     loop = report["loop"]
     verdict = loop["verdict"] if looked(loop) else _unlooked(loop)
-    reasons = [language.said(str(reason)) for reason in loop.get("reasons") or []]
+    reasons = [language.translated(str(reason)) for reason in loop.get("reasons") or []]
     if verdict == "not_examined" or (verdict == "nothing_missing" and not reasons):
         return _nothing(verdict, over_noise(report, "after"), language)
     found = _found(report, titles, language)
-    said = [f"{capital(reason)}." for reason in reasons]
+    sentences = [f"{capital(reason)}." for reason in reasons]
     if verdict == "check_input":
-        return " ".join([language.say("A mistake is more likely than any effect."), *said, *found])
+        return " ".join([language.phrase("A mistake is more likely than any effect."), *sentences, *found])
     if verdict == "implausible":
         return " ".join([*_impossible(report, language), *found])
     if found:
-        return " ".join([*found, *said])
+        return " ".join([*found, *sentences])
     if reasons:
-        return language.say("It cannot be said that nothing is missing: {}.", language.listed(reasons))
-    return language.say("Structure is left in the error that no known effect explains.")
+        return language.phrase("It cannot be said that nothing is missing: {}.", language.listed(reasons))
+    return language.phrase("Structure is left in the error that no known effect explains.")
 
 
 def _nothing(verdict: str, times: float | None, language: Language) -> str:
     """Word the result where nothing was found, or searched."""
     size = language.number(times)
     if verdict == "nothing_missing":
-        noise = language.say(": on the validation motion the error is {} times that noise", size) if times else ""
-        return language.say(
+        noise = language.phrase(": on the validation motion the error is {} times that noise", size) if times else ""
+        return language.phrase(
             "No joint shows anything above its measurement noise that the model does not explain{}.", noise
         )
-    error = language.say(": on the validation motion the error is {} times the noise", size) if times else ""
-    return language.say("The model was fitted, and nobody looked for what it may lack{}.", error)
+    error = language.phrase(": on the validation motion the error is {} times the noise", size) if times else ""
+    return language.phrase("The model was fitted, and nobody looked for what it may lack{}.", error)
 
 
 def as_chance(probability: float, language: Language = ENGLISH) -> str:
@@ -295,7 +295,7 @@ def as_chance(probability: float, language: Language = ENGLISH) -> str:
     rounded = math.floor(100 * probability + 0.5)
     if 1 <= rounded <= 99:
         return f"{rounded}\u202f%"
-    return language.say("more than 99 %" if rounded > 99 else "less than 1 %")
+    return language.phrase("more than 99 %" if rounded > 99 else "less than 1 %")
 
 
 def chance(probability: object, language: Language = ENGLISH) -> str:
@@ -310,9 +310,9 @@ def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str], langua
     ]
     laws = list(dict.fromkeys(follows(law, language) for law in hypothesis.get("laws") or []))
     if laws:
-        said = "{}, as no known effect does" if len(laws) > 1 else "{} as no known effect does"
-        parts.append(language.say(said, language.listed(laws)))
-    return language.listed(parts) if parts else language.say("nothing is missing")
+        pattern = "{}, as no known effect does" if len(laws) > 1 else "{} as no known effect does"
+        parts.append(language.phrase(pattern, language.listed(laws)))
+    return language.listed(parts) if parts else language.phrase("nothing is missing")
 
 
 #: Explanations that a step of the resolution names, and the least probability of those after the first.
@@ -337,30 +337,30 @@ def resolution(
 def _explanations(hypotheses: Sequence[Mapping[str, Any]], titles: Mapping[str, str], language: Language) -> str:
     """Write ``X at joint2 (53 %) or Y at joint2 (44 %)``."""
     named = [h for n, h in enumerate(hypotheses[:_LISTED]) if n == 0 or h["probability"] >= _WORTH_NAMING]
-    said = [explanation(h, titles, language) + chance(h["probability"], language) for h in named]
-    return language.listed(said, "or") or language.say("nothing is known")
+    texts = [explanation(h, titles, language) + chance(h["probability"], language) for h in named]
+    return language.listed(texts, "or") or language.phrase("nothing is known")
 
 
 #: Impossible parameters that a verdict names one by one.
-_MOST_SAID = 3
+_MOST_LISTED = 3
 
 
 def _impossible(report: Mapping[str, Any], language: Language) -> list[str]:
     """Word what cannot be."""
     violations = (report.get("plausibility") or {}).get("violations") or []
-    said = [
-        language.say("{}. Usual cause: {}.", capital(impossible(v, language)), language.said(v["cause"]))
-        for v in violations[:_MOST_SAID]
+    lines = [
+        language.phrase("{}. Usual cause: {}.", capital(impossible(v, language)), language.translated(v["cause"]))
+        for v in violations[:_MOST_LISTED]
     ]
-    more = len(violations) - _MOST_SAID
-    return [*said, *([language.say("{} more parameters are impossible too.", str(more))] if more > 0 else [])]
+    more = len(violations) - _MOST_LISTED
+    return [*lines, *([language.phrase("{} more parameters are impossible too.", str(more))] if more > 0 else [])]
 
 
 def impossible(violation: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Word a violation: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
     value = language.with_std(violation.get("value"), violation.get("std"))
     size = f"{value} {language.unit(violation.get('unit'))}".strip()
-    return f"{language.said(violation['text'])} ({size})"
+    return f"{language.translated(violation['text'])} ({size})"
 
 
 def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Language) -> list[str]:
@@ -374,14 +374,14 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
     sentences: list[str] = []
     if certain:
         named = [at(e, language, how_large(e, language)) for e in certain]
-        sentences.append(language.say("the model lacked {}", language.listed(named)))
+        sentences.append(language.phrase("the model lacked {}", language.listed(named)))
     sentences += [_one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from")]
     if laws:
         sentences.append(_unexplained(laws, titles, language))
     gain = improvement(report, [entry.get("joint") for entry in (*effects, *laws)], language)
     added = [*effects] + [law for law in laws if law.get("added", True)]
     if gain and added:
-        sentences[-1] = language.say(f"{{}}; with {_added(effects, laws, len(added))}, {{}}", sentences[-1], gain)
+        sentences[-1] = language.phrase(f"{{}}; with {_added(effects, laws, len(added))}, {{}}", sentences[-1], gain)
     return [f"{capital(sentence)}." for sentence in sentences]
 
 
@@ -405,7 +405,7 @@ def _one_of_a_set(effect: Mapping[str, Any], titles: Mapping[str, str], language
     chances = [e.get("probability") for e in (effect, *effect["indistinguishable_from"]) if isinstance(e, Mapping)]
     if len(chances) == len(names):
         names = [name + chance(p, language) for name, p in zip(names, chances, strict=True)]
-    return language.say(
+    return language.phrase(
         "something is missing {}, and these recordings cannot tell whether it is {}",
         place(effect.get("joint"), language),
         language.listed(names, "or"),
@@ -421,6 +421,6 @@ def _unexplained(laws: Sequence[Mapping[str, Any]], titles: Mapping[str, str], l
     ]
     what = "it" if len(laws) == 1 else "them"
     if not perhaps:
-        return language.say(f"{{}}, and no known effect explains {what}", lines)
-    said = f"{{}}, and no known effect explains {what} for certain; it may be {{}}"
-    return language.say(said, lines, language.listed(perhaps, "or"))
+        return language.phrase(f"{{}}, and no known effect explains {what}", lines)
+    pattern = f"{{}}, and no known effect explains {what} for certain; it may be {{}}"
+    return language.phrase(pattern, lines, language.listed(perhaps, "or"))

@@ -150,9 +150,9 @@ def gap_rows(
         errors = [rounded_noise(p, e, rng) for p, e in zip((view.q, view.x), sensors[joint], strict=True)]
         noise = ndimage.convolve1d(errors[1] - view.r * errors[0], design.bank.value, mode="nearest")
         made += moving_stretches(noise, view.segment.rest[:, joint], design.bank)
-    heard = [whitening(parts, design.bank) for parts in (series, made) if parts]
-    best = max(heard, key=lambda w: w.std, default=None)
-    # Where it hardly moves, nothing tells its noise, and nothing can be told of the gap.
+    noises = [whitening(parts, design.bank) for parts in (series, made) if parts]
+    best = max(noises, key=lambda w: w.std, default=None)
+    # Where it hardly moves, its noise is not determined, and nothing is known of the gap.
     return GapRows(design, own, best or whitening([], design.bank), indices if series else ())
 
 
@@ -265,7 +265,7 @@ def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | Non
         return None
     columns = [c for c in full if c is not None]
     C, rates = rows.whitened(columns), np.zeros((len(rows.values), 0))
-    if effect.stays_in_gap:
+    if effect.between_sensors:
         first = [rows.design.bank.rate(c[:, 0]) for c in columns]
         rates = rows.whitened([np.column_stack([own, rows.design.bank.rate(own)]) for own in first])
     beyond = np.zeros(len(C))
@@ -277,7 +277,7 @@ def gap_columns(rows: GapRows, effect: Effect, shape: Shape) -> GapColumns | Non
 
 def with_unsure(rows: GapRows, part: GapColumns) -> GapColumns:
     """Add the uncertainty of the first column where only the model knows the force."""
-    if not part.effect.stays_in_gap:
+    if not part.effect.between_sensors:
         return part
     friction, changes = bool(part.shape.get("friction")), list[FloatArray]()
     for view, efforts in zip(rows.views, rows.unsure[friction], strict=True):

@@ -35,7 +35,7 @@ PRIOR_DRAWS = 6
 #: 0.5 +- 0.1 (`benchmarks/results/evidence.md`), and not more than all of it in any of 188 estimates.
 BIAS_SHARE = 0.5
 _SHARES = 65
-_WELL_TOLD = 1e-3
+_WELL_DETERMINED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Null:
         The mean of the draws, shrunk by what their own scatter makes of a mean (James and Stein): nothing is taken off
         where the draws show no bias.
         """
-        mean = self._told(self.values.mean(axis=0)[None, :])[0]
+        mean = self._determined(self.values.mean(axis=0)[None, :])[0]
         length = float(mean @ self.information @ mean)
         scatter = self.live * self.inflation / self.draws
         return np.asarray(mean * max(0.0, 1.0 - scatter / max(length, 1e-300)))
@@ -77,7 +77,7 @@ class Null:
     @property
     def inflation(self) -> float:
         """Variance of the values over the theory's, at least 1; joined with :data:`PRIOR_DRAWS` draws of the theory."""
-        spread = self._told(self.values - self.values.mean(axis=0))
+        spread = self._determined(self.values - self.values.mean(axis=0))
         total = float(np.einsum("bi,ij,bj->", spread, self.information, spread))
         freedom = (self.draws - 1 + PRIOR_DRAWS) * self.live
         return max(1.0, (total + PRIOR_DRAWS * self.live) / freedom)
@@ -87,23 +87,23 @@ class Null:
 
         A constant in 16 coefficients is a constant: it has the variance that it has in one.
         """
-        direction = self._told(np.asarray(values, dtype=float)[None, :])[0]
+        direction = self._determined(np.asarray(values, dtype=float)[None, :])[0]
         length = float(direction @ self.information @ direction)
         if not length > 0:
             return self.inflation
-        spread = self._told(self.values - self.values.mean(axis=0))
+        spread = self._determined(self.values - self.values.mean(axis=0))
         total = float(np.sum((spread @ (self.information @ direction / np.sqrt(length))) ** 2))
         return max(1.0, (total + PRIOR_DRAWS) / (self.draws - 1 + PRIOR_DRAWS))
 
-    def _told(self, values: FloatArray) -> FloatArray:
+    def _determined(self, values: FloatArray) -> FloatArray:
         """Return rows of values in well-determined directions only: the others differ between replicas."""
         own = np.diag(self.information)
         scale = np.sqrt(np.where(own > 0, own, 1.0))
         strength, directions = np.linalg.eigh(self.information / np.outer(scale, scale))
-        well = directions[:, strength > _WELL_TOLD * strength[-1]]
+        well = directions[:, strength > _WELL_DETERMINED * strength[-1]]
         return np.asarray((values * scale) @ well @ well.T / scale)
 
-    def doubt(self, information: FloatArray, gain: float) -> float:
+    def uncertainty(self, information: FloatArray, gain: float) -> float:
         """Return the chi-square uncertainty of a gain by the bias that was taken off; 0 where none was."""
         length = float(self.bias @ information @ self.bias)
         return BIAS_SHARE**2 * length + 2.0 * float(np.sqrt(gain * self.inflation / self.draws)) if length else 0.0

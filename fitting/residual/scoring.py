@@ -193,12 +193,12 @@ class Candidates:
             else:
                 Q, residual = model.fit.orthonormal[place], model.fit.residual[place]
             shadow, products = Q.T @ C, C.T @ residual
-            told = shadow if model.unpriored is None else model.unpriored @ shadow
+            by_data = shadow if model.unpriored is None else model.unpriored @ shadow
             for chosen, where in self._of_one_width(asked):
-                shade, seen = (np.moveaxis(part[:, where], 0, 1) for part in (shadow, told))
+                shade, seen = (np.moveaxis(part[:, where], 0, 1) for part in (shadow, by_data))
                 whole = np.array([self._grams[n] for n in chosen])
                 gram = whole - shade.swapaxes(1, 2) @ shade
-                plain = gram if told is shadow else whole - seen.swapaxes(1, 2) @ seen
+                plain = gram if by_data is shadow else whole - seen.swapaxes(1, 2) @ seen
                 own_terms = [(self.terms[n], self.grid[n]) for n in chosen]
                 norms = np.einsum("tii->ti", whole)
                 freely = _scored_freely(own_terms, model.held, shade, gram, plain, products[where], norms)
@@ -384,8 +384,8 @@ def _scored(
     stds = np.sqrt(np.einsum("tij,tjk,tik->ti", vectors, inverse, vectors).clip(0)) / scale
     surviving = np.sqrt(np.max(np.einsum("tii->ti", plain).clip(0) / scale**2, axis=1))
     # A column that the base takes whole leaves rounding, of either sign: nothing is known of its parameter.
-    told = np.einsum("tii->ti", unit) > _DEAD
-    information = np.where(told[:, :, None] & told[:, None, :], gram, 0.0)
+    determined = np.einsum("tii->ti", unit) > _DEAD
+    information = np.where(determined[:, :, None] & determined[:, None, :], gram, 0.0)
     for number, (term, grid) in enumerate(terms):
         count = int(np.count_nonzero(live[number]))
         if not there[number] or not count:
@@ -393,8 +393,8 @@ def _scored(
         free, errors, gain = values[number], tuple(stds[number].tolist()), float(gains[number])
         own = tuple(free.tolist())
         if isinstance(term.content, Effect):
-            told_of = np.where(told[number], products[number], 0.0)
-            bounded = inside(limits(term.content), information[number], told_of, free)
+            determined_products = np.where(determined[number], products[number], 0.0)
+            bounded = inside(limits(term.content), information[number], determined_products, free)
             if bounded is not None:
                 own, gain, count = tuple(bounded.values.tolist()), bounded.gain, max(1, count - len(bounded.held))
         yield (

@@ -20,8 +20,8 @@ from fitting.regression.streamed import fit_rows
 from fitting.residual.laws import Law
 from fitting.residual.views import SegmentViews, Views
 
-#: Share of a direction's information that has to come from the data for the data to tell it.
-_TOLD = 1e-8
+#: Share of a direction's information that has to come from the data for the data to determine it.
+_DETERMINED = 1e-8
 
 
 @dataclass(frozen=True)
@@ -218,8 +218,8 @@ class Model:
         Q = self.fit.orthonormal[-1]
         arm = Q[self._arm_rows]
         values, vectors = np.linalg.eigh(np.eye(Q.shape[1]) - arm.T @ arm)
-        told = values > _TOLD
-        return np.asarray((vectors[:, told] / np.sqrt(values[told])).T)
+        determined = values > _DETERMINED
+        return np.asarray((vectors[:, determined] / np.sqrt(values[determined])).T)
 
     @cached_property
     def held(self) -> tuple[FloatArray, FloatArray]:
@@ -269,12 +269,12 @@ class Model:
     def wald(self, number: int) -> float:
         """Compute the chi-square cost of dropping term ``number``, with what was moved into the signals (Wald's)."""
         part = self.term_slice(number)
-        told = self.fit.told[part]
-        if not told.any():
+        determined = self.fit.determined[part]
+        if not determined.any():
             return 0.0
         values = self.values(number)
-        inverse = np.linalg.pinv(self.fit.covariance[part, part][np.ix_(told, told)], hermitian=True)
-        return float(values[told] @ inverse @ values[told])
+        inverse = np.linalg.pinv(self.fit.covariance[part, part][np.ix_(determined, determined)], hermitian=True)
+        return float(values[determined] @ inverse @ values[determined])
 
     def contribution(self, number: int, joint: int, index: int) -> FloatArray:
         """Compute what term ``number`` adds to a joint's drive effort in a segment, (N,)."""

@@ -34,7 +34,7 @@ def by_formula(rated: Sequence[Rated]) -> list[Rated]:
     return sorted(result, key=lambda r: -r.log_odds)
 
 
-def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
+def tempered(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """Compute log odds of explanations of one place, best first; names differ as far as formulas hold.
 
     Whichever name is right, its own formula leaves chi-square, a share epsilon squared of what is there; differences of
@@ -50,7 +50,7 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     odds = np.array([r.log_odds for r in near])
     named = np.array([isinstance(r.term.content, Effect) for r in near])
     probable = []
-    for share in shares_believed(head.score.gain):
+    for share in tempering(head.score.gain):
         own = np.where(named, head.log_odds - share * (head.log_odds - odds), odds)
         probable.append(np.append(own, 0.0) - float(log_sum(np.append(own, 0.0))))
     whole = log_sum(np.array(probable), axis=0, weights=np.array(priors.weights(series))[:, None])
@@ -59,14 +59,14 @@ def believed(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
 
 
 def odds_behind(stated: float, gain: float) -> float:
-    """Compute log odds of one name over another by formula, that :func:`believed` states as ``stated``.
+    """Compute log odds of one name over another by formula, that :func:`tempered` states as ``stated``.
 
     Parameters
     ----------
     stated : log odds, as they are reported
     gain : chi-square that the effect takes; its formula is taken for a law of physics
     """
-    shares, weights = shares_believed(gain), np.array(priors.weights(series=False))
+    shares, weights = tempering(gain), np.array(priors.weights(series=False))
 
     def missing(odds: float) -> float:
         return float(weights @ expit(shares * odds)) - float(expit(abs(stated)))
@@ -76,7 +76,7 @@ def odds_behind(stated: float, gain: float) -> float:
     return float(np.copysign(found, stated))
 
 
-def shares_believed(gain: float | FloatArray) -> FloatArray:
+def tempering(gain: float | FloatArray) -> FloatArray:
     """Compute which share of a difference between names counts, per :data:`~fitting.selection.priors.EPSILONS`.
 
     Along the last axis; ``gain`` is the chi-square that the effect takes, or of each difference, (N, 1).
@@ -97,12 +97,12 @@ def decided(rated: Sequence[Rated], there: bool = False) -> Rated:
     head = rated[0]
     if isinstance(head.term.content, Law):
         return head
-    near = believed(rated)
+    near = tempered(rated)
     laws = [(r, odds) for r, odds in near if isinstance(r.term.content, Law)]
     if not laws:
         return head
     names = [odds for r, odds in near if not isinstance(r.term.content, Law)]
-    alone = max(names) > log_sum(names) + np.log(priors.SAID)
-    wanted = priors.SAID if alone and not there else priors.NAMED
+    alone = max(names) > log_sum(names) + np.log(priors.CREDIBLE)
+    wanted = priors.CREDIBLE if alone and not there else priors.NAMED
     known = log_sum([odds for _, odds in near])
     return laws[0][0] if log_sum([odds for _, odds in laws]) > known + np.log(1 - wanted) else head

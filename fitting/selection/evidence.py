@@ -208,6 +208,6 @@ def least_gain(live: int, choices: int = 1) -> float:
 
     def missing(gain: float) -> float:
         own = named_evidence(np.array([gain]), np.array([float(live)]), sizes)[0]
-        return float(log_mean(own) + prior - priors.SAID_ODDS)
+        return float(log_mean(own) + prior - priors.CREDIBLE_ODDS)
 
     return float(optimize.brentq(missing, 0.0, 1e4))

@@ -78,7 +78,7 @@ class GapSet:
     @property
     def pose(self) -> Pose:
         """What of it changes where the model has the arm."""
-        return tuple(APART if part.effect.stays_in_gap else part.effect.id for part in self.parts)
+        return tuple(APART if part.effect.between_sensors else part.effect.id for part in self.parts)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,11 +117,11 @@ class GapPosterior:
         chances = {frozenset(own.names): p for own, p in self.sets}
         best = self.sets[0][0]
         while best.names:
-            doubts = {
+            absent = {
                 name: sum(p for other, p in chances.items() if other <= set(best.names) - {name}) for name in best.names
             }
-            worst = max(doubts, key=lambda name: doubts[name])
-            if doubts[worst] <= 1.0 - priors.SAID:
+            worst = max(absent, key=lambda name: absent[name])
+            if absent[worst] <= 1.0 - priors.CREDIBLE:
                 break
             best = next(own for own, _ in self.sets if set(own.names) <= set(best.names) - {worst})
         return tuple(self._conclusion(best, name) for name in best.names)
@@ -138,7 +138,7 @@ class GapPosterior:
                 others[instead] = others.get(instead, 0.0) + p
         reached, rivals = own, list[tuple[str, float]]()
         for rival, p in sorted(others.items(), key=lambda pair: -pair[1]):
-            if reached >= priors.SAID or len(rivals) >= MOST_NAMED - 1 or p < LEAST:
+            if reached >= priors.CREDIBLE or len(rivals) >= MOST_NAMED - 1 or p < LEAST:
                 break
             rivals.append((rival, p))
             reached += p
@@ -197,21 +197,21 @@ def gap_posterior(rows: Mapping[Pose, GapRows], driven: Collection[str] | None =
             return one == pose or (first and one not in rows)
 
         weighed += _Evidence(own, pose if number else None, driven).weighed(asked)
-    believed = _believed(weighed)
-    both = zip((one.own for one in weighed), np.exp(believed - float(log_sum(believed))).tolist(), strict=True)
+    tempered = _tempered(weighed)
+    both = zip((one.own for one in weighed), np.exp(tempered - float(log_sum(tempered))).tolist(), strict=True)
     return GapPosterior(first, tuple(sorted(both, key=lambda pair: -pair[1])))
 
 
 @dataclass(frozen=True)
 class _Weighed:
-    """A set with its log odds, and how far differences from others like it are believed where it is the best."""
+    """A set with its log odds, and how far differences from others like it count where it is the best."""
 
     own: GapSet
     odds: float
     share: Callable[[GapSet], float]
 
 
-def _believed(weighed: Sequence[_Weighed]) -> FloatArray:
+def _tempered(weighed: Sequence[_Weighed]) -> FloatArray:
     """Compute log odds of sets, differences between alike ones as far as they count.
 
     What the best of them leaves beyond noise is smooth: only every so many rows add information.
@@ -219,7 +219,7 @@ def _believed(weighed: Sequence[_Weighed]) -> FloatArray:
     result, places = np.array([one.odds for one in weighed]), dict[str, list[int]]()
     for number, one in enumerate(weighed):
         if one.own.names:
-            driven = next((part.effect.id for part in one.own.parts if part.effect.stays_in_gap), "")
+            driven = next((part.effect.id for part in one.own.parts if part.effect.between_sensors), "")
             places.setdefault(driven, []).append(number)
     for alike in places.values():
         best = weighed[max(alike, key=lambda n: weighed[n].odds)]
@@ -243,10 +243,10 @@ class _Evidence:
         shapes = {effect: len(own) for effect in effects() if (own := effect.gap_shapes(rows.views[0]))}
         self._families = len(shapes)
         for effect, count in shapes.items():
-            posed = pose is None or (APART if effect.stays_in_gap else effect.id) in pose
-            if not posed or (effect.stays_in_gap and driven is not None and effect.id not in driven):
+            posed = pose is None or (APART if effect.between_sensors else effect.id) in pose
+            if not posed or (effect.between_sensors and driven is not None and effect.id not in driven):
                 continue
-            found = _sharpest(rows, effect, beside)
+            found = _best_shapes(rows, effect, beside)
             self._grids[effect.id] = count / max(len(found), 1)
             self.parts += [with_unsure(rows, part) for part in found]
         self.parts = [part for part in self.parts if not self._is_compliance(part)]
@@ -310,7 +310,7 @@ class _Evidence:
             laws, leftovers = self._laws(numbers)
             found[own.names] = (own, [prior + max(float(log_sum(curved)), exact + leftovers)])
             for law, odds in laws:
-                if any(law.is_of(part.effect.stays_in_gap) for part in own.parts) or not self._stand(numbers, law):
+                if any(law.is_of(part.effect.between_sensors) for part in own.parts) or not self._add_to(numbers, law):
                     continue  # a law of the very variable has the formula in it
                 with_law = replace(own, law=law)
                 found.setdefault(with_law.names, (with_law, []))[1].append(prior + exact + odds)
@@ -323,7 +323,7 @@ class _Evidence:
         left = self._left_in(numbers, np.concatenate([self._places(numbers), *curve]))
         return 1.0 / (1.0 + _ROWS_A_WORD * max(left / self._count - 1.0, 0.0))
 
-    def _stand(self, numbers: Sequence[int], law: GapLaw) -> bool:
+    def _add_to(self, numbers: Sequence[int], law: GapLaw) -> bool:
         """Return whether effects take more beside a law than its curve may leave."""
         if not numbers:
             return True
@@ -336,8 +336,8 @@ class _Evidence:
 
     def _combinations(self) -> Iterator[tuple[int, ...]]:
         numbers = range(len(self.parts))
-        geometry: list[int | None] = [None, *(n for n in numbers if not self.parts[n].effect.stays_in_gap)]
-        driven: list[int | None] = [None, *(n for n in numbers if self.parts[n].effect.stays_in_gap)]
+        geometry: list[int | None] = [None, *(n for n in numbers if not self.parts[n].effect.between_sensors)]
+        driven: list[int | None] = [None, *(n for n in numbers if self.parts[n].effect.between_sensors)]
         for pair in product(geometry, driven):
             yield tuple(n for n in pair if n is not None)
 
@@ -381,8 +381,8 @@ class _Evidence:
             off.append(np.abs(value[0]) * np.eye(part.unsure.shape[1]))
             moved = part.columns @ value
             shown = float(np.linalg.norm(_beyond(self._zeros, moved)))
-            visible.append(shown if part.effect.stays_in_gap else float(np.linalg.norm(moved)))
-            left.append((_LEFT_EXACT if not part.effect.stays_in_gap else _left_by(part)) * shown)
+            visible.append(shown if part.effect.between_sensors else float(np.linalg.norm(moved)))
+            left.append((_LEFT_EXACT if not part.effect.between_sensors else _left_by(part)) * shown)
             log_prior -= float(np.log(len(self._sizes)))
             log_prior += self._plausible(number, value)
         scaled = [*(np.eye(k) * size / np.sqrt(k) for k, size in zip(widths, sizes, strict=True)), *slow]
@@ -409,7 +409,7 @@ class _Evidence:
     def _curve(self, number: int, size: float, share: int) -> tuple[npt.NDArray[np.intp], FloatArray]:
         """Return places and prior root of a shape's discrepancy: in position, or in force where it gives way to it."""
         part = self.parts[number]
-        site = {key: part.shape[key] for key in ("about", "friction")} if part.effect.stays_in_gap else None
+        site = {key: part.shape[key] for key in ("about", "friction")} if part.effect.between_sensors else None
         law = next(
             n for n, law in enumerate(self.laws) if law.site == site and (site or law.law.signal == "piston_position")
         )
@@ -448,7 +448,7 @@ class _Evidence:
         curves = np.split(left[:, 1:], np.cumsum([len(curve) for curve in self._of_law])[:-1], axis=1)
         found, leftovers = np.full(len(self.laws), -np.inf), np.full(len(self.laws), -np.inf)
         least = float(np.hypot(self._left.get(tuple(numbers), 0.0), self._floor))
-        driven = {self.parts[n].effect.stays_in_gap for n in numbers}
+        driven = {self.parts[n].effect.between_sensors for n in numbers}
         for width in {len(own) for own in self._of_law}:
             alike = [n for n, own in enumerate(self._of_law) if len(own) == width]
             grams = np.array([curves[n].T @ curves[n] for n in alike])
@@ -473,7 +473,7 @@ def _left_by(part: GapColumns) -> float:
     return _LEFT_PLAY if part.effect.shape_units else _LEFT_DRIVEN
 
 
-def _sharpest(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapColumns]:
+def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapColumns]:
     """Choose, of shapes that differ in one number, as a width, the one that gains most beside any law of position.
 
     Some of them are tried; where their neighbours take another chi-square, the number is searched between them.

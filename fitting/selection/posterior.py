@@ -12,7 +12,7 @@ from fitting.effects.base import Effect
 from fitting.residual.findings import MOST_LISTED, Accepted, Hypothesis, Place, most_probable
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.decision import believed
+from fitting.selection.decision import tempered
 from fitting.selection.rated import Rated, family
 
 #: Alternatives of one place that are named.
@@ -42,7 +42,7 @@ class Slot:
     @classmethod
     def of(cls, item: Accepted, rated: Sequence[Rated]) -> Slot:
         """Compute the slot from posterior odds beside everything else."""
-        near = believed(rated)
+        near = tempered(rated)
         rated, log_odds = [r for r, _ in near], np.array([odds for _, odds in near])
         total = float(np.logaddexp.reduce(np.append(log_odds, 0.0)))
         shares = np.exp(log_odds - total)
@@ -60,7 +60,7 @@ class Slot:
     def improbable(self) -> bool:
         """Whether neither this nor what is reported with it is the more probable; laws of a joint are one."""
         own = sum(p for r, p in self.alternatives if r.term.family == self.item.score.term.family)
-        return max(self.probability, own) + sum(p for _, p in self.rivals(priors.SAID)) < 0.5
+        return max(self.probability, own) + sum(p for _, p in self.rivals(priors.CREDIBLE)) < 0.5
 
     def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
         """List the other names needed for the wanted probability, at most two.

@@ -28,17 +28,17 @@ SPILL = 0.1
 #: Amplitude, as share, that counts as found of what was significant and did not hold elsewhere: its formula was wrong,
 #: what it lived on is there.
 FAILED = 3.0
-#: Probability from which on something is said; a name alone, rather than a law with the names that it may be.
-SAID = 0.95
+#: Probability from which on something is reported; a name alone, rather than a law with the names that it may be.
+CREDIBLE = 0.95
 #: The same as log odds.
-SAID_ODDS = float(np.log(SAID / (1 - SAID)))
-#: Probability, beside unknown laws, from which on several names are said, and down to which one stays: a wrong name
-#: sends somebody to the wrong part, which costs several times what an unnamed law does.
+CREDIBLE_ODDS = float(np.log(CREDIBLE / (1 - CREDIBLE)))
+#: Probability, beside unknown laws, from which on several names are reported, and down to which one is kept: a wrong
+#: name sends somebody to the wrong part, which costs several times what an unnamed law does.
 NAMED = 0.8
 #: A machine as it usually is, for what it takes before any data: effects times joints, and the whitened effort.
 USUAL_FAMILIES, USUAL_EFFORT = 120, 2000.0
 #: Difference of chi-square at which one explanation is that probable beside another.
-CLOSE = 2.0 * SAID_ODDS
+CLOSE = 2.0 * CREDIBLE_ODDS
 #: Most effects that are looked for.
 MOST = 4
 

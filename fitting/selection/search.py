@@ -134,7 +134,7 @@ class Search:
             self.limits = tuple(best_scores(rated))
         self._record(rated)
         self.open = rated
-        if _log_total(rated) < priors.SAID_ODDS:
+        if _log_total(rated) < priors.CREDIBLE_ODDS:
             return False
         best = self._at_best_shapes(rated)
         self._try(self._two_names_instead(decided(best), best))
@@ -148,7 +148,7 @@ class Search:
         """
         if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
             return choice
-        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.SAID_ODDS
+        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.CREDIBLE_ODDS
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
         half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
         for first in [r for r in names if r.score.gain > half][:WIDTH]:
@@ -157,7 +157,7 @@ class Search:
             second = self._at_best_shapes(self._beside(other, [*self.model.terms, first.term]))[:1]
             # Two names are not what the first leaves: that is held against the second once it is asked for.
             total = first.exact + sum(r.exact + r.against for r in second)
-            if second and second[0].exact > priors.SAID_ODDS and total > most:
+            if second and second[0].exact > priors.CREDIBLE_ODDS and total > most:
                 best, most = first, total
         self.candidates.follow(self.scored.model, scored.model)
         self.candidates.refresh(scored.model, self.fresh)
@@ -323,7 +323,7 @@ class Search:
             float(named_evidence(np.array([s.gain]), np.array([float(s.live)]), np.array([np.sqrt(s.gain)]))[0, 0])
             for s in (law, found)
         )
-        return found if two - np.log(found.grid) > one + priors.SAID_ODDS else law
+        return found if two - np.log(found.grid) > one + priors.CREDIBLE_ODDS else law
 
     def exchange(self) -> bool:
         """Drop a term that is not needed beside the others, or replace one that is beaten; False where none is.
@@ -384,7 +384,7 @@ class Search:
         slot, own = Slot.of(item, rated), family(item.score.term)
         self.accepted = all_
         named = isinstance(item.score.term.content, Effect)
-        choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.SAID else None
+        choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.CREDIBLE else None
         instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
         if final or instead in self.held or (choice is not None and family(choice.term) == own):
             return slot
@@ -402,7 +402,7 @@ class Search:
         """Return the findings."""
         accepted = list(self.accepted[: self.known])
         for item, slot in zip(self.accepted[self.known :], self.slots, strict=True):
-            rivals = slot.rivals(priors.SAID)
+            rivals = slot.rivals(priors.CREDIBLE)
             accepted.append(
                 replace(
                     item,
@@ -489,7 +489,7 @@ def _contending(rated: Sequence[Rated]) -> list[Rated]:
 
     They contend with nothing, and with the best of all: what is far below it remains there unless it falls.
     """
-    least = max(rated[0].log_odds, 0.0) - priors.SAID_ODDS if rated else 0.0
+    least = max(rated[0].log_odds, 0.0) - priors.CREDIBLE_ODDS if rated else 0.0
     return [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
 
 

@@ -45,11 +45,11 @@ def _behind(machine: Machine, bus: str, base: str) -> tuple[float, float] | None
     edge = [base]
     while edge and bus not in reached:
         here = edge.pop(0)
-        for told in machine.delays:
-            for other, near, sign in ((told.bus, told.behind, 1.0), (told.behind, told.bus, -1.0)):
+        for delay in machine.delays:
+            for other, near, sign in ((delay.bus, delay.behind, 1.0), (delay.behind, delay.bus, -1.0)):
                 if near == here and other not in reached:
                     seconds, variance = reached[here]
-                    reached[other] = (seconds + sign * told.seconds, variance + told.std**2)
+                    reached[other] = (seconds + sign * delay.seconds, variance + delay.std**2)
                     edge.append(other)
     if bus == base or bus not in reached:
         return None

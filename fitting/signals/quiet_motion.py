@@ -24,7 +24,7 @@ from fitting.signals.filters import FilterBank, white_noise_density
 from fitting.signals.preparation import PositionNoise, Segment
 
 #: Signal and noise over noise from which a line of the spectrum counts for the motion.
-_STANDS_OUT = 10.0
+_PROMINENT = 10.0
 #: Order of the cut, and the edge's share at which it is half way down: a line at the edge keeps 82 % of itself.
 _ORDER, _ROOM = 8, 1.1
 
@@ -61,5 +61,5 @@ def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank)
         return bank.bandwidth_hz
     frequency, power = frequency[inside], power[inside]
     noise = white_noise_density(frequency, bank.rate_hz, position_std, bank.second)
-    told = np.cumsum(power / noise - _STANDS_OUT)
-    return float(frequency[np.argmax(told)]) if told.max() > 0.0 else 0.0
+    excess = np.cumsum(power / noise - _PROMINENT)
+    return float(frequency[np.argmax(excess)]) if excess.max() > 0.0 else 0.0

@@ -39,7 +39,7 @@ _HELD = 2.5
 _WINDOW_S = 0.5
 
 
-def with_rods_as_said(
+def with_declared_rods(
     machine: Machine, recordings: Sequence[Recording]
 ) -> tuple[tuple[Recording, ...], tuple[str, ...]]:
     """Cut rows with rods unlike the role out of recordings, with a line about each that has some.

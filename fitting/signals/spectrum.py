@@ -151,12 +151,12 @@ def _smooth(basis: FloatArray, power: FloatArray) -> tuple[FloatArray, FloatArra
     roughness = np.arange(_COEFFICIENTS, dtype=float) ** 4
     coefficients = np.zeros(_COEFFICIENTS)
     coefficients[0] = np.log(power.mean())
-    told = basis.T @ basis / _LINES_A_WORD + 1e-9 * np.eye(_COEFFICIENTS)
+    information = basis.T @ basis / _LINES_A_WORD + 1e-9 * np.eye(_COEFFICIENTS)
     tau_squared, before = _TAU**2, 0.0
     while True:
         penalty = roughness / tau_squared
         coefficients = _whittle(basis, power, penalty * _LINES_A_WORD, coefficients)
-        covariance = linalg.inv(told + np.diag(penalty))
+        covariance = linalg.inv(information + np.diag(penalty))
         if abs(tau_squared - before) < 0.02 * tau_squared:
             return coefficients, covariance
         before = tau_squared

@@ -126,11 +126,11 @@ def compensated_edge(u: FloatArray, first: IntArray) -> float | None:
     u : (N,) commands, positive to the side that is asked for, as share of full
     first : (N,) place of the first sample of the stretch that each sample is in
     """
-    told = u > 0.0
-    starts = np.flatnonzero(told & ~(np.r_[False, told[:-1]] & (first == np.r_[-1, first[:-1]])))
+    positive = u > 0.0
+    starts = np.flatnonzero(positive & ~(np.r_[False, positive[:-1]] & (first == np.r_[-1, first[:-1]])))
     if not len(starts):
         return None
-    runs = np.minimum.reduceat(np.where(told, u, np.inf), starts)
+    runs = np.minimum.reduceat(np.where(positive, u, np.inf), starts)
     least = np.sort(runs[np.maximum.reduceat(u, starts) > _REST])
     if not len(least):
         return None

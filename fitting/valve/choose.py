@@ -138,7 +138,7 @@ def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chos
     """
     wide = fitted(axis, Structure(curve="monotone", stiffness=axis.has_pressures))
     wide, laws = _with_laws(axis, wide)
-    fits, steps, said = [_curved(wide)], list[tuple[Candidate, ...]](), set[str]()
+    fits, steps, reported = [_curved(wide)], list[tuple[Candidate, ...]](), set[str]()
     found, sets = list[Candidate](), list[tuple[str, ...]]()
     for _ in range(priors.MOST if loop else 0):
         named = sum(c.before**2 - c.error**2 for c in found)
@@ -147,9 +147,9 @@ def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chos
         if not tried or tried[0].probability < 0.5:
             break
         best = tried[0]
-        near = [c for c in tried[1:] if not c.reason and _alike(best, c) and c.id not in said]
+        near = [c for c in tried[1:] if not c.reason and _alike(best, c) and c.id not in reported]
         together = best.probability + sum(c.probability for c in near)
-        if together < priors.SAID or not worth(best.before, best.error) or best.id in said:
+        if together < priors.CREDIBLE or not worth(best.before, best.error) or best.id in reported:
             break
         sets.append(tuple(c.id for c in near[:2]))
         if best.law is not None:
@@ -157,7 +157,7 @@ def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chos
         fit, laws = _with_laws(axis, best.fit)
         fits.append(_curved(fit))
         found.append(best)
-        said |= {best.id, *sets[-1]}
+        reported |= {best.id, *sets[-1]}
     return Chosen(tuple(fits), laws, tuple(steps), tuple(found), tuple(sets))
 
 
@@ -175,7 +175,7 @@ def _curved(fit: Fit) -> Fit:
 def _alike(best: Candidate, other: Candidate) -> bool:
     """Return whether one is as good as the best: nearly as probable, or akin to it and nearly as good."""
     known = best.law is None and other.id in EFFECTS[best.id].confounders
-    return other.odds > best.odds - priors.SAID_ODDS or (known and other.error < ALIKE * best.error)
+    return other.odds > best.odds - priors.CREDIBLE_ODDS or (known and other.error < ALIKE * best.error)
 
 
 def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:

@@ -164,15 +164,15 @@ def moved_numbers(blocks: Sequence[Block], usual: FloatArray, error: FloatArray)
     G = np.array([own.normal for own in blocks])
     sizes = np.sqrt(np.diagonal(G, axis1=1, axis2=2))
     b = np.array([own.score for own in blocks]) - usual * sizes
-    told = np.flatnonzero(np.diag(G.sum(axis=0)) > 0.0)
-    G, b = G[:, told][:, :, told], b[:, told]
-    if len(blocks) <= 2 * len(told):
+    live = np.flatnonzero(np.diag(G.sum(axis=0)) > 0.0)
+    G, b = G[:, live][:, :, live], b[:, live]
+    if len(blocks) <= 2 * len(live):
         return []
     inverse = np.linalg.pinv(G.sum(axis=0), hermitian=True)
     d = inverse @ b.sum(axis=0)
     left = b - G @ d
-    spread = left.T @ left * len(blocks) / (len(blocks) - len(told)) + np.diag((error * sizes.sum(axis=0))[told] ** 2)
+    spread = left.T @ left * len(blocks) / (len(blocks) - len(live)) + np.diag((error * sizes.sum(axis=0))[live] ** 2)
     std = np.sqrt(np.diag(inverse @ spread @ inverse))
-    sure = sorted((own for own in range(len(told)) if abs(d[own]) > SURE * std[own]), key=lambda k: -abs(d[k]) / std[k])
-    names = [(k, STATISTICS[told[k]]) for k in sure]
+    sure = sorted((own for own in range(len(live)) if abs(d[own]) > SURE * std[own]), key=lambda k: -abs(d[k]) / std[k])
+    names = [(k, STATISTICS[live[k]]) for k in sure]
     return [Moved(name, float(d[k]), float(std[k]), NUMBERS[name.partition(".")[0]]) for k, name in names]

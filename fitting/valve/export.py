@@ -70,7 +70,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     return formats()[to](model, folder)
 
 
-def said_of(model: ValveModel) -> list[str]:
+def model_card(model: ValveModel) -> list[str]:
     """Write the model's card in lines."""
     lines = [
         f"Command of the valve of {model.joint} for a speed of its rod, made {datetime.now(UTC):%Y-%m-%d} by hilfit.",
@@ -115,7 +115,7 @@ def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
         "name": _name(model),
         "asks": list(model.asks),
         "given": ["head", "rod", "supply", "tank"],
-        "said": said_of(model),
+        "card": model_card(model),
         "neutral": dialect.number(model.neutral),
         "no_number": NO_NUMBER,
     }
@@ -162,7 +162,7 @@ def _fmu(model: ValveModel, folder: Path) -> Written:
     name, sources, held = _name(model), _c(model), io.StringIO()
     del sources[f"{name}_selftest.c"]
     csv.writer(held, lineterminator="\n").writerows([_ROW, *self_test_rows(model, chained=True)])
-    variables = [Variable(own, unit, says, "input") for own, unit, says in _INPUTS]
+    variables = [Variable(own, unit, description, "input") for own, unit, description in _INPUTS]
     variables.append(Variable("command", model.unit, "command as it is sent", "output"))
     variables.append(Variable("flags", "1", "flags, bits", "output"))
     given = ", ".join(f"in[{place}]" for place in range(len(_INPUTS)))
@@ -173,7 +173,7 @@ def _fmu(model: ValveModel, folder: Path) -> Written:
     kinds = ("ModelExchange", "CoSimulation")
     resources = {f"{name}_selftest.csv": held.getvalue()}
     unit = Unit(name, model.joint, repr(model.to_json()), kinds, tuple(variables), sources, words, None, resources)
-    return write_units(folder, [unit], model.left_out, lambda lines: said_of(replace(model, left_out=tuple(lines))))
+    return write_units(folder, [unit], model.left_out, lambda lines: model_card(replace(model, left_out=tuple(lines))))
 
 
 def _python(model: ValveModel) -> dict[str, str]:
@@ -184,7 +184,7 @@ def _st(model: ValveModel) -> dict[str, str]:
     name = _name(model)
     words = _body(model, st_words(name), "    ")
     local = [line.split(" :=")[0].strip() for line in words["lines"]]
-    words["said"] = [line.replace("*)", "* )").replace("(*", "( *") for line in words["said"]]
+    words["card"] = [line.replace("*)", "* )").replace("(*", "( *") for line in words["card"]]
     return {f"{name}.st": rendered("valve.st.j2", **words, local=local)}
 
 
@@ -192,7 +192,7 @@ def _csv(model: ValveModel) -> dict[str, str]:
     """Tabulate commands over speeds and over the drop of the direction's law, in rows."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    for line in said_of(model):
+    for line in model_card(model):
         text.write(f"# {line}\n")
     table.writerow(["direction", "speed [m/s]", "pressure drop [Pa]", f"command [{model.unit}]", "flags"])
     for way, (name, own) in enumerate(zip(WAYS, model.directions, strict=True)):

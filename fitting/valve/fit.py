@@ -85,9 +85,9 @@ class Fit:
                 ends += [max(here - step, low), min(here + step, high)]
         shapes = [{**self.shape, inside[k // 2]: end} for k, end in enumerate(ends)]
         slopes = np.diff(speeds(axis, structure, shapes, self.gains))[:, ::2] / np.diff(ends)[::2]
-        told = np.any(slopes[axis.keep], axis=0)
-        whole = np.hstack([matrix[:, [names.index(n) for n in free]], slopes[:, told]])
-        free += [name for name, own in zip(inside, told, strict=True) if own]
+        acting = np.any(slopes[axis.keep], axis=0)
+        whole = np.hstack([matrix[:, [names.index(n) for n in free]], slopes[:, acting]])
+        free += [name for name, own in zip(inside, acting, strict=True) if own]
         return tuple(free), np.where(axis.keep[:, None], whole, 0.0)
 
     @cached_property

@@ -130,7 +130,7 @@ def _of_axis(
     machine: Machine, axis: Axis, judged: Axis | None, picked: Chosen, pump: Sequence[PumpLimit]
 ) -> tuple[dict[str, Any], ValveModel]:
     peers, curve = peers_of(axis, judged or axis)
-    fit, found, handed = picked.fits[-1], picked.found, "before" if picked.refused else "model"
+    fit, found, provided = picked.fits[-1], picked.found, "before" if picked.refused else "model"
     errors: dict[str, Any] = {
         "role": "train" if judged is None else "validate",
         "unit": "of the speed's RMS",
@@ -140,7 +140,7 @@ def _of_axis(
         "speed_rms": float(np.sqrt(np.mean((judged or axis).speed[(judged or axis).keep] ** 2))),
     }
     if judged is not None and _error(fit, judged) > errors["static"]:
-        fit, handed = curve, "static"
+        fit, provided = curve, "static"
     errors["handed_out"] = _error(fit, judged)
     limits = {own.unit: _barred(own.value, (own.std, SIGMAS * own.std), own.unit) for own in pump}
     limit = limits.get("m^3/s")
@@ -155,7 +155,7 @@ def _of_axis(
         "bandwidth_hz": axis.bank.bandwidth_hz,
         "rows": {"kept": int(np.count_nonzero(axis.keep)), "all": len(axis.keep)},
         "measured": {"pressures": axis.has_pressures, "supply": axis.has_supply, "oil_temperature": axis.signals.warm},
-        "handed_out": handed,
+        "handed_out": provided,
         "delay": {**_value(fit, "delay", "s"), "profile": [list(point) for point in profile(fit)]},
         "directions": {way: _direction(fit, model, number) for number, way in enumerate(WAYS)},
         "stiffness": _stiffness(fit),

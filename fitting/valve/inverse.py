@@ -157,8 +157,8 @@ class ValveModel:
             return Command(self.neutral, 0.0, NO_NUMBER)
         pressures = {"head": head, "rod": rod, "supply": supply, "tank": tank}
         known = all(np.isfinite(pressures[name]) for name in self.asks)
-        told = {name: value if known and name in self.asks else 0.0 for name, value in pressures.items()}
-        found = inverse_graph(self, {"speed": speed, "known": known, "moving": moving, **told})
+        measured = {name: value if known and name in self.asks else 0.0 for name, value in pressures.items()}
+        found = inverse_graph(self, {"speed": speed, "known": known, "moving": moving, **measured})
         return Command(float(found["command"]), float(found["share"]), int(float(found["flags"])))
 
     def scale(self, speeds: Mapping[str, float], models: Mapping[str, ValveModel]) -> float:
@@ -230,7 +230,7 @@ def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -
     filled, emptied = (given["head"], given["rod"]) if way == 0 else (given["rod"], given["head"])
     drop = given["supply"] - filled if needs == "supply" else emptied - given["tank"]
     reference = own.drop_in if needs == "supply" else own.drop_out
-    believed = graph.binary("at_least", drop, LEAST_SHARE * reference) * given["known"]
+    trusted = graph.binary("at_least", drop, LEAST_SHARE * reference) * given["known"]
     ratio = graph.binary("max", drop, LEAST_SHARE * reference) / reference
     if own.law == "free_exponent":
         factor = graph.binary("power", ratio, own.law_shape["exponent"])
@@ -240,7 +240,7 @@ def _factor(graph: Graph, own: Direction, way: int, given: Mapping[str, Node]) -
         factor = graph.binary("power", share / (1.0 + share) * ((1.0 + whole) / whole), 0.5 / order)
     else:
         factor = graph.unary("sqrt", ratio)
-    return believed * factor + (1.0 - believed), 1.0 - believed
+    return trusted * factor + (1.0 - trusted), 1.0 - trusted
 
 
 def _opening(graph: Graph, own: Direction, speed: Node | float) -> Node:

@@ -135,8 +135,8 @@ def _directed(
 def _undirected(axis: Axis, structure: Structure, delay: float) -> dict[str, FloatArray]:
     """Compute what oil stiffness and effects add to the speed (N,), by the balance of the filled chamber."""
     signals, result = axis.signals, dict[str, FloatArray]()
-    told = delayed(signals.parts, signals.last_way, delay * axis.bank.rate_hz)
-    share = 0.5 * (1.0 + told)  # of what the head's balance says of the speed; both say the same at rest
+    delayed_way = delayed(signals.parts, signals.last_way, delay * axis.bank.rate_hz)
+    share = 0.5 * (1.0 + delayed_way)  # of what the head's balance says of the speed; both say the same at rest
     if structure.stiffness:
         head, rod = signals.rates
         left = np.clip(signals.x, 0.0, axis.cylinder.stroke)
@@ -210,8 +210,8 @@ def _by_law(axis: Axis, law: str, way: int, numbers: tuple[float, ...]) -> Float
 def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:
     """Solve nonnegative least squares for linear parameters (k,)."""
     scale = np.linalg.norm(matrix, axis=0)
-    told, scale = scale > 0, np.where(scale > 0, scale, 1.0)
+    determined, scale = scale > 0, np.where(scale > 0, scale, 1.0)
     scaled = matrix / scale
     gram = scaled.T @ scaled
     root = np.linalg.cholesky(gram + 1e-10 * np.eye(len(gram)))  # nnls of a few rows, not of thousands
-    return np.asarray(told * optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)
+    return np.asarray(determined * optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)

@@ -55,14 +55,14 @@ class Expected(RodTravel):
     speeds : m/s of the rod at :attr:`grid`, one row for each of extend and retract
     edges, delay : share of full of extend and retract, s
     rungs : of the ladder, to either side of an edge
-    told : whether a report says it
+    from_report : whether a report has it
     """
 
     speeds: FloatArray
     edges: tuple[float, float]
     delay: float
     rungs: int
-    told: bool
+    from_report: bool
 
     #: Shares of full command.
     grid = np.linspace(0.0, 1.0, 201)
@@ -174,19 +174,19 @@ def plan_valve_motions(
     for name in asked:
         if name not in names:
             raise InputError(f"joint '{name}': has no cylinder.valve; one of {', '.join(names)}")
-    told = [own.axis(level) for own in axes]
-    for known, own in zip(axes, told, strict=True):
+    commanded = [own.axis(level) for own in axes]
+    for known, own in zip(axes, commanded, strict=True):
         if own.most < max(known.edges) + _RUNGS * _STEP:
             raise InputError(
                 f"{own.axis}: a command of {own.most:.2g} of full is all that --level, its speed and its travel allow, "
                 "if it is 30 % faster than expected, and hardly moves it; give --after with a valve report"
             )
-    plans = [(f"valve-{name}", _of_axis(machine, axes, told, names.index(name))) for name in asked]
+    plans = [(f"valve-{name}", _of_axis(machine, axes, commanded, names.index(name))) for name in asked]
     if joints is None and len(axes) > 1:
-        plans.append(("valve-all", _together(axes, told)))
+        plans.append(("valve-all", _together(axes, commanded)))
     found = []
     for name, steps in plans:
-        motion = ValveMotion(machine.name, tuple(told), tuple(steps))
+        motion = ValveMotion(machine.name, tuple(commanded), tuple(steps))
         runs = [_expected_motion(machine, axes, motion, way) for way in product((1.0, FASTER), repeat=2)]
         uses: dict[tuple[str | None, str], LimitUse] = {}
         for q, qd, qdd in runs:
@@ -215,32 +215,32 @@ def _poses(machine: Machine, axes: Sequence[Expected], number: int) -> list[dict
     return [rows[k] for k in sorted({int(np.argmax(load)), int(np.argmin(load))}, key=lambda k: -abs(load[k]))]
 
 
-def _go(told: Sequence[ValveAxis], q: Mapping[str, float]) -> list[Step]:
-    return [Step("go", _PATIENCE, tuple(q[own.axis] for own in told)), _closed(told, _PAUSE)]
+def _go(commanded: Sequence[ValveAxis], q: Mapping[str, float]) -> list[Step]:
+    return [Step("go", _PATIENCE, tuple(q[own.axis] for own in commanded)), _closed(commanded, _PAUSE)]
 
 
-def _closed(told: Sequence[ValveAxis], seconds: float) -> Step:
-    return Step("hold", seconds, tuple(own.neutral for own in told))
+def _closed(commanded: Sequence[ValveAxis], seconds: float) -> Step:
+    return Step("hold", seconds, tuple(own.neutral for own in commanded))
 
 
-def _of_axis(machine: Machine, axes: Sequence[Expected], told: Sequence[ValveAxis], number: int) -> list[Step]:
-    own, axis = axes[number], told[number]
+def _of_axis(machine: Machine, axes: Sequence[Expected], commanded: Sequence[ValveAxis], number: int) -> list[Step]:
+    own, axis = axes[number], commanded[number]
 
     def alone(share: float) -> tuple[float, ...]:
-        return tuple(axis.sent(share) if other is axis else other.neutral for other in told)
+        return tuple(axis.sent(share) if other is axis else other.neutral for other in commanded)
 
     def at(pose: Mapping[str, float], away: float = 0.0) -> list[Step]:
         """Rest with the axis ``away`` m (positive: extended) from the pose."""
-        return _go(told, {**pose, own.joint.name: float(own.q(own.x(pose[own.joint.name]) + away))})
+        return _go(commanded, {**pose, own.joint.name: float(own.q(own.x(pose[own.joint.name]) + away))})
 
     steps: list[Step] = []
     for place, pose in enumerate(_poses(machine, axes, number)):
-        steps += [*at(pose), _closed(told, _REST if place == 0 else 4.0 * _PAUSE)]
+        steps += [*at(pose), _closed(commanded, _REST if place == 0 else 4.0 * _PAUSE)]
         for level in np.linspace(max(own.edges) + _RUNGS * _STEP, axis.most, _LEVELS).tolist():
             way = float(np.abs(own.speed(np.array([level, -level]))).max()) * own.held
             steps += at(pose, -0.5 * way * own.sense)
             steps += [Step("hold", own.held, alone(share)) for share in (level, -level)]
-            steps.append(_closed(told, _STOP))
+            steps.append(_closed(commanded, _STOP))
         if place > 0:
             continue
         for sign in (1.0, -1.0):
@@ -256,11 +256,11 @@ def _of_axis(machine: Machine, axes: Sequence[Expected], told: Sequence[ValveAxi
             fast = float(np.abs(own.speed(np.array([amplitude, -amplitude]))).max())
             hz = min(fast * FASTER / (np.pi * part * own.room), 0.4)  # crosses a part of the travel
             steps += [*at(pose), Step("swing", 1.0 / hz, alone(amplitude), hz)]
-            steps.append(_closed(told, _STOP))
+            steps.append(_closed(commanded, _STOP))
     return steps
 
 
-def _together(axes: Sequence[Expected], told: Sequence[ValveAxis]) -> list[Step]:
+def _together(axes: Sequence[Expected], commanded: Sequence[ValveAxis]) -> list[Step]:
     """Step all axes, signs changing like the digits of a number: each axis with and against each other."""
     middle = {own.joint.name: own.middle for own in axes}
     seconds = min(own.held for own in axes)
@@ -268,16 +268,16 @@ def _together(axes: Sequence[Expected], told: Sequence[ValveAxis]) -> list[Step]
     for number in range(8):
         size = (1.0, 0.8, 0.6)[number % 3]
         signs = [1.0 if number >> (k % 3) & 1 else -1.0 for k in range(len(axes))]
-        shares = [s * (own.edge + size * (own.most - own.edge)) for s, own in zip(signs, told, strict=True)]
+        shares = [s * (own.edge + size * (own.most - own.edge)) for s, own in zip(signs, commanded, strict=True)]
         pose = dict(middle)
         for own, share in zip(axes, shares, strict=True):
             way = float(own.speed(share * own.sense)) * seconds
             pose[own.joint.name] = float(own.q(own.x(middle[own.joint.name]) - 0.5 * way))
-        steps += _go(told, pose)
+        steps += _go(commanded, pose)
         for sign in (1.0, -1.0):
-            sent = tuple(own.sent(sign * share) for own, share in zip(told, shares, strict=True))
+            sent = tuple(own.sent(sign * share) for own, share in zip(commanded, shares, strict=True))
             steps.append(Step("hold", seconds, sent))
-        steps.append(_closed(told, _STOP))
+        steps.append(_closed(commanded, _STOP))
     return steps
 
 
@@ -332,7 +332,7 @@ def written_plan(planned: Planned, folder: Path) -> tuple[Path, Path]:
     text = rendered(
         "valve_motion.st.j2",
         name=name,
-        said=[f"The valve motion {table.name} of {planned.motion.machine}, {planned.seconds:.0f} s.", *SAFETY],
+        card=[f"The valve motion {table.name} of {planned.motion.machine}, {planned.seconds:.0f} s.", *SAFETY],
         axes=[own.axis for own in axes],
         known={one.name: [float(getattr(own, one.name)) for own in axes] for one in fields(ValveAxis)[1:]},
         steps={

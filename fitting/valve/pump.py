@@ -65,10 +65,10 @@ def pump_limits_of(fits: Sequence[Fit], kind: str) -> tuple[PumpLimit, ...]:
         return ()
     loads, asked, flow = [np.zeros(len(signals))], np.zeros(len(signals)), np.zeros(len(axes[0].speed))
     for fit, axis in zip(fits, axes, strict=True):
-        told = delayed(axis.signals.parts, axis.signals.u, fit.shape["delay"] * axis.bank.rate_hz)
+        command = delayed(axis.signals.parts, axis.signals.u, fit.shape["delay"] * axis.bank.rate_hz)
         for number, (sign, inlet, area) in enumerate(zip(SIGNS, axis.signals.inlet, axis.areas, strict=True)):
             own = direction_of(fit, number)
-            opening, part = np.maximum(sign * told - own.edge, 0.0), _SMALL * (own.largest - own.edge)
+            opening, part = np.maximum(sign * command - own.edge, 0.0), _SMALL * (own.largest - own.edge)
             loads.append(np.where(opening > 0.0, inlet, 0.0))
             asked += area * opening * own.speed(part) / max(part, 1e-9)
         flow += np.where(axis.speed > 0.0, axis.areas[0], -axis.areas[1]) * axis.speed
@@ -93,8 +93,8 @@ def pump_limits_of(fits: Sequence[Fit], kind: str) -> tuple[PumpLimit, ...]:
     )
     odds = np.array([own.odds for own in found])
     prior = float(np.log(priors.CATALOGUE / len(EFFECTS) / len(found) / priors.NOTHING))
-    said = float(log_sum(odds)) + prior > priors.SAID_ODDS
-    return tuple(own for own in found if said and own.odds > odds.max() - priors.SAID_ODDS)
+    clear = float(log_sum(odds)) + prior > priors.CREDIBLE_ODDS
+    return tuple(own for own in found if clear and own.odds > odds.max() - priors.CREDIBLE_ODDS)
 
 
 def _above(
@@ -160,11 +160,11 @@ def _mixture(
 
 def _lasting(kinds: FloatArray, shares: FloatArray) -> FloatArray:
     """Compute log densities (N,) of rows given those before: a row is of the last one's kind, or drawn anew."""
-    stays = np.array([[0.0], [0.5], [0.7], [0.8], [0.9], [0.95]])
-    state, out = np.tile(shares, (len(stays), 1)), np.empty((kinds.shape[1], len(stays)))
-    for told, own in zip(out, kinds.T, strict=True):
-        state = (stays * state + (1.0 - stays) * shares) * own
-        told[:] = state.sum(axis=1)
-        state /= told[:, None]
+    persistence = np.array([[0.0], [0.5], [0.7], [0.8], [0.9], [0.95]])
+    state, out = np.tile(shares, (len(persistence), 1)), np.empty((kinds.shape[1], len(persistence)))
+    for row, own in zip(out, kinds.T, strict=True):
+        state = (persistence * state + (1.0 - persistence) * shares) * own
+        row[:] = state.sum(axis=1)
+        state /= row[:, None]
     logs = np.log(out)
     return np.asarray(logs[:, logs.sum(axis=0).argmax()])

@@ -329,9 +329,9 @@ def _drops(axis: Axis) -> FloatArray:
     """Compute median pressure drops at each direction's inlet and outlet, over rows commanded to move."""
     drops, own = np.ones((2, 2)), axis.signals
     for way, sign in enumerate((1.0, -1.0)):
-        told = sign * own.u > 0.1 * max(axis.largest[way], 1e-9)
+        opened = sign * own.u > 0.1 * max(axis.largest[way], 1e-9)
         for place, drop in enumerate((own.supply - own.inlet[way], own.inlet[1 - way] - own.tank)):
-            values = drop[told & np.isfinite(drop)]
+            values = drop[opened & np.isfinite(drop)]
             if len(values):
                 drops[way, place] = max(float(np.median(values)), 1e5)
     return drops

@@ -91,15 +91,15 @@ class Alarms(Repository[Alarm]):
             wanted = to(last)
             if wanted is not None and (last is None or wanted.id != last.id):
                 self.put(connection, wanted)
-                self._say(connection, wanted)
+                self._publish(connection, wanted)
             elif wanted is not None:
                 self._put(connection, wanted)
 
     def _put(self, connection: sa.Connection, changed: Alarm) -> None:
         self.update(connection, **changed.columns())
-        self._say(connection, changed)
+        self._publish(connection, changed)
 
-    def _say(self, connection: sa.Connection, changed: Alarm) -> None:
+    def _publish(self, connection: sa.Connection, changed: Alarm) -> None:
         put_out(connection, "alarm", self._database.now(), changed.columns())
 
     def sweep(self) -> None:

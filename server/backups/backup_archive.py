@@ -167,8 +167,8 @@ class DailyBackups:
             self._troubles.pop("backup_failed", None)
         except Exception as error:  # of a store or a disk that is away; the next look may do better
             own = isinstance(error, HilfitError)
-            said = str(error) if own else "the log of the service says why"
-            self._troubles["backup_failed"] = f"the daily backup failed: {said}"
+            reason = str(error) if own else "the log of the service says why"
+            self._troubles["backup_failed"] = f"the daily backup failed: {reason}"
             _log.error("backup_failed", error=str(error), exc_info=None if own else error)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.acquisition.cycles import AcquisitionStatistics
-from daq.commissioning.can_questions import FoundNode, said
+from daq.commissioning.can_questions import FoundNode, described
 from daq.commissioning.check import SECONDS, MachineCheck, delays_of_frames, machine_check
 from daq.machine.machine_file import CanopenBus, Machine
 
@@ -38,7 +38,7 @@ def check_running(
         (bus["bus"], node.node): node
         for bus in statistics.buses
         for device in bus["devices"]
-        if (node := _told(device)) is not None
+        if (node := _node(device)) is not None
     }
     silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
     notes = [f"bus '{bus.name}': is listen_only, so no device was asked who it is" for bus in silent]
@@ -47,8 +47,8 @@ def check_running(
     return replace(found, delays=delays_of_frames(machine, rows))
 
 
-def _told(device: Mapping[str, Any]) -> FoundNode | None:
+def _node(device: Mapping[str, Any]) -> FoundNode | None:
     """Describe a node from its driver's requests; None for a device that was not asked."""
-    told = device.get("objects") or {}
+    objects = device.get("objects") or {}
     kind, _, number = str(device["name"]).rpartition(" ")
-    return said(int(number), told) if kind == "node" and told and number.isdigit() else None
+    return described(int(number), objects) if kind == "node" and objects and number.isdigit() else None

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 
 from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
-from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unit_doubts
+from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unusual_units
 from server.can_signals.can_signals_schemas import CanSignal
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def _used(
         offered.problems += [file.error for file in offered.files if file.error is not None]
     listed, problems = listed_in(databases, channels)
     if len(databases) == len(offered.files):
-        offered.problems += [line for _, line in (*problems, *unit_doubts(machine, listed, channels))]
+        offered.problems += [line for _, line in (*problems, *unusual_units(machine, listed, channels))]
     used: dict[tuple[str, str], list[str]] = {}
     for one in listed:
         for wanted in one.wanted:

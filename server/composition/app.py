@@ -51,8 +51,8 @@ class _Application(FastAPI):
         description = super().openapi()
         description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
         base = self.state.service.settings.base_path
-        told = "The service that this description was read from"
-        description["servers"] = [{"url": base or "/", "description": told}]
+        about = "The service that this description was read from"
+        description["servers"] = [{"url": base or "/", "description": about}]
         description["components"]["securitySchemes"] = {"token": _TOKEN}
         for path, operations in description["paths"].items():
             for method, operation in operations.items():  # what the layers around all routes answer

@@ -55,15 +55,15 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         raise StartError(f"--name {name}: use letters, digits, '-', '_' and '.', and not '{EXECUTOR}'")
     private_files()
     logs.configure()
-    told = threading.Event()
+    stopping = threading.Event()
 
     def stop(_number: int, _frame: FrameType | None) -> None:
-        told.set()
+        stopping.set()
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
     files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
-    waiting = Patience(told)
+    waiting = Patience(stopping)
     # Two of one name would both resume the same jobs.
     alone = held(
         files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"
@@ -86,19 +86,19 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
             queues=(NUMERICAL,),
         )
 
-        def said() -> str:
+        def state() -> str:
             # The lock's age tells a health check that this process lives and reaches the database.
             os.utime(files.root / f"lock-worker-{name}")
             return waiting.why or runner.host.away or "works"
 
-        presence = Heartbeat(database, f"worker-{name}", state=said)
+        presence = Heartbeat(database, f"worker-{name}", state=state)
         try:
             waiting.patiently(presence.start)
             waiting.until(lambda: runner.host.out_of_reach() or other_version(database))
             runner.start()
             _log.info("working", worker=name)
             ready()
-            told.wait()
+            stopping.wait()
         finally:
             runner.stop()
             presence.stop()

@@ -29,7 +29,7 @@ from fitting.excitation import (
     limits_of_machine,
 )
 from fitting.planning.guess import USUAL_SUPPLY, default_guess, worst_friction
-from server.platform.processes.child_speech import ended, say
+from server.platform.processes.child_speech import ended, send
 
 Progress = Callable[[float, float], None]
 _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
@@ -91,7 +91,7 @@ def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tup
     return found.motion, {
         "condition_number": found.condition_number if np.isfinite(found.condition_number) else None,
         "limits": [asdict(limit) for limit in found.limits],
-        "not_told": list(found.not_told),
+        "not_told": list(found.undetermined),
     }
 
 
@@ -104,7 +104,7 @@ def run(request: Path) -> dict[str, Any]:
         return dict(json.loads(result_file.read_text(encoding="utf-8")))
 
     def progress(share: float, _condition: float) -> None:
-        say(fraction=share, text="Designing the motion")
+        send(fraction=share, text="Designing the motion")
 
     motion, result = design(load_machine(content["machine"]), content["options"], progress)
     write_motion(output / "motion.csv", motion)

@@ -41,14 +41,14 @@ class Orders(Generic[Ordered]):
     prefix : of their ids
     label : of one to which nobody gave a label; ``{}`` is the machine
     needed : roles of which one has to be there
-    tells : what tells such an order from those of other kinds with the same content, under one key
+    kind : what distinguishes such an order from those of other kinds with the same content, under one key
     """
 
     fits: ClassVar[type[Fits[Any]]]
     prefix: ClassVar[str]
     label: ClassVar[str]
     needed: ClassVar[tuple[tuple[str, ...], ...]]
-    tells: ClassVar[tuple[str, ...]]
+    kind: ClassVar[tuple[str, ...]]
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class Orders(Generic[Ordered]):
             options=wish.options,
             created=database.now(),
         )
-        content = [*self.tells, wish.machine, [list(own) for own in wish.recordings], wish.options, wish.label]
+        content = [*self.kind, wish.machine, [list(own) for own in wish.recordings], wish.options, wish.label]
         fits: Fits[Ordered] = self.fits(database)
         known = IdempotencyKey.of(key, *content)
         return Jobs(database).order(fits, new, fits.one, self._stages(), known)
@@ -99,7 +99,7 @@ class Orders(Generic[Ordered]):
 class IdentificationOrders(Orders[Identification]):
     """Orders of identifications: something to fit, and something to judge the fit by. Normal operation may be both."""
 
-    fits, prefix, label, tells = Identifications, "idn", "Identification of {}", ()
+    fits, prefix, label, kind = Identifications, "idn", "Identification of {}", ()
     needed = (("train", "operation"), ("validate", "operation"))
 
 

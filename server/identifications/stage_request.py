@@ -52,8 +52,8 @@ class StageRequest:
 
 def words(stage: str) -> str:
     """Return what a person reads while ``stage`` runs."""
-    said = (WORDS | VALVE_WORDS).get(stage, stage.replace("_", " "))
-    return said[:1].upper() + said[1:]
+    text = (WORDS | VALVE_WORDS).get(stage, stage.replace("_", " "))
+    return text[:1].upper() + text[1:]
 
 
 def fitting_program(stages: tuple[str, ...] = STAGES) -> StageProgram:

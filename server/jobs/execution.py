@@ -69,16 +69,16 @@ class StageWork:
     process: Child
     timeout_s: float
     _starved: bool = field(default=False, init=False)
-    _told: float = field(default=-LOOK_S, init=False)
+    _recorded: float = field(default=-LOOK_S, init=False)
 
     # A database that is away does not end a stage: it goes on, and is recorded when the database is back.
 
     def progress(self, fraction: float, text: str) -> None:
         """Record its progress. Stored four times a second at most: nobody reads faster, and each is a transaction."""
         now, (index, count) = time.monotonic(), self.part
-        if now - self._told < LOOK_S or (fraction == 0.0 and text == self.words):  # said when the stage began
+        if now - self._recorded < LOOK_S or (fraction == 0.0 and text == self.words):  # recorded when the stage began
             return
-        self._told = now
+        self._recorded = now
         within = min(1.0, max(0.0, fraction))
         try:
             self.jobs.progress(self.claim.job, self.stage, (index + within) / count, text or self.words, self.claim)
@@ -152,8 +152,8 @@ class Execution:
         with host.working(self._kind):
             if host.stopping.is_set():
                 raise ServiceStopping
-            said = self._kind.words(stage)
-            if not host.patiently(lambda: host.jobs.progress(row.id, stage, part[0] / part[1], said, self._claim)):
+            shown = self._kind.words(stage)
+            if not host.patiently(lambda: host.jobs.progress(row.id, stage, part[0] / part[1], shown, self._claim)):
                 return stopped
             for attempt in range(1, ATTEMPTS + 1):
                 result = self._kept(stage, part, name)
@@ -194,13 +194,13 @@ class Execution:
 
     def _wait_for_room(self, stage: str, part: tuple[int, int]) -> bool:
         """Wait until somebody made room; False if the job was cancelled meanwhile."""
-        jobs, id, told = self._host.jobs, self._row.id, False
+        jobs, id, recorded = self._host.jobs, self._row.id, False
         while self._host.free() <= RESERVE_BYTES:
             self._host.pause(PAUSE_S)
             try:
-                if not told and not jobs.progress(id, stage, part[0] / part[1], NO_ROOM, self._claim):
+                if not recorded and not jobs.progress(id, stage, part[0] / part[1], NO_ROOM, self._claim):
                     return False
-                told = True
+                recorded = True
                 if jobs.cancelling(id, self._claim):
                     return False
             except DBAPIError as error:

@@ -57,7 +57,7 @@ class Silence:
         self._database = database
         self._clock = clock
         self._began = self._looked = clock()
-        self._heard: dict[str, tuple[str, float]] = {}
+        self._seen: dict[str, tuple[str, float]] = {}
 
     def look(self) -> None:
         """Read who was there.
@@ -71,24 +71,24 @@ class Silence:
         self._looked = now
         if deaf > SILENT_S / 2:
             self._began += deaf
-            self._heard = {executor: (word, when + deaf) for executor, (word, when) in self._heard.items()}
+            self._seen = {executor: (word, when + deaf) for executor, (word, when) in self._seen.items()}
         for row in rows:
-            if self._heard.get(row.id, ("", 0.0))[0] != row.seen:
-                self._heard[row.id] = (row.seen, now)
+            if self._seen.get(row.id, ("", 0.0))[0] != row.seen:
+                self._seen[row.id] = (row.seen, now)
 
     def silent(self, executor: str) -> bool:
         """Test whether an executor sent nothing for :data:`SILENT_S`; since we listen, if never anything."""
-        return self._clock() - self._heard.get(executor, ("", self._began))[1] > SILENT_S
+        return self._clock() - self._seen.get(executor, ("", self._began))[1] > SILENT_S
 
 
 class Heartbeat:
-    """Says now and then that this process is there, and calls ``each`` after it.
+    """Reports now and then that this process is there, and calls ``each`` after it.
 
     Parameters
     ----------
     executor : name of this process
-    each : done after every word; what it raises is logged
-    state : what it says of itself besides
+    each : done after every message; what it raises is logged
+    state : what it reports of itself besides
     """
 
     def __init__(
@@ -108,17 +108,17 @@ class Heartbeat:
 
     def start(self) -> None:
         """Start; the first message is out before this returns."""
-        self.say()
+        self.send()
         self._rounds.start()
 
     def stop(self) -> None:
         """Stop."""
         self._rounds.stop()
 
-    def say(self) -> None:
+    def send(self) -> None:
         """Log it once."""
         self._count += 1
-        # The count makes every word a new one, whatever the clock does.
+        # The count makes every message a new one, whatever the clock does.
         values = {"host": socket.gethostname(), "started": self._started, "seen": f"{self._started} {self._count}"}
         own = {
             "version": version("hilfit"),
@@ -135,5 +135,5 @@ class Heartbeat:
             connection.execute(hosts.insert().values(id=self._executor, **own))
 
     def _beat(self) -> None:
-        self.say()
+        self.send()
         self._each()

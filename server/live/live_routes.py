@@ -68,7 +68,7 @@ async def stream(socket: WebSocket, machine: OneMachine) -> None:
                 await work()
                 group.cancel_scope.cancel()  # the first that ends ends all
 
-            for work in (partial(_send, socket, client), partial(_hear, socket), client.dropped.wait):
+            for work in (partial(_send, socket, client), partial(_receive, socket), client.dropped.wait):
                 group.start_soon(run, work)
     if client.dropped.is_set():
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it may be gone by itself
@@ -81,7 +81,7 @@ async def _send(socket: WebSocket, client: Client) -> None:
             await socket.send_text(await client.next())
 
 
-async def _hear(socket: WebSocket) -> None:
+async def _receive(socket: WebSocket) -> None:
     """Return when the client has gone; nothing that it sends has any effect."""
     while (await socket.receive())["type"] != "websocket.disconnect":
         pass

@@ -60,8 +60,8 @@ class Revisions:
         """Read the store if what is known of it may be too old."""
         async with self._lock:
             number = self._changes.number
-            told = self._own is None and number != self._seen
-            if told or self._clock() >= self._until:
+            notified = self._own is None and number != self._seen
+            if notified or self._clock() >= self._until:
                 self._counters = await self._read()
                 self._seen, self._until = number, self._clock() + self._poll_s
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from daq import parse_machine
 from daq.machine.device_files import refuse_files_elsewhere
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
-from server.platform.processes.child_speech import ended, say
+from server.platform.processes.child_speech import ended, send
 
 #: What the file is called in errors: the name that it had is not known here.
 SHOWN_NAME = "machine.yaml"
@@ -34,5 +34,5 @@ def main(arguments: Sequence[str]) -> int:
     try:
         return ended(lambda: look(source, target), too_much)
     except UnicodeDecodeError:
-        say(error=f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file")
+        send(error=f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file")
         return 2

@@ -82,13 +82,13 @@ class Simulation:
                 process.stdin.write(json.dumps(order) + "\n")
                 process.stdin.flush()
             line = process.stdout.readline()
-            said = json.loads(line) if line else {"error": "its process ended; the log above says why"}
-            if "error" in said:
-                raise StartError(f"--simulate: the simulated machine does not start: {said['error']}")
+            reply = json.loads(line) if line else {"error": "its process ended; the log above says why"}
+            if "error" in reply:
+                raise StartError(f"--simulate: the simulated machine does not start: {reply['error']}")
             self._runs = True
             threading.Thread(target=self._watch, daemon=True).start()
             try:
-                yield Path(said["machine"])
+                yield Path(reply["machine"])
             finally:
                 self._runs = False
 
@@ -122,10 +122,10 @@ class Simulation:
                 line = ""
         if not line:
             raise UnavailableError("the simulated machine does not answer; restart the service")
-        said = json.loads(line)
-        if "error" in said:
-            raise InvalidError(said["error"])
-        return said["result"]
+        reply = json.loads(line)
+        if "error" in reply:
+            raise InvalidError(reply["error"])
+        return reply["result"]
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from server.monitor.followed import Efforts, Followed, Speeds
 from server.monitor.monitor_order import Order
 from server.monitor.overload_watch import OverloadWatch
 from server.monitor.residual_blocks import Windows, measured
-from server.platform.processes.child_speech import ended, say
+from server.platform.processes.child_speech import ended, send
 
 #: Seconds between two looks at the ring.
 LOOK_S = 0.25
@@ -35,11 +35,11 @@ POLL_S = 0.01
 NEAR_S = 1.0
 #: Blocks (of 2 s) after which its state is written down: what a kill costs at most.
 REMEMBER_BLOCKS = 15
-Say = Callable[[Mapping[str, Any]], None]
+Send = Callable[[Mapping[str, Any]], None]
 
 
 def watch(
-    followed: Followed, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], say: Say
+    followed: Followed, names: tuple[str, ...], order: Order, windows: Iterator[npt.NDArray[Any]], send: Send
 ) -> None:
     """Watch ``windows`` until they end; report what was found in each.
 
@@ -64,7 +64,7 @@ def watch(
             }
             for joint, unit in units.items()
         ]
-        say(
+        send(
             {
                 "state": watcher.state,
                 "joints": [{k: None if v != v else v for k, v in joint.items()} for joint in found],
@@ -92,23 +92,23 @@ def _remembered(path: Path, fresh: Watcher) -> Watcher:
 
 
 def _windows(
-    ring: RingReader, windows: Windows, overload: OverloadWatch | None, say: Say
+    ring: RingReader, windows: Windows, overload: OverloadWatch | None, send: Send
 ) -> Iterator[npt.NDArray[Any]]:
     """Yield windows of the drift's blocks; report an overload at once, the joints' margins each second."""
-    told = monotonic()
+    reported = monotonic()
     while True:
         if not ring.wait(LOOK_S, poll=POLL_S) and (ring.closed or not ring.writer_alive):
             return
         read = ring.read()
         for hit in () if overload is None else overload.push(read.rows, read.missed):
-            say({"overload": asdict(hit)})
-        if overload is not None and monotonic() - told >= NEAR_S:
-            told = monotonic()
-            say({"overload_joints": [asdict(joint) for joint in overload.nearest()]})
+            send({"overload": asdict(hit)})
+        if overload is not None and monotonic() - reported >= NEAR_S:
+            reported = monotonic()
+            send({"overload_joints": [asdict(joint) for joint in overload.nearest()]})
         yield from windows.push(read.rows, read.missed)
 
 
-def run(order: Order, say: Say) -> None:
+def run(order: Order, send: Send) -> None:
     """Load the model and watch the ring until it ends.
 
     Raises
@@ -136,14 +136,14 @@ def run(order: Order, say: Say) -> None:
     windows = Windows(followed.overlap, followed.block_samples(order.rules.block_s))
     first |= {"state": "learning", "joints": [], "drifting": [], "time": None, "delay_s": followed.delay_s}
     with RingReader(order.ring_name) as ring:
-        say(first)
-        watch(followed, names, order, _windows(ring, windows, overload, say), say)
+        send(first)
+        watch(followed, names, order, _windows(ring, windows, overload, send), send)
 
 
 def main(arguments: list[str]) -> int:
     """Run the process."""
     order = Order.from_json(Path(arguments[0]).read_text(encoding="utf-8"))
-    return ended(lambda: run(order, lambda found: say(fraction=0.0, text=json.dumps(found))))
+    return ended(lambda: run(order, lambda found: send(fraction=0.0, text=json.dumps(found))))
 
 
 if __name__ == "__main__":

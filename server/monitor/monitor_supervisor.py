@@ -171,7 +171,7 @@ class Monitors:
                 [sys.executable, "-P", "-m", "server.monitor.monitor_child", str(path)],
                 log=self._directory / f"{watch.calibration}.log",
                 timeout_s=float("inf"),
-                progress=lambda _, text: self._heard(machine, watch, json.loads(text)),
+                progress=lambda _, text: self._received(machine, watch, json.loads(text)),
                 should_stop=watch.stop.is_set,
             )
             reason = (result.error or "the acquisition ended").replace(f"{self._files.root}/", "")
@@ -185,10 +185,10 @@ class Monitors:
                 self._alarms.report(machine, kind, "", "info", False)  # nobody looks any more
             _log.warning("monitor_ended", machine=machine, reason=reason)
 
-    def _heard(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
+    def _received(self, machine: str, watch: _Watch, found: dict[str, Any]) -> None:
         """Keep what a monitor reported; report a drift or an overload that begins or ends."""
         if "overload" in found:
-            self._heard_overload(machine, watch, found["overload"])
+            self._received_overload(machine, watch, found["overload"])
             return
         if "overload_joints" in found:
             with self._lock:
@@ -217,7 +217,7 @@ class Monitors:
             except HilfitError as error:
                 self._alarms.report(machine, "recalibration_failed", str(error), "warning", True)
 
-    def _heard_overload(self, machine: str, watch: _Watch, hit: dict[str, Any]) -> None:
+    def _received_overload(self, machine: str, watch: _Watch, hit: dict[str, Any]) -> None:
         with self._lock:
             watch.found["overload"] = hit if hit["on"] else None
         if not watch.stop.is_set():

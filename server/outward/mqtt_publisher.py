@@ -140,8 +140,8 @@ class MqttPublisher:
             return
         with self._lock:
             waiting = {topic for topic, _ in self._queue}
-            standing = [entry for entry in self._newest.items() if entry[0] not in waiting]
-            self._first = deque([(f"{self._prefix}/online", b"true"), *standing])
+            retained = [entry for entry in self._newest.items() if entry[0] not in waiting]
+            self._first = deque([(f"{self._prefix}/online", b"true"), *retained])
             self._connected = True
             dropped, self._dropped = self._dropped, 0
             self._lock.notify_all()

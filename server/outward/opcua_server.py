@@ -105,7 +105,7 @@ class OpcuaServer:
         self._started = threading.Event()
         self._error: str | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._told: asyncio.Event | None = None
+        self._woken: asyncio.Event | None = None
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="opcua", daemon=True)
 
@@ -136,9 +136,9 @@ class OpcuaServer:
         self._wake()
 
     def _wake(self) -> None:
-        loop, told = self._loop, self._told
-        if loop is not None and told is not None and not loop.is_closed():
-            loop.call_soon_threadsafe(told.set)
+        loop, woken = self._loop, self._woken
+        if loop is not None and woken is not None and not loop.is_closed():
+            loop.call_soon_threadsafe(woken.set)
 
     def _run(self) -> None:
         try:
@@ -152,7 +152,7 @@ class OpcuaServer:
             self._started.set()
 
     async def _serve(self) -> None:
-        self._loop, self._told = asyncio.get_running_loop(), asyncio.Event()
+        self._loop, self._woken = asyncio.get_running_loop(), asyncio.Event()
         server = await self._made()
         async with server:
             self.port = server.bserver._server.sockets[0].getsockname()[1]  # type: ignore[union-attr]
@@ -161,8 +161,8 @@ class OpcuaServer:
             while not self._stopping:
                 while self._queue:
                     await tree.show(self._queue.popleft())
-                await self._told.wait()
-                self._told.clear()
+                await self._woken.wait()
+                self._woken.clear()
 
     async def _made(self) -> Server:
         from asyncua import ua

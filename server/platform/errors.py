@@ -43,9 +43,9 @@ class ServiceError(HilfitError):
     title: ClassVar[str] = "Internal error"
     headers: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
-    def __init_subclass__(cls, **said: Any) -> None:
+    def __init_subclass__(cls, **declared: Any) -> None:
         """Take what a kind declares of itself, in the place of what the kind above it does."""
-        for name, value in said.items():
+        for name, value in declared.items():
             setattr(cls, name, value)
 
     def __init__(self, text: str = "", code: str | None = None, **values: str | int) -> None:

@@ -105,13 +105,13 @@ class RecalibrationKind:
         return self._stages[run.stage](run, self._recalibrations.get(run.job.subject))
 
     def _record(self, run: StageRun, this: Recalibration) -> ChildResult:
-        said = False
+        reported = False
         while not self._around.recorders.acquire(blocking=False):
             if run.should_stop():
                 return ChildResult("stopped")
-            if not said:
+            if not reported:
                 run.progress(0.0, "Waiting until other machines are recorded")
-                said = True
+                reported = True
             self._around.pause(LOOK_S)
         try:
             return self._recorded(run, this)
@@ -133,15 +133,15 @@ class RecalibrationKind:
         )
         identification = self._around.identify(wish, f"recalibration {this.id}")
         self._recalibrations.note(this.id, identification=identification.id)
-        said = ""
+        shown = ""
         while (job := self._jobs.get(identification.job)).state not in FINAL:
             if run.should_stop():
                 if self._jobs.cancelling(run.job.id):
                     self._around.cancel(job.id)
                 return ChildResult("stopped")
-            if job.text != said:
-                said = job.text
-                run.progress(job.fraction, said)
+            if job.text != shown:
+                shown = job.text
+                run.progress(job.fraction, shown)
             self._around.pause(LOOK_S)
         if job.state == "cancelled":
             raise JobError(f"its identification {identification.id} was cancelled; run the schedule again")

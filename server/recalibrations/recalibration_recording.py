@@ -27,8 +27,8 @@ TRIES = 5
 LOOK_S = 0.5
 #: s that a recording is shorter than its motion: it begins a moment later, and afterwards the rods may be pinned.
 MARGIN_S = 1.0
-#: Shares of a recording at which a person is told how far it is.
-_TOLD = 20
+#: Shares of a recording at which its progress is stored.
+_STEPS = 20
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class RecordedStage:
         for number, (role, seconds, excitation) in enumerate(wanted):
             if role in found and _whole(self.recordings.get(found[role]), seconds * rate_hz):
                 continue
-            said = _Said(self.run, number / len(wanted), 1 / len(wanted))
+            progress = _Progress(self.run, number / len(wanted), 1 / len(wanted))
             for attempt in range(1, TRIES + 1):
                 if excitation is not None and controller is not None:
                     name = f"{self.this.id}-{role}-{self.machines.now().replace(':', '')}"
@@ -78,14 +78,14 @@ class RecordedStage:
                         if self.run.should_stop():
                             return None
                         self._in_time(deadline, "the simulated controller did not begin the motion")
-                        said(0.0, "The arm moves to the start of the motion")
+                        progress(0.0, "The arm moves to the start of the motion")
                         self.pause(LOOK_S)
-                begun = self._started(role, seconds, deadline, said)
+                begun = self._started(role, seconds, deadline, progress)
                 if begun is None:
                     return None
                 found[role] = begun.id
                 self.store.note(self.this.id, recordings=found)
-                ended = self._until_sealed(begun.id, seconds, said)
+                ended = self._until_sealed(begun.id, seconds, progress)
                 if ended is None:
                     return None
                 if _whole(ended, seconds * rate_hz):
@@ -93,12 +93,12 @@ class RecordedStage:
                 reason = ended.error or f"recording {ended.id} ended early"
                 if attempt == TRIES:
                     raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
-                said(0.0, f"Recording again: {reason}")
+                progress(0.0, f"Recording again: {reason}")
                 self.pause(LOOK_S)
                 self._in_time(deadline, reason)
         return found
 
-    def _started(self, role: str, seconds: float, deadline: str, said: _Said) -> RecordingRow | None:
+    def _started(self, role: str, seconds: float, deadline: str, progress: _Progress) -> RecordingRow | None:
         """Begin a recording; None if ordered to stop. Waits while the machine is away or is being recorded."""
         while True:
             try:
@@ -106,19 +106,19 @@ class RecordedStage:
                 return self.machines.start_recording(self.this.machine, role, label, seconds)
             except (ConflictError, UnavailableError) as error:
                 self._in_time(deadline, str(error))
-                said(0.0, f"Waiting: {error}")
+                progress(0.0, f"Waiting: {error}")
             if self.run.should_stop():
                 return None
             self.pause(LOOK_S)
 
-    def _until_sealed(self, id: str, seconds: float, said: _Said) -> RecordingRow | None:
+    def _until_sealed(self, id: str, seconds: float, progress: _Progress) -> RecordingRow | None:
         """Wait for the recording's end, however long it became; None if ordered to stop."""
         waited = 0.0
         while (row := self.recordings.get(id)).state == "recording":
             if self.run.should_stop():
                 self.machines.stop_recording(id)
                 return None
-            said(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
+            progress(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
             self.pause(LOOK_S)
             waited += LOOK_S
         return None if self.run.should_stop() else row
@@ -126,7 +126,7 @@ class RecordedStage:
     def _by_a_person(self, asked: str, deadline: str) -> dict[str, str] | None:
         """Wait until somebody recorded the motion as train and as validate since it was asked for."""
         motions = " and ".join(dict.fromkeys(self.this.plan.excitations))
-        said = _Said(self.run, 0.0, 1.0)
+        progress = _Progress(self.run, 0.0, 1.0)
         while True:
             found = {}
             for role in ("train", "validate"):
@@ -138,7 +138,7 @@ class RecordedStage:
                 return found
             missing = " and ".join(f"'{role}'" for role in ("train", "validate") if role not in found)
             text = f"load the motion of {motions} into the arm's controller, and record it as {missing}"
-            said(len(found) / 2, f"Waiting for a person until {deadline[:16]} UTC: {text}")
+            progress(len(found) / 2, f"Waiting for a person until {deadline[:16]} UTC: {text}")
             if self.run.should_stop():
                 return None
             self._in_time(deadline, f"nobody recorded the standard motion as {missing}; run the schedule again")
@@ -163,8 +163,8 @@ def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str |
     ]
 
 
-class _Said:
-    """Tells progress of one of several recordings, and the same only once."""
+class _Progress:
+    """Reports progress of one of several recordings, and the same only once."""
 
     def __init__(self, run: StageRun, start: float, share: float) -> None:
         self._run = run
@@ -173,7 +173,7 @@ class _Said:
         self._last: tuple[int, str] = (-1, "")
 
     def __call__(self, fraction: float, text: str) -> None:
-        now = (round(fraction * _TOLD), text)
+        now = (round(fraction * _STEPS), text)
         if now != self._last:
             self._last = now
             self._run.progress(self._start + self._share * fraction, text)

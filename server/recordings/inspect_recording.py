@@ -27,9 +27,9 @@ def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> l
     except Exception as error:
         print(f"the checks failed: {error!r}", file=sys.stderr)
         return []
-    told = for_report(found)
+    content = for_report(found)
     # The file has another name here than the one that people know it by.
-    return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in told]
+    return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in content]
 
 
 def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:

@@ -163,8 +163,8 @@ def _same_file(other: str | None) -> list[dict[str, str | None]]:
     """Report a file that is there already, in the form of what the checks find."""
     if other is None:
         return []
-    said = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}
-    return [{"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None, **said}]
+    texts = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}
+    return [{"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None, **texts}]
 
 
 def _moved(incoming: Path, target: Path) -> None:

@@ -22,8 +22,8 @@ from server.schedules.schedule_store import Schedule, Schedules
 
 #: Seconds between two looks at the clock: how late a slot may begin.
 LOOK_S = 2.0
-#: How far ahead a schedule may have come: by more, the clock was wrong and has been set right.
-AHEAD = timedelta(days=1)
+#: How far beyond the clock a schedule may have come: by more, the clock was wrong and has been set right.
+HORIZON = timedelta(days=1)
 #: Most missed slots that are written down one by one.
 KEPT = 50
 _TOGETHER = "had its turn together with a later slot"
@@ -61,7 +61,7 @@ class ScheduleClock:
 
     def _turn(self, schedule: Schedule) -> str | None:
         considered, now = datetime.fromisoformat(schedule.considered), self._now()
-        if considered > now + AHEAD:  # else it would wait for the time that the clock once showed
+        if considered > now + HORIZON:  # else it would wait for the time that the clock once showed
             self._schedules.go_back(schedule, as_stored(now))
             _log.warning("schedule_set_back", schedule=schedule.id, considered=schedule.considered)
             return None

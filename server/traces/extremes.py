@@ -20,14 +20,14 @@ class Extremes:
     ----------
     time : (M,) s, middle of the moment
     low, high : (M, n) smallest and largest finite value within it; NaN where there is none
-    doubtful : (M, n) whether some value within it was not measured when it stands there
+    flagged : (M, n) whether some value within it was not measured when it stands there
     width : s, length of a moment; 0 for rows as they are
     """
 
     time: npt.NDArray[np.float64]
     low: FloatArray
     high: FloatArray
-    doubtful: BoolArray
+    flagged: BoolArray
     width: float
 
 
@@ -61,7 +61,7 @@ def at_most(found: Extremes, start: float, end: float, moments: int) -> Extremes
     width = (end - start) / moments
     if found.width > 0:  # of whole moments: others would look as if every second one were missing
         width = math.ceil(width / found.width - 1e-9) * found.width
-    return extremes(found.time, found.low, found.high, found.doubtful, width)
+    return extremes(found.time, found.low, found.high, found.flagged, width)
 
 
 def runs(time: npt.NDArray[np.float64], marked: BoolArray, width: float) -> list[tuple[float, float]]:

@@ -79,8 +79,8 @@ class RecordedSignals:
             last = float(time[-1]) if end is None and len(time) else (end or 0.0)
             part = slice(*np.searchsorted(time, [first, np.nextafter(last, np.inf)]))
             values = np.stack([kept[f"value{n}"][part] for n in columns], axis=1)
-            doubtful = np.stack([kept[f"doubtful{n}"][part] for n in columns], axis=1)
-        found = at_most(Extremes(time[part], values, values, doubtful, 0.0), first, max(last, first + 1e-9), moments)
+            flagged = np.stack([kept[f"doubtful{n}"][part] for n in columns], axis=1)
+        found = at_most(Extremes(time[part], values, values, flagged, 0.0), first, max(last, first + 1e-9), moments)
         return about, columns, found, (first, last)
 
     def spectrum(

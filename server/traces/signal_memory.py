@@ -45,7 +45,7 @@ class _Kept:
             last = self._count - 1
             self._low[last] = np.fmin(self._low[last], new.low[0])
             self._high[last] = np.fmax(self._high[last], new.high[0])
-            self._bad[last] |= new.doubtful[0]
+            self._bad[last] |= new.flagged[0]
             first = 1
         first = max(first, len(new.time) - self._most)
         count = len(new.time) - first
@@ -53,7 +53,7 @@ class _Kept:
             self._keep(slice(self._count - (self._most - count), self._count))
             self.dropped = True
         place = slice(self._count, self._count + count)
-        self._time[place], self._bad[place] = new.time[first:], new.doubtful[first:]
+        self._time[place], self._bad[place] = new.time[first:], new.flagged[first:]
         self._low[place] = new.low[first:]
         self._high[place] = new.high[first:]  # of rows: the same once more
         self._count += count

@@ -227,7 +227,7 @@ def _text(
                 "unit": unit,
                 "low": np.ascontiguousarray(traces.low[:, column], dtype=np.float32),
                 "high": None if rows else np.ascontiguousarray(traces.high[:, column], dtype=np.float32),
-                "doubtful": runs(traces.time, traces.doubtful[:, column], traces.width),
+                "doubtful": runs(traces.time, traces.flagged[:, column], traces.width),
             }
             for column, (name, unit) in enumerate(named)
         },

@@ -57,7 +57,7 @@ class ValveFits(Fits[ValveFit]):
 class ValveOrders(Orders[ValveFit]):
     """Orders of them: whatever moved the axes, and, to judge by, another motion in the role ``validate``."""
 
-    fits, prefix, label, tells = ValveFits, "vlv", "Valves of {}", ("valve",)
+    fits, prefix, label, kind = ValveFits, "vlv", "Valves of {}", ("valve",)
     needed = (("train", "operation", "repeat", "unloaded"),)
 
 

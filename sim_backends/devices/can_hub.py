@@ -240,7 +240,7 @@ class Hub:
 
     def _on_bus(self, sender: _Client | None, identifier: int, extended: bool, data: bytes) -> None:
         if self._bus_off:
-            self._tell_error(BUS_OFF)
+            self._send_error(BUS_OFF)
             return
         self.counts["frames"] += 1
         sync = identifier == SYNC_ID and not extended
@@ -258,7 +258,7 @@ class Hub:
             head = backplane.FRAME_HEAD.pack(identifier | (extended << 31), len(data))
             self._packet(self._nodes, backplane.FRAME + head + data)
 
-    def _tell_error(self, identifier: int) -> None:
+    def _send_error(self, identifier: int) -> None:
         self._broadcast(f"< error {identifier:08X} {self._stamp()} >".encode(), None)
 
     def _broadcast(self, text: bytes, sender: _Client | None) -> None:
@@ -344,7 +344,7 @@ class Hub:
 
     def _error_frame(self, order: Order) -> None:
         """Make an error frame, as a disturbed cable gives; its identifier names the error (linux/can/error.h)."""
-        self._tell_error(int(order["identifier"]))
+        self._send_error(int(order["identifier"]))
 
     def _inject(self, order: Order) -> None:
         """Inject a frame of a stranger, to the clients only."""
@@ -355,7 +355,7 @@ class Hub:
         """Set the controller bus-off, and again after each restart as long as this lasts."""
         self._bus_off = bool(order["on"])
         if self._bus_off:
-            self._tell_error(BUS_OFF)
+            self._send_error(BUS_OFF)
 
     def _set_half_open(self, order: Order) -> None:
         """Cut the gateway's power; its connections remain; when it is back it knows none of them."""

@@ -51,9 +51,9 @@ def object_dictionary(plan: NodePlan) -> Any:
         variable.pdo_mappable = True
         variable.default = 0
         if item.signal.decimals is not None:
-            told = _variable(dictionary, f"decimals of {item.signal.channel}", *item.signal.decimals)
-            told.data_type, told.access_type = objectdictionary.UNSIGNED8, "rw"
-            told.default = told.default or DECIMALS
+            variable = _variable(dictionary, f"decimals of {item.signal.channel}", *item.signal.decimals)
+            variable.data_type, variable.access_type = objectdictionary.UNSIGNED8, "rw"
+            variable.default = variable.default or DECIMALS
     return dictionary
 
 

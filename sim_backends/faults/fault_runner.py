@@ -51,7 +51,7 @@ class FaultRunner:
     declared : its machine file
     script : what is to happen
     log : a line of JSON for everything that began or ended: ``utc_ns``, ``what`` (``begin`` or ``end``), ``fault``
-    say : told the same in words
+    show : takes the same in words
     """
 
     def __init__(
@@ -60,10 +60,10 @@ class FaultRunner:
         declared: Machine,
         script: Sequence[Fault],
         log: Path | None = None,
-        say: Callable[[str], None] = lambda line: None,
+        show: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._machine, self._declared = machine, declared
-        self._log, self._say = log, say
+        self._log, self._show = log, show
         self._stopping = threading.Event()
         # Time, a number that keeps the order of the file, the fault, and whether it begins.
         self._due = [(fault.at, number, fault, True) for number, fault in enumerate(script)]
@@ -91,19 +91,19 @@ class FaultRunner:
                 if self._stopping.wait(max(0.0, began + at - time.monotonic())):
                     return
                 (begin if begins else end)(self._machine, self._declared, fault)
-                self._tell(fault, begins)
+                self._announce(fault, begins)
                 if begins:
                     heapq.heappush(self._due, (at + fault.seconds_long, number, fault, False))
                 elif fault.every is not None:
                     heapq.heappush(self._due, (at - fault.seconds_long + fault.every, number, fault, True))
         except HilfitError as error:  # the simulated machine was switched off, or one of its processes died
-            self._say(f"faults end here: {error}")
+            self._show(f"faults end here: {error}")
 
-    def _tell(self, fault: Fault, begins: bool) -> None:
+    def _announce(self, fault: Fault, begins: bool) -> None:
         content = fault.model_dump(mode="json", by_alias=True, exclude_none=True)
         what = "begin" if begins else "end"
         details = ", ".join(f"{key} {value}" for key, value in content.items() if key not in ("fault", "at", "every"))
-        self._say(f"{content['fault']} {what}s ({details})")
+        self._show(f"{content['fault']} {what}s ({details})")
         if self._log is not None:
             with self._log.open("a", encoding="utf-8") as file:
                 file.write(json.dumps({"utc_ns": time.time_ns(), "what": what, "fault": content}) + "\n")

@@ -125,9 +125,9 @@ class Plant:
         """Set machine time to ``periods`` acquisition periods; slow effects (warming, creeping) start at 0."""
         self._elapsed = periods * self.steps.per_period
 
-    def coming(self, ahead: int) -> int:
-        """Count acquisition periods, at most ``ahead``, left of the controller's segment; all at rest."""
-        return min(ahead, self.controller.remaining // self.steps.per_period) or ahead
+    def coming(self, most: int) -> int:
+        """Count acquisition periods, at most ``most``, left of the controller's segment; all at rest."""
+        return min(most, self.controller.remaining // self.steps.per_period) or most
 
     def advance(self, periods: int) -> FloatArray:
         """Run ``periods`` acquisition periods; measured values (periods, channels) in SI, taken at their ends."""

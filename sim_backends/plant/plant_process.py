@@ -43,7 +43,7 @@ from sim_backends.plant.plant import Plant
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec
 
-AHEAD = 10  # periods computed at once: most of the cost of a period is the cost of a block
+BLOCK = 10  # periods computed at once: most of the cost of a period is the cost of a block
 DEMO = (EffectSpec("position_dependent_friction", "joint2", 220.0),)
 
 
@@ -66,8 +66,8 @@ class Served(Protocol):
         """Object with ``follow(motion, name)``, ``phase``, ``motion`` and ``pinned``."""
         ...
 
-    def coming(self, ahead: int) -> int:
-        """Count the periods, at most ``ahead``, that end with the controller doing what it does then."""
+    def coming(self, most: int) -> int:
+        """Count the periods, at most ``most``, that end with the controller doing what it does then."""
         ...
 
     def advance(self, periods: int) -> Any:
@@ -109,7 +109,7 @@ class PlantServer:
     def _compute(self) -> None:
         """Compute the next periods, at most to the end of the controller's current segment."""
         self._look_into_inbox()
-        rows = self._plant.advance(self._plant.coming(AHEAD))
+        rows = self._plant.advance(self._plant.coming(BLOCK))
         controller = self._plant.controller
         self._ready.extend(
             _Period(self._values(row), controller.phase, controller.motion, controller.pinned) for row in rows
@@ -165,7 +165,7 @@ class PlantServer:
         selector.register(self._hub, selectors.EVENT_READ)
         selector.register(orders, selectors.EVENT_READ)
         while not orders.closed:
-            idle = len(self._ready) < AHEAD // 2 and self._cycle > 0
+            idle = len(self._ready) < BLOCK // 2 and self._cycle > 0
             events = selector.select(0 if idle else None)
             for key, _ in events:
                 if key.fileobj is orders:

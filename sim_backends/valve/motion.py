@@ -71,14 +71,14 @@ class GoTo(Phase):
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
         """Compute proportional speed, the dead band added; None once all are there."""
-        told = []
+        commands = []
         for at, where, guess in zip(x, self.pose, guesses, strict=True):
             span = guess.high - guess.low
             left = guess.low + where * span - float(at)
-            told.append(0.0 if abs(left) < THERE * span else guess.command(PULL * left))
-        if time >= self.patience or not any(told):
+            commands.append(0.0 if abs(left) < THERE * span else guess.command(PULL * left))
+        if time >= self.patience or not any(commands):
             return None
-        return [float(np.clip(u, -CAUTION, CAUTION)) for u in told]
+        return [float(np.clip(u, -CAUTION, CAUTION)) for u in commands]
 
 
 @dataclass(frozen=True)
@@ -127,10 +127,10 @@ class Operator:
     def __call__(self, x: FloatArray) -> list[float]:
         """Compute commands of this cycle for pistons at ``x`` (J,) in m."""
         while not self.done:
-            told = self._phases[self._number].command(self._cycle * self._period, x, self._guesses)
+            commands = self._phases[self._number].command(self._cycle * self._period, x, self._guesses)
             self._cycle += 1
-            if told is not None:
-                return [self._within(u, float(at), g) for u, at, g in zip(told, x, self._guesses, strict=True)]
+            if commands is not None:
+                return [self._within(u, float(at), g) for u, at, g in zip(commands, x, self._guesses, strict=True)]
             self._number, self._cycle = self._number + 1, 0
         return [0.0] * len(self._guesses)
 

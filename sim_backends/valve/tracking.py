@@ -45,13 +45,13 @@ class Control:
     ----------
     inverse : makes commands of speeds
     gain : feedback Kp in 1/s
-    ahead : whether the path's speed is fed forward
-    preview : (J,) s by which it is taken ahead; None: not at all
+    feedforward : whether the path's speed is fed forward
+    preview : (J,) s by which it is taken early; None: not at all
     """
 
     inverse: Inverse
     gain: float = 2.0
-    ahead: bool = True
+    feedforward: bool = True
     preview: FloatArray | None = None
 
 
@@ -69,7 +69,7 @@ class TrueInverse:
 
     ``|y| = edge + (1 - edge) o^(1/c)`` with the opening ``o`` that lets ``|v| A`` in at the drop of the moment. A wish
     below ``quiet`` of the full speed gives 0 until it is above three times as much. With ``trusting`` a load-sensing
-    pump is believed to bring its margin once the valve opens.
+    pump is taken to bring its margin once the valve opens.
     """
 
     def __init__(self, machine: Machine, truth: ValvePlantTruth, quiet: float = 0.005, trusting: bool = True) -> None:
@@ -82,7 +82,7 @@ class TrueInverse:
 
     def __call__(self, speed: FloatArray, pressures: Pressures) -> FloatArray:
         """Compute commands (J,) for speeds (J,)."""
-        told = np.zeros(len(speed))
+        commands = np.zeros(len(speed))
         for j, valve in enumerate(self._valves):
             name, k, sign = ("head_in", 0, 1.0) if speed[j] > 0.0 else ("rod_in", 1, -1.0)
             land, p = valve.lands[name], (pressures.head if k == 0 else pressures.rod)[j]
@@ -94,8 +94,8 @@ class TrueInverse:
             drop /= (1.0 + (drop / valve.compensation) ** 4) ** 0.25
             opening = min(wanted / np.sqrt(drop / valve.nominal_drop), 0.98 * land.saturation)
             opening /= (1.0 - (opening / land.saturation) ** 4) ** 0.25
-            told[j] = sign * min(land.edge + (1.0 - land.edge) * opening ** (1.0 / land.exponent), 1.0)
-        return told
+            commands[j] = sign * min(land.edge + (1.0 - land.edge) * opening ** (1.0 / land.exponent), 1.0)
+        return commands
 
 
 def lateness(truth: ValvePlantTruth) -> FloatArray:
@@ -147,12 +147,12 @@ def track(
         for p, control in enumerate(controls):
             late = np.zeros(plant.shape[0]) if control.preview is None else control.preview
             columns = range(plant.shape[0])
-            ahead = np.array([np.interp(time[k] + late[j], time, speed[:, j], right=0.0) for j in columns])
+            shifted = np.array([np.interp(time[k] + late[j], time, speed[:, j], right=0.0) for j in columns])
             wanted = np.array([np.interp(time[k], time, path[:, j]) for j in columns])
-            v = ahead * control.ahead + control.gain * (wanted - state.x[:, p])
+            v = shifted * control.feedforward + control.gain * (wanted - state.x[:, p])
             head, rod = state.pressure[:, :, p] + noise[:, :, p]
-            told = control.inverse(v, Pressures(head, rod, float(state.supply[p]), float(state.tank[p])))
-            commands[k, :, p] = np.clip(np.nan_to_num(told), -1.0, 1.0)
+            command = control.inverse(v, Pressures(head, rod, float(state.supply[p]), float(state.tank[p])))
+            commands[k, :, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)
         for _ in range(per_cycle):
             plant.step(commands[k])
     counted = errors[round(SETTLING * rate) :]

@@ -95,13 +95,13 @@ class ValveController:
         """Return what it sends now (J,), fractions of full, positive extends, pistons at ``x`` (J,) m."""
         while self._queue:
             name, state, operator, (most, rate) = self._queue[0]
-            told = operator(x)
+            command = operator(x)
             if operator.done:
                 self._queue.popleft()
                 continue
             self.motion, self.phase = name, state
             change = rate * self._period
-            self._share = np.clip(np.clip(told, -most, most), self._share - change, self._share + change)
+            self._share = np.clip(np.clip(command, -most, most), self._share - change, self._share + change)
             return np.asarray(np.round(self._share * COMMAND_STEPS) / COMMAND_STEPS)
         if self.phase in ("following", "moving_to_start"):
             self.phase = "done"
@@ -153,9 +153,9 @@ class ValveMachine:
         self._chain = SensorChain(machine, quality, sensors)
         self.controller = ValveController(machine, guesses_of(machine, truth, guessing))
 
-    def coming(self, ahead: int) -> int:
-        """Count the periods to compute at once, of ``ahead``."""
-        return 1 if self.controller.phase in ("following", "moving_to_start") else ahead
+    def coming(self, most: int) -> int:
+        """Count the periods to compute at once, of ``most``."""
+        return 1 if self.controller.phase in ("following", "moving_to_start") else most
 
     def advance(self, periods: int) -> FloatArray:
         """Run so many periods; measured values (periods, channels) in SI at their beginnings, commands as sent then."""
@@ -163,15 +163,15 @@ class ValveMachine:
         rows = []
         for _ in range(periods):
             state = self._plant.state
-            told = self.controller.commands(state.x[:, 0])
-            now = Course(np.zeros(1), told[None], state.q.T, state.x.T, state.v.T, state.stroke.T,
+            command = self.controller.commands(state.x[:, 0])
+            now = Course(np.zeros(1), command[None], state.q.T, state.x.T, state.v.T, state.stroke.T,
                          np.moveaxis(state.pressure, 2, 0), state.supply, state.tank, state.temperature)  # fmt: skip
             rows.append([
                 float(channel_values(self._machine, now, c.quantity, names.index(c.joint) if c.joint else -1)[0])
                 for c in self._machine.channels
             ])  # fmt: skip
             for _ in range(self._per_period):
-                self._plant.step(told[:, None])
+                self._plant.step(command[:, None])
         return self._chain(np.array(rows))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.attribution import case_files
+from benchmarks.attribution import apart as separability
 from benchmarks.attribution.apart import TELLABLE, apart
 from benchmarks.attribution.making import BenchCase, TrueEffect, opened
 from benchmarks.attribution.recipe import CaseKey, Selection
@@ -64,13 +64,13 @@ def test_the_distance_from_rivals_is_stored_beside_a_cached_case(
 ) -> None:
     case = case_with("encoder_offset", "joint1", 1e-3)
     (tmp_path / f"seed0-large-0002{SHORT.text}").mkdir()
-    assert case_files.stored_apart(tmp_path, case, SHORT) is None
+    assert separability.stored_apart(tmp_path, case, SHORT) is None
 
     def again(*_: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(case_files, "apart", again)
-    assert case_files.stored_apart(tmp_path, case, SHORT) is None
+    monkeypatch.setattr(separability, "apart", again)
+    assert separability.stored_apart(tmp_path, case, SHORT) is None
 
 
 def line(sets: list[list[list[str]]], beyond: float) -> dict[str, object]:

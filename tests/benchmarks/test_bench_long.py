@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.long import FRICTION, PAYLOAD, _moment, _named, joined, picked_up
+from benchmarks.speed import FRICTION, PAYLOAD, _moment, _named, joined, picked_up
 from sim_backends.plant.cases import plan_case
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.attribution import case_files, runs, summary
-from benchmarks.attribution.judging import Said
+from benchmarks.attribution import making, runs, summary
+from benchmarks.attribution.judging import Findings
 from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
 from benchmarks.attribution.recipe import (
     KINDS,
@@ -190,8 +190,8 @@ def same(first: BenchCase, second: BenchCase) -> None:
 @pytest.mark.slow
 def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
     key = CaseKey("medium", 1, seed=4)
-    made = case_files.stored_case(tmp_path, key, SHORT)
-    same(made, case_files.stored_case(tmp_path, key, SHORT))
+    made = making.stored_case(tmp_path, key, SHORT)
+    same(made, making.stored_case(tmp_path, key, SHORT))
     same(made, make_case(key, SHORT))
     assert 5.2 < made.effects[0].seen < 11.3
 
@@ -199,11 +199,11 @@ def test_a_cached_case_is_the_case(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_an_unfinished_folder_of_the_cache_is_made_again(tmp_path: Path) -> None:
     key = CaseKey("null", 0)
-    made = case_files.stored_case(tmp_path, key, SHORT)
+    made = making.stored_case(tmp_path, key, SHORT)
     (place,) = tmp_path.iterdir()
     (place / "case.json").unlink()
     (place / "train-1.parquet").write_bytes(b"half")
-    same(made, case_files.stored_case(tmp_path, key, SHORT))
+    same(made, making.stored_case(tmp_path, key, SHORT))
 
 
 @pytest.mark.slow
@@ -248,7 +248,7 @@ def unsimulated() -> Any:
 def test_a_case_can_be_judged_at_several_bands(monkeypatch: pytest.MonkeyPatch) -> None:
     def judge(machine: Any, recordings: list[Any], bootstrap: int, bands: Any) -> Any:
         name = (("stribeck", "boom"),)
-        return [Said((), (), {}, depends=True), Said((name,), (), {}), Said((name,), (), {})][: len(bands)]
+        return [Findings((), (), {}, depends=True), Findings((name,), (), {}), Findings((name,), (), {})][: len(bands)]
 
     monkeypatch.setattr(runs, "judge", judge)
     monkeypatch.setattr(runs, "make_case", lambda key, selection: unsimulated())

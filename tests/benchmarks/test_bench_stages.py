@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.attribution.judging import recordings_of
-from benchmarks.stages import kind_of, parameter_errors, stages, truth_vector
+from benchmarks.attribution.verdicts import truth_vector
+from benchmarks.stages import kind_of, parameter_errors, stages
 from fitting.loop.session import Session
 from sim_backends.plant.cases import simulate_case
 
@@ -39,7 +40,7 @@ def test_the_truth_stands_where_the_fit_has_its_estimate(arm: str) -> None:
     case = simulate_case(arm, 3, (), seconds=30.0)  # type: ignore[arg-type]
     session = Session(case.machine, recordings_of(case.machine, case.recordings))
     fit = session.base_model.fit
-    z = (fit.theta - truth_vector(case, session.plain.design)) / fit.std
+    z = (fit.theta - truth_vector(case.machine, case.truth, session.plain.design)) / fit.std
     # Some fifty to seventy deviations of size one; a misplaced parameter is off by hundreds.
     assert np.sqrt(np.mean(z**2)) < 2.0
 

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmarks.valve import closing, judging
-from benchmarks.valve.drawing import KINDS, ValveKey, order_of
+from benchmarks.targets import silent
+from benchmarks.valve import judging, scoring
+from benchmarks.valve.drawing import KINDS, ValveKey, at_limit, floor, misfit, order_of
 from benchmarks.valve.judging import Answer, AxisAnswer, identified
+from benchmarks.valve.runs import run
 from benchmarks.valve.scoring import case_text, checks, command_errors, large, named, scored, true_delay, true_edge
-from benchmarks.valve.sight import at_limit, floor, misfit
 from daq.errors import InputError
 from daq.machine.machine_file import machine_to_yaml
 from sim_backends.plant.truth import SensorQuality
@@ -124,13 +125,13 @@ def test_a_perfect_answer_meets_every_target_and_a_wrong_one_none(tmp_path: Path
 def test_a_perfect_inverse_follows_a_path_at_a_fraction_of_the_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(closing, "SECONDS", 7.0)
+    monkeypatch.setattr(scoring, "SECONDS", 7.0)
     key = ValveKey(1, "null", 2)
     machine, truth = order_of(key)[:2]
     (tmp_path / "machine.yaml").write_text(machine_to_yaml(machine))
     (tmp_path / "truth.yaml").write_text(yaml.safe_dump(truth.to_dict()))
     answer = Answer({joint: perfect(truth, machine, joint) for joint in truth.valves})
-    errors = closing.followed(tmp_path, key, answer)
+    errors = scoring.followed(tmp_path, key, answer)
     assert errors["preview"] < 0.25 * errors["linear"] < 0.25 * errors["feedback"]
     assert errors["preview"] < errors["inverse"]
 
@@ -142,7 +143,7 @@ def test_an_axis_that_stands_is_asked_as_one_that_stands() -> None:
         asked.append((speed, head, rod, supply, tank, moving))
         return 0.3 if speed > 0.01 else 0.0
 
-    inverse = closing.inverse_of(Answer({"boom": AxisAnswer(0.0, (0.0, None), {}, {}, command=command)}))
+    inverse = scoring.inverse_of(Answer({"boom": AxisAnswer(0.0, (0.0, None), {}, {}, command=command)}))
     for speed in (0.0, 0.02, 0.02, 0.0, 0.0):
         inverse(np.array([speed]), Pressures(np.array([5.0]), np.array([2.0]), 9.0, 1.0))
     assert [moving for *_, moving in asked] == [False, False, True, True, False]
@@ -210,6 +211,12 @@ def test_a_version_without_valves_says_so_in_one_line(tmp_path: Path, monkeypatc
     monkeypatch.delattr("hilfit.identify_valve", raising=False)
     with pytest.raises(InputError, match=r"hilfit\.identify_valve is not there: .*--only-make"):
         identified(tmp_path)
+
+
+def test_results_of_something_else_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello\nworld\n")
+    with pytest.raises(InputError, match="line 1 is no result of 'hilfit bench valve'"):
+        run(1, 0, None, False, tmp_path / "notes.txt", 0, False, silent)
 
 
 def test_without_an_inverse_no_command_is_asked(tmp_path: Path) -> None:

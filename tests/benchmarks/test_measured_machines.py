@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.measured import DATA, MACHINES, emps, figures, run, seals, staubli
+from benchmarks.measured import DATA, MACHINES, emps, page, run, seals, staubli
 from benchmarks.measured.seals import Pressure
 from benchmarks.measured.stacks import refitted, relative
 from daq.machine.machine_file import load_machine, parse_machine
@@ -91,11 +91,11 @@ def test_the_loop_names_pressure_dependent_friction(seal: str, tmp_path: Path) -
 
 
 def test_what_is_absent_is_said_and_skipped(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    outcome = run(tmp_path / "nothing", page)
+    written = tmp_path / "page.md"
+    outcome = run(tmp_path / "nothing", written)
     assert not outcome.checks
     assert len(outcome.notes) == len(MACHINES) and all("skipped" in note for note in outcome.notes)
-    assert page.read_text(encoding="utf-8").startswith("# Measured machines")
+    assert written.read_text(encoding="utf-8").startswith("# Measured machines")
     assert len(run(tmp_path / "nothing", only="emps").notes) == 1
 
 
@@ -132,7 +132,7 @@ def test_the_weighted_line_and_its_standard_deviation() -> None:
 @pytest.mark.slow
 def test_figures_do_not_depend_on_the_day() -> None:
     x = np.linspace(-1, 1, 500)
-    first, second = (figures.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
+    first, second = (page.residuals(x, np.sin(9 * x), 0.1 * x, "speed [m/s]", "N") for _ in range(2))
     assert first == second
     assert "speed [m/s]" in first and "<metadata>" not in first
     assert len(first) < 150_000

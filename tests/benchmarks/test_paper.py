@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.paper import page
-from benchmarks.paper.figures import curve
-from benchmarks.paper.runs import PUBLISHED_STD, ArmRun, Claims, CylinderRun, checks, rank
-from benchmarks.paper.stribeck import StribeckRun
+from benchmarks.paper.page import curve
+from benchmarks.paper.runs import PUBLISHED_STD, ArmRun, Claims, CylinderRun, StribeckRun, checks, rank
 from sim_backends.machines import folding_arm, slewing_arm
 
 NAMES = ("m", "K", "f_c", "f_v", "f_s")

@@ -291,7 +291,7 @@ def a_modbus_answer_is_good_only_if_it_is_that_to_the_question() -> Iterator[Che
                 return made
 
             echo.answer = answer
-            connection._doubtful.clear()
+            connection._suspect.clear()
             found = connection.read(3, "holding", 0, 4)
             connection.close()
             if found.good:

@@ -11,7 +11,7 @@ import pytest
 from daq.drivers.base import DriverContext
 from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.port import DOUBTFUL_S, CanPort
+from daq.drivers.can.port import UNCERTAIN_S, CanPort
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanBus, CanopenBus
 
@@ -111,9 +111,9 @@ class Thread:
         for moment, stamp in zip(at, stamps, strict=True):
             if moment > self._now:
                 before = self._now
-                while self.times.doubtful and before + DOUBTFUL_S < moment:
+                while self.times.uncertain and before + UNCERTAIN_S < moment:
                     self.times.nothing_at(round(before * NS))
-                    before += DOUBTFUL_S + self._random.expovariate(1 / 50e-6)
+                    before += UNCERTAIN_S + self._random.expovariate(1 / 50e-6)
                 self.times.nothing_at(round(min(before, moment) * NS))
                 kept, self.kept_s = self.kept_s, 0.0
                 self._now = max(before, moment) + self._random.expovariate(1 / 50e-6) + kept
@@ -126,7 +126,7 @@ class Thread:
 @pytest.mark.parametrize("step", [0.0, 0.3, -0.3, 60.0, -60.0])
 def test_times_that_may_be_wrong_are_known_to_be(step: float) -> None:
     """What waits when a bus is opened, or when its clock is set, is told from nothing: no time is right by chance."""
-    doubtful = wrong_but_doubtful = 0
+    uncertain = wrong_but_uncertain = 0
     for seed in range(40):
         random_ = random.Random(seed)
         thread = Thread(random_)
@@ -140,9 +140,9 @@ def test_times_that_may_be_wrong_are_known_to_be(step: float) -> None:
             sure = [one >= thread.times.sure_ns for one in came]
             assert all(error <= MOST for error, known in zip(off, sure, strict=True) if known)
             assert all(sure) or cycle in (1, 20)  # one cycle, no more
-            doubtful += not all(sure)
-            wrong_but_doubtful += max(off) > MOST
-    assert 0 < wrong_but_doubtful <= doubtful
+            uncertain += not all(sure)
+            wrong_but_uncertain += max(off) > MOST
+    assert 0 < wrong_but_uncertain <= uncertain
 
 
 @pytest.mark.parametrize("step", [0.01, -0.01])
@@ -163,7 +163,7 @@ def test_a_bus_on_which_little_comes_is_sure_of_its_times() -> None:
         (came,) = thread.burst([float(second)], [1.7e9 + second * (1 + 1e-4)])
         assert abs(came / NS - second) <= MOST
         assert came >= thread.times.sure_ns or second == 1
-        assert not thread.times.doubtful or second == 1
+        assert not thread.times.uncertain or second == 1
 
 
 def test_a_gateway_that_hands_on_some_frames_late_does_not_move_the_others() -> None:

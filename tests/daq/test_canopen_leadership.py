@@ -87,17 +87,17 @@ class Frames(RuleBasedStateMachine):
     @rule(frame=st.sampled_from(SIGNS))
     def a_foreign_frame(self, frame: tuple[int, bytes]) -> None:
         self.foreign = True
-        self.leadership.heard(*frame, self.now)
+        self.leadership.received(*frame, self.now)
         assert self.leadership.state is State.GUEST
 
     @rule(identifier=st.integers(0x701, 0x77F))
     def node_guarding(self, identifier: int) -> None:
         self.foreign = True
-        self.leadership.heard(identifier, b"", self.now, remote=True)
+        self.leadership.received(identifier, b"", self.now, remote=True)
 
     @rule(frame=st.sampled_from(INNOCENT))
     def an_innocent_frame(self, frame: tuple[int, bytes]) -> None:
-        self.leadership.heard(*frame, self.now)
+        self.leadership.received(*frame, self.now)
 
     @rule(identifier=st.sampled_from([0x080, 0x000, 0x605]), command=st.sampled_from([0x01, 0x02, 0x80]))
     def we_send(self, identifier: int, command: int) -> None:
@@ -118,9 +118,9 @@ class Frames(RuleBasedStateMachine):
     @rule()
     def our_node_says_what_we_made_it(self) -> None:
         """Neither what it does by our command nor its answers to us are another master's."""
-        self.leadership.heard(0x700 + OWN, bytes((self.state,)), self.now)
+        self.leadership.received(0x700 + OWN, bytes((self.state,)), self.now)
         if self.leadership.state is State.LEADING and self.state == OPERATIONAL:
-            self.leadership.heard(0x180 + OWN, bytes(4), self.now)
+            self.leadership.received(0x180 + OWN, bytes(4), self.now)
 
     @invariant()
     def a_guest_only_by_a_foreign_frame(self) -> None:
@@ -150,7 +150,7 @@ def test_a_state_that_we_did_not_ask_for_is_another_masters() -> None:
     command(made, 0x01)
     for number, state in enumerate((0x7F, 0x05, 0x05, 0x7F, 0x05, 0x7F, 0x7F)):  # the first: from before the command
         now[0] += 100_000_000
-        assert made.heard(0x705, bytes((state,)), now[0]) == (number == 6)
+        assert made.received(0x705, bytes((state,)), now[0]) == (number == 6)
     assert "did not ask for (0x705)" in made.reason
 
 
@@ -159,18 +159,18 @@ def test_a_node_that_boots_or_fails_changes_its_state_by_itself(why: tuple[int, 
     made, now = leader()
     made.lead()
     command(made, 0x01)
-    made.heard(0x705, b"\x05", now[0] + 1)
-    made.heard(*why, now[0] + 2)
+    made.received(0x705, b"\x05", now[0] + 1)
+    made.received(*why, now[0] + 2)
     for number in range(5):
-        made.heard(0x705, b"\x7f", now[0] + 3 + number)
+        made.received(0x705, b"\x7f", now[0] + 3 + number)
     assert made.state is State.LEADING and made.excused(OWN)
 
 
 def test_what_an_earlier_run_started_is_no_sign() -> None:
     made, _ = leader(started=(OWN,))
-    made.heard(0x705, b"\x05", 1)
+    made.received(0x705, b"\x05", 1)
     assert made.state is State.LISTENING
-    made.heard(0x185, bytes(4), 1)  # but nobody asked for this one
+    made.received(0x185, bytes(4), 1)  # but nobody asked for this one
     assert made.state is State.GUEST
 
 

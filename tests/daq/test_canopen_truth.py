@@ -139,16 +139,16 @@ def test_in_any_order_of_delays_a_tpdo_is_credited_to_its_own_sync(delays: list[
             assert made.latest is not None
             assert struct.unpack("<I", made.latest.data)[0] == number == made.latest.cycle
             assert made.latest.at_ns - made.latest.sync_ns == (k - number) * NS + 1000
-    assert made.surplus == 0 and not made.in_doubt
+    assert made.surplus == 0 and not made.ambiguous
 
 
 def test_beyond_what_can_be_counted_nothing_is_fresh() -> None:
     made, _ = tpdo()
     for k in range(UNANSWERED):
         made.asked(k, k)
-    assert not made.in_doubt
+    assert not made.ambiguous
     made.asked(UNANSWERED, UNANSWERED)
-    assert made.in_doubt
+    assert made.ambiguous
 
 
 def test_later_than_half_a_period_is_late(bench: Bench) -> None:
@@ -489,9 +489,9 @@ def test_an_answer_that_comes_after_it_was_given_up_never_passes_for_fresh() -> 
     tpdo.give_up()
     tpdo.asked(2, 20)
     tpdo.receive(bytearray(4), 21)  # which of the two it answers nobody knows
-    assert tpdo.latest is not None and tpdo.in_doubt
+    assert tpdo.latest is not None and tpdo.ambiguous
     tpdo.forget()  # started anew
     tpdo.asked(3, 30)
     tpdo.receive(bytearray(4), 31)
     tpdo.give_up()  # nothing is due
-    assert not tpdo.in_doubt
+    assert not tpdo.ambiguous

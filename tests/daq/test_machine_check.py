@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from daq.commands import cli_machine
 from daq.machine.machine_check import Checked, check_machine
 from daq.machine.machine_file import parse_machine
-from daq.machine.plausible import doubts
+from daq.machine.plausible import unusual_values
 from daq.machine.travel import travel_of
 
 #: Keys that plausibility looks at.
@@ -214,8 +214,8 @@ def test_text_that_is_no_machine_file(tmp_path: Path) -> None:
 )
 @settings(max_examples=80, deadline=None)
 def test_malformed_content_is_passed_over(content: Any) -> None:
-    found = list(doubts(content if isinstance(content, dict) else {"joints": content, "channels": content}))
-    assert all(doubt.text and doubt.cure for doubt in found)
+    found = list(unusual_values(content if isinstance(content, dict) else {"joints": content, "channels": content}))
+    assert all(unusual.text and unusual.cure for unusual in found)
 
 
 def test_travel_is_that_of_the_linkage() -> None:

@@ -200,7 +200,7 @@ def test_validate_gain_is_the_fall_of_the_whitened_chi_square() -> None:
     seen = on_validate(before, after, session.plain.validate)
     assert seen.gain == pytest.approx(gain)
     # The effect is right: it helps by what was to be expected of it.
-    assert abs(seen.short) < 4 and seen.tells and not seen.refutes
+    assert abs(seen.short) < 4 and seen.has_power and not seen.refutes
     # Its density knows the noise and the parameters, which cost a few units of chi-square beside a plug-in.
     assert 0.8 * gain < seen.predicted < gain + 5.0 and seen.entered
 

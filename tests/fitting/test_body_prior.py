@@ -182,7 +182,7 @@ def test_what_the_rows_cannot_tell_is_the_priors() -> None:
     found = RidgeTowardPrior(prior=prior_of([1.0, 2.0, 7.0], [1.0, 1.0, 0.5]), names=("a", "b", "c")).fit(A, b)
     # The missing 2 are shared alike, because both are believed alike.
     assert found.theta == pytest.approx([2.0, 3.0, 7.0], abs=0.01)
-    assert found.std[2] == pytest.approx(0.5) and found.told.all()
+    assert found.std[2] == pytest.approx(0.5) and found.determined.all()
     assert found.details["told_by_data"]["c"] == pytest.approx(0.0, abs=1e-9)
 
 

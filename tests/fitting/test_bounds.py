@@ -158,5 +158,5 @@ def test_a_parameter_that_would_be_impossible_is_held_at_zero_in_the_refit() -> 
     held = Term(term.content, 1, term.shape, held=(1,))
     model = fit_model(base.design, base.noise, base.fitted, [held], session.prior)
     part = model.term_slice(0)
-    assert model.fit.told[part].tolist() == [True, False] and model.fit.theta[part][1] == 0.0
+    assert model.fit.determined[part].tolist() == [True, False] and model.fit.theta[part][1] == 0.0
     assert base.fit.chi_square - model.fit.chi_square == pytest.approx(free.gain, rel=1e-6)

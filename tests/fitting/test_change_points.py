@@ -234,7 +234,7 @@ def test_what_every_run_of_a_motion_has_at_one_phase_is_no_change_in_time(
 ) -> None:
     session = stepped(recordings, 60.0)
     signals = SessionSignals(session, Corrections(session.machine))
-    explained = session.handed_base.weights == "whitened"
+    explained = session.weighted_base.weights == "whitened"
     found = [c for c in changes(session.base_model, signals.prepared(()).pairs, explained) if c.joint == 0]
     assert bool(found) is said
     if said:

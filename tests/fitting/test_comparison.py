@@ -9,7 +9,7 @@ import pytest
 from synthetic_arm import clean_session, exact_design, planar_machine, truth
 
 from fitting.arm.base_parameters import condition_number
-from fitting.pipeline.comparison import compare, cylinder_conditions, said, stage_condition
+from fitting.pipeline.comparison import compare, cylinder_conditions, in_words, stage_condition
 from fitting.pipeline.results.stage_results import Stacked
 
 
@@ -106,10 +106,10 @@ def outcome(one_shot: list[float], unloaded: list[float] | None = None, **condit
     ],
 )
 def test_the_words_follow_the_numbers(result: dict[str, Any], says: str) -> None:
-    assert says in said(result)
+    assert says in in_words(result)
 
 
 def test_where_there_is_nothing_to_compare_it_says_so() -> None:
     result = outcome([0.0, 0.0])
     result["against"]["one_shot"] = {"change_percent": None, "ci95_percent": None}
-    assert said(result).endswith("There is no error to compare.")
+    assert in_words(result).endswith("There is no error to compare.")

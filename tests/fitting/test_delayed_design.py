@@ -170,7 +170,7 @@ def test_a_delay_is_judged_on_the_validation_motion_without_what_smoothing_does_
     assert true > 50
     assert found.gain == pytest.approx(true, rel=0.2)
     assert abs(found.short) < 3.0
-    assert found.tells
+    assert found.has_power
     # Half a sample too early or too late costs the same: nothing speaks for either.
     _, _, nothing = seen(in_time, 0.5 * sample)
     assert abs(nothing.gain) < 0.1 * true

@@ -25,7 +25,7 @@ from fitting.planning.detection import Visibility, typical_terms, visibilities, 
 from fitting.planning.forecast import forecast, forecast_to_json, white_noise
 from fitting.planning.guess import default_guess
 from fitting.regression.design import whitened
-from fitting.regression.identifiability import Telling, parameter_sizes, statement, tellings
+from fitting.regression.identifiability import ParameterVerdict, parameter_sizes, parameter_verdicts, statement
 from fitting.regression.prior import mass_prior, with_prior
 from fitting.regression.solving import solve
 from fitting.residual.terms import Term, extra_columns
@@ -162,7 +162,7 @@ def test_a_forecast_agrees_with_what_the_recordings_then_show():
     recorded = sight(session, [v.term for v in found.visibilities if v.term.id not in MOVED])
     for seen in recorded:
         assert planned[seen.term.family] == pytest.approx(seen.surviving, abs=0.12), seen.term.family
-    assert {t.name for t in found.tellings} == set(session.base_model.design.parameters.names)
+    assert {t.name for t in found.verdicts} == set(session.base_model.design.parameters.names)
 
 
 #: Effects whose shape means another thing on another set of forces or recordings.
@@ -200,14 +200,14 @@ def test_white_noise_is_as_large_as_asked_and_white_in_the_band():
 # --- identifiability ----------------------------------------------------------------------------------------------
 
 
-def named(found: tuple[Telling, ...]):
+def named(found: tuple[ParameterVerdict, ...]):
     return {telling.name: telling for telling in found}
 
 
 def test_a_training_session_tells_everything_but_the_moving_masses():
     session = clean_session()
     model = session.base_model
-    found = tellings(model.design, model.noise, model.fitted, model.fit.theta, model.prior)
+    found = parameter_verdicts(model.design, model.noise, model.fitted, model.fit.theta, model.prior)
     assert [t.name for t in found] == list(model.design.parameters.names)
     np.testing.assert_allclose([t.std for t in found], model.fit.std[: len(found)], rtol=1e-6)
     verdicts = {t.name: t.verdict for t in found}
@@ -219,7 +219,7 @@ def test_a_joint_that_stood_still_is_not_told_and_the_other_one_is():
     machine, arm = planar_machine(2), truth(2)
     session = make_session(machine, arm, [("operation", 2)], moving=[1])
     model = session.base_model
-    found = named(tellings(model.design, model.noise, model.fitted, model.fit.theta, session.prior))
+    found = named(parameter_verdicts(model.design, model.noise, model.fitted, model.fit.theta, session.prior))
     assert found["joint1.f_c"].verdict == "not told"
     assert found["joint1.f_c"].std == np.inf
     assert found["joint2.f_c"].verdict == "told"
@@ -232,7 +232,7 @@ def test_a_joint_that_stood_still_is_not_told_and_the_other_one_is():
 def test_without_a_prior_nothing_is_assumed():
     session = clean_session()
     model = session.base_model
-    found = tellings(model.design, model.noise, model.fitted, model.fit.theta)
+    found = parameter_verdicts(model.design, model.noise, model.fitted, model.fit.theta)
     assert "assumed" not in {t.verdict for t in found}
 
 
@@ -265,11 +265,11 @@ def test_a_plan_tells_what_its_recording_then_tells():
     base = reduce_parameters(machine)
     session = make_session(machine, arm, [("train", 2)])
     model = session.base_model
-    recorded = named(tellings(model.design, model.noise, model.fitted, model.fit.theta, mass_prior(machine)))
+    recorded = named(parameter_verdicts(model.design, model.noise, model.fitted, model.fit.theta, mass_prior(machine)))
     guess = replace(
         default_guess(machine, base), base=base.from_standard(arm.pi), drive=tuple(arm.drive), noise=model.noise.std
     )
-    planned = named(forecast(machine, base, plan(machine, [("train", 2)]), guess, []).tellings)
+    planned = named(forecast(machine, base, plan(machine, [("train", 2)]), guess, []).verdicts)
     for name, telling in recorded.items():
         if np.isfinite(telling.std):
             assert planned[name].std == pytest.approx(telling.std, rel=0.5), name

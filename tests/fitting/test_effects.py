@@ -295,7 +295,7 @@ def test_an_effect_that_was_put_in_is_found_with_joint_and_size(case: Case) -> N
     part = attribution.model.term_slice(0)
     values, covariance = attribution.model.fit.theta[part], attribution.model.fit.covariance[part, part]
     assert attribution.model.fit.std[part] == pytest.approx(np.sqrt(np.diag(covariance)))
-    told = attribution.model.fit.told[part]
+    told = attribution.model.fit.determined[part]
     assert np.all(values[~told] == 0), "a parameter that this shape does not have"
     values, true = values[told], np.array(case.values)[told]
     off = np.abs(values - true) / attribution.model.fit.std[part][told]

@@ -120,7 +120,7 @@ def test_each_estimator_recovers_the_base_parameters_within_its_deviations(name:
     else:
         found = identify_rigid_body(design, identify_cylinders(design, session.plain.noise, session.prior), own)
     base = design.parameters.base_slice
-    assert found.estimator == name and found.told.all()
+    assert found.estimator == name and found.determined.all()
     z = (found.theta - truth(2).theta(session.machine))[base] / found.std[base]
     # Six parameters that hang together: a root mean square above 2.2 has a chance below one in a thousand.
     assert np.sqrt(np.mean(z**2)) < 2.2

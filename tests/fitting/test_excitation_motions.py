@@ -78,7 +78,7 @@ def test_the_reported_condition_number_is_that_of_the_motion():
     assert found.own_condition_number == found.condition_number
     np.testing.assert_allclose(found.information, W.T @ W, rtol=1e-10, atol=1e-10 * np.abs(found.information).max())
     np.testing.assert_allclose(information_of(machine, base, found.motion), found.information, rtol=1e-2)
-    assert found.not_told == ()
+    assert found.undetermined == ()
 
 
 @pytest.mark.slow
@@ -114,9 +114,9 @@ def test_a_second_motion_complements_the_first():
     # A first motion of one joint only leaves parameters open; the second, of the others too, tells them.
     start = design_motion(machine, base, options=QUICK, joints=["joint3"])
     assert start.own_condition_number == np.inf
-    assert {"ZZ1", "ZZ2"} <= set(start.not_told)
+    assert {"ZZ1", "ZZ2"} <= set(start.undetermined)
     rest = design_motion(machine, base, options=QUICK, gathered=start.information)
-    assert rest.not_told == ()
+    assert rest.undetermined == ()
     assert np.isfinite(rest.condition_number)
 
 
@@ -248,5 +248,5 @@ def test_a_planar_arm_lying_flat_tells_what_it_can():
     base = reduce_parameters(machine)
     assert len(base) == len(reduce_parameters(lying)) == 7
     found = design_motion(machine, base, options=QUICK)
-    assert found.not_told == ()
+    assert found.undetermined == ()
     assert information(base_regressor(machine, base, *np.zeros((3, 5, 3)))).shape == (7, 7)

@@ -146,7 +146,7 @@ def test_a_law_is_fitted_as_smooth_as_its_evidence_expects(monkeypatch: pytest.M
         for own in (None, rows)
     )
     part = smooth.term_slice(0)
-    assert not free.fit.told[part].all() and smooth.fit.told[part].all()
+    assert not free.fit.determined[part].all() and smooth.fit.determined[part].all()
     values = smooth.fit.theta[part]
     assert np.diff(values, n=2)[-4:] == pytest.approx(0.0, abs=1e-6 * np.abs(values).max())
     assert [len(own) for own in smooth.fit.residual] == [len(own) for own in model.fit.residual]

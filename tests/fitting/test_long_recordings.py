@@ -110,7 +110,7 @@ def test_the_joint_fit_is_that_of_all_rows_at_once(dense: Design, stored: Design
     first, second = (fit_rows(d, noise, (0, 1, 2), None, prior)[0] for d in (dense, stored))
     assert np.allclose(first.theta, second.theta, rtol=1e-9)
     assert np.allclose(first.covariance, second.covariance, rtol=1e-8, atol=1e-12 * first.covariance.max())
-    assert np.array_equal(first.told, second.told)
+    assert np.array_equal(first.determined, second.determined)
     assert first.condition_number == pytest.approx(second.condition_number, rel=1e-9)
     assert [len(r) for r in first.residual] == [len(r) for r in second.residual]
     assert first.chi_square == pytest.approx(second.chi_square, rel=1e-9)
@@ -137,7 +137,7 @@ def test_stage_two_is_ordinary_least_squares_of_all_rows(dense: Design, stored: 
         colour,  # type: ignore[arg-type]
     )
     assert np.allclose(found.theta, expected.theta, rtol=1e-9)
-    assert np.array_equal(found.told, expected.told)
+    assert np.array_equal(found.determined, expected.determined)
     assert found.condition_number == pytest.approx(expected.condition_number, rel=1e-9)
     assert np.allclose(found.residual_std, spread.residual_std, rtol=1e-9)
     # The window of `hac` is chosen from the scores in the basis at hand, whose order rounding decides.
@@ -198,7 +198,7 @@ def test_a_long_session_finds_what_a_short_one_finds(monkeypatch: pytest.MonkeyP
     assert long.long and long.bank.bandwidth_hz == pytest.approx(bandwidth, rel=0.05)
     long.require_excitation()
     second = long.base_model.fit
-    assert np.array_equal(first.told, second.told)
+    assert np.array_equal(first.determined, second.determined)
     # The noise is heard on half as long stretches, so rows weigh a little otherwise.
     assert np.all(np.abs(first.theta - second.theta) < first.std)
     assert np.all((second.std / first.std > 0.5) & (second.std / first.std < 2.0))

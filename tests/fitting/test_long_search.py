@@ -17,7 +17,7 @@ from daq.recordings.recording import Recording
 from daq.scratch import Scratch
 from fitting.arm.dynamics import rigid_body_regressor
 from fitting.effects import effect
-from fitting.loop.everything import held_against_everything, renumbered, said, with_best_shapes
+from fitting.loop.everything import held_against_everything, renumbered, search_note, with_best_shapes
 from fitting.loop.refits import SessionSignals
 from fitting.loop.residual_loop import attributed, run_attribution
 from fitting.loop.search_pieces import _level, choose_pieces, thinned
@@ -228,7 +228,7 @@ def test_an_effect_is_found_on_pieces_and_fitted_to_everything(hour: list[Record
     search = session.search
     assert session.long and not search.whole and search.pieces > 4
     assert search.session.bank.bandwidth_hz == session.bank.bandwidth_hz
-    assert search.seconds < 0.4 * search.of_seconds and "pieces" in said(search)
+    assert search.seconds < 0.4 * search.of_seconds and "pieces" in search_note(search)
     corrections = Corrections(MACHINE)
     pieces = run_attribution(search.session, corrections)
     found = attributed(session, corrections)

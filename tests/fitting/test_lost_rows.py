@@ -13,7 +13,7 @@ from synthetic_arm import RATE, clean_session, make_recordings, planar_machine, 
 from daq.errors import RecordingError
 from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
-from fitting.regression.design import told_rows
+from fitting.regression.design import measured_rows
 from fitting.regression.noise import pair_repeats
 from fitting.signals.filters import filter_bank
 from fitting.signals.lost_rows import bridged, hidden, with_lost_rows
@@ -128,8 +128,8 @@ def test_rows_beside_what_hides_have_no_weight_and_beside_a_single_one_they_do()
     single, long = np.zeros(len(segment), dtype=bool), np.zeros(len(segment), dtype=bool)
     single[::7] = True
     long[900:908] = True
-    assert told_rows(bank, replace(segment, bridged=single)).all()
-    told = told_rows(bank, replace(segment, bridged=long))
+    assert measured_rows(bank, replace(segment, bridged=single)).all()
+    told = measured_rows(bank, replace(segment, bridged=long))
     middles = bank.half + bank.decimation * np.arange(len(told))
     assert not told[np.abs(middles - 904) < 4].any()
     assert told[np.abs(middles - 904) > 40].all()

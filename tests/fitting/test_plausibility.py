@@ -29,7 +29,7 @@ def with_negative_inertia(model: Model) -> tuple[Model, int]:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return clean_session().handed_base.model
+    return clean_session().weighted_base.model
 
 
 def changed(model: Model, **values: float) -> Model:
@@ -50,7 +50,7 @@ def test_a_healthy_arm_is_possible(model: Model) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_healthy_arms_are_possible_whatever_the_noise(seed: int) -> None:
     session = make_session(planar_machine(2), truth(2, seed=20 + seed), seed=seed, seconds=30.0)
-    assert plausibility(session.handed_base.model).violations == ()
+    assert plausibility(session.weighted_base.model).violations == ()
 
 
 def test_the_true_parameters_are_at_no_distance(model: Model) -> None:

@@ -113,7 +113,7 @@ def test_links_exist_and_no_drive_drives_whatever_was_measured(seed: int, span: 
 
 def test_a_motion_that_tells_all_leaves_next_to_nothing_to_the_prior() -> None:
     session = clean_session()
-    base, rows = session.handed_base, EffortRows(session.plain.design, session.plain.fitted)
+    base, rows = session.weighted_base, EffortRows(session.plain.design, session.plain.fitted)
     free, std = rows.least_squares(session.prior), base.model.fit.std
     assert np.max(np.abs(base.tried["equal"] - free) / std) < 2.0
     fit = base.model.fit
@@ -146,7 +146,7 @@ def test_a_joint_that_never_moved_keeps_what_is_expected_and_says_so() -> None:
 def test_parameters_that_a_slow_motion_does_not_tell_are_from_the_prior() -> None:
     session = make_session(planar_machine(2), truth(2), seconds=12.0, options=Options(loop=False))
     slow = Session(session.machine, session.recordings, replace(session.options, bandwidth_hz=3.0))
-    fit = slow.handed_base.model.fit
+    fit = slow.weighted_base.model.fit
     assert fit.share is not None and np.all((fit.share >= 0) & (fit.share <= 1))
     rows = EffortRows(slow.plain.design, slow.plain.design.indices("validate"))
     # What uncertain parameters make of the error is the mean square over the rows of C's quadratic form.
@@ -168,7 +168,7 @@ def test_a_measured_arm_is_predicted_on_another_motion(swapped: bool, most: floa
     roles = {"train": "validate", "validate": "train"} if swapped else {r: r for r in ("train", "repeat", "validate")}
     recordings = [replace(read_recording(data / f"{f}.parquet", machine, f), role=r) for f, r in roles.items()]
     session = Session(machine, recordings, Options(loop=False))
-    error = errors_of(session.plain.design, session.handed_base.model.fit.theta)[2]["validate"]
+    error = errors_of(session.plain.design, session.weighted_base.model.fit.theta)[2]["validate"]
     assert 100.0 * error <= most
     assert not session.prior.refused
 
@@ -185,7 +185,7 @@ def test_a_measured_arm_with_fewer_rows_than_parameters_keeps_the_plausible_arm(
     for k in range(2):
         part = replace(train.cut(slice(k * sixth, (k + 1) * sixth)), role="train")
         session = Session(machine, [part, replace(validate, role="validate")], Options(loop=False, bandwidth_hz=3.0))
-        design, base = session.plain.design, session.handed_base
+        design, base = session.plain.design, session.weighted_base
         ways = {"base": base.model.fit.theta, **base.tried}
         error = {name: errors_of(design, theta)[2]["validate"] for name, theta in ways.items()}
         assert error["base"] < 0.85 * error["least_squares"] and error["base"] < 0.95 * error["possible"]
@@ -201,4 +201,4 @@ def test_an_arm_whose_motion_refuses_it_is_left_to_least_squares() -> None:
     session = Session(machine, recordings, Options(loop=False))
     # Gravity turned is swallowed by stiffnesses below zero; held at zero they leave half as much again.
     assert session.prior.refused
-    assert session.handed_base.model.prior is not None and session.handed_base.model.prior.point is None
+    assert session.weighted_base.model.prior is not None and session.weighted_base.model.prior.point is None

@@ -81,8 +81,8 @@ def test_columns_that_the_rows_cannot_tell_are_reported_not_guessed() -> None:
     wide = np.column_stack([A, A[:, 0] - 2 * A[:, 1], np.zeros(100)])
     b = A @ [1.0, 2.0, 3.0]
     fit = solve([WhiteRows(wide, b, ())])
-    assert fit.told.sum() == 3 and not fit.told[4] and fit.told[2]
-    assert np.all(fit.theta[~fit.told] == 0)
+    assert fit.determined.sum() == 3 and not fit.determined[4] and fit.determined[2]
+    assert np.all(fit.theta[~fit.determined] == 0)
     assert fit.theta[2] == pytest.approx(3.0)
     assert np.allclose(wide @ fit.theta, b)
     assert fit.chi_square < 1e-18
@@ -93,7 +93,7 @@ def test_units_of_columns_do_not_decide_the_rank(scale: float) -> None:
     rng = np.random.default_rng(7)
     A = rng.normal(size=(50, 2)) * [1.0, scale]
     fit = solve([WhiteRows(A, A @ [2.0, 3.0], ())])
-    assert fit.told.all()
+    assert fit.determined.all()
     assert fit.theta == pytest.approx([2.0, 3.0])
 
 

@@ -141,8 +141,8 @@ def test_further_languages_are_written_beside_the_first(tmp_path: Path) -> None:
 
 
 def test_english_is_what_stands_in_the_program() -> None:
-    assert ENGLISH.say("{} of {}, 5.5", "1.5", "{}") == "1.5 of {}, 5.5"
-    assert ENGLISH.said("gains 3.2 of chi-square") == "gains 3.2 of chi-square" and ENGLISH.formula("1.5 x") == "1.5 x"
+    assert ENGLISH.phrase("{} of {}, 5.5", "1.5", "{}") == "1.5 of {}, 5.5"
+    assert ENGLISH.translated(own := "gains 3.2 of chi-square") == own and ENGLISH.formula("1.5 x") == "1.5 x"
 
 
 # --- the table ----------------------------------------------------------------------------------------------------
@@ -152,7 +152,7 @@ def _own_texts() -> set[str]:
     """Texts of the page that stand in its template, and all texts in the report's modules."""
     folder = Path(pages.__file__).parent
     template = (folder / "report.html.j2").read_text("utf-8")
-    said = {text.replace('\\"', '"') for text in re.findall(r'\bsay\("((?:[^"\\]|\\.)*)"', template)}
+    said = {text.replace('\\"', '"') for text in re.findall(r'\bphrase\("((?:[^"\\]|\\.)*)"', template)}
     trees = [ast.parse(path.read_text("utf-8")) for path in folder.glob("*.py")]
     nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant)]
     named = {text for name, group in NAMES.items() if name != "drives" for text in group.values()}
@@ -182,7 +182,7 @@ def test_every_text_of_the_page_is_in_the_table_and_nothing_else() -> None:
     template = (Path(pages.__file__).parent / "report.html.j2").read_text("utf-8")
     table = {english for group in CONTENT["page"].values() for english in group}
     known = table | {english for group in TEXTS.values() for english in group}
-    said = {text.replace('\\"', '"') for text in re.findall(r'\bsay\("((?:[^"\\]|\\.)*)"', template)}
+    said = {text.replace('\\"', '"') for text in re.findall(r'\bphrase\("((?:[^"\\]|\\.)*)"', template)}
     named = [group for name, group in NAMES.items() if name not in ("open", "drives")]
     said |= (
         {text for texts in named for text in texts.values()}

@@ -30,7 +30,7 @@ def test_base_parameters_of_exact_efforts_are_exact(n: int, seed: int) -> None:
     found = estimate.theta[design.parameters.base_slice]
     assert np.all(np.abs(found - base) < 1e-6 * np.abs(base).max())
     assert np.allclose(estimate.theta[: design.parameters.drive_count], arm.drive.ravel())
-    assert estimate.told.all()
+    assert estimate.determined.all()
 
 
 def test_both_stages_in_a_row_on_exact_efforts() -> None:

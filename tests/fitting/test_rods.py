@@ -14,7 +14,7 @@ from synthetic_arm import RATE, make_recordings, planar_machine, truth
 from daq.errors import RecordingError
 from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
-from fitting.signals.rods import with_rods_as_said
+from fitting.signals.rods import with_declared_rods
 
 MACHINE = planar_machine(2)
 UNLOADED, TRAIN, REPEAT, VALIDATE = make_recordings(MACHINE, truth(2))
@@ -56,7 +56,7 @@ def missing(recording: Recording) -> np.ndarray:
 
 def test_ordinary_recordings_are_left_alone() -> None:
     recordings = (UNLOADED, TRAIN, REPEAT, VALIDATE)
-    kept, lines = with_rods_as_said(MACHINE, recordings)
+    kept, lines = with_declared_rods(MACHINE, recordings)
     assert lines == () and all(a is b for a, b in zip(kept, recordings, strict=True))
 
 
@@ -71,12 +71,12 @@ def test_errors_of_encoders_and_short_faults_are_left_to_the_loop(
     x = np.roll(TRAIN.values["joint1.x"], late) * (1 + gain) + offset
     x[:late] = x[late]
     bent = changed(changed(TRAIN, slice(None), {"joint1.x": x}), slice(at, at + knock), {"joint1.x": 0.0})
-    kept, lines = with_rods_as_said(MACHINE, [bent])
+    kept, lines = with_declared_rods(MACHINE, [bent])
     assert kept[0] is bent and lines == ()
 
 
 def test_a_training_recording_that_began_before_the_pins_were_in() -> None:
-    (kept,), (line,) = with_rods_as_said(MACHINE, [replace(without_pins(TRAIN), file="site/train.parquet")])
+    (kept,), (line,) = with_declared_rods(MACHINE, [replace(without_pins(TRAIN), file="site/train.parquet")])
     out = missing(kept)
     assert out[BEGINNING].all() and not out[150:].any()
     assert line.startswith("train.parquet (train): 0.0 to ") and "40 mm" in line and "(joint1, joint2)" in line
@@ -84,7 +84,7 @@ def test_a_training_recording_that_began_before_the_pins_were_in() -> None:
 
 
 def test_an_unloaded_recording_that_began_before_the_pins_were_out() -> None:
-    (kept,), (line,) = with_rods_as_said(MACHINE, [with_pins(UNLOADED)])
+    (kept,), (line,) = with_declared_rods(MACHINE, [with_pins(UNLOADED)])
     out = missing(kept)
     assert out[BEGINNING].all() and not out[150:].any()
     assert "0.0 to 2.5 s left out" in line and "(joint1, joint2)" in line
@@ -96,7 +96,7 @@ def test_an_unloaded_recording_in_whose_beginning_the_arm_is_moved() -> None:
     angle = 0.2 * np.sin(np.linspace(0.0, np.pi, 100))
     x = joint.cylinder.linkage.piston_position(angle)
     started = changed(UNLOADED, BEGINNING, {"joint1.q": angle, "joint1.x": x})
-    (kept,), (line,) = with_rods_as_said(MACHINE, [started])
+    (kept,), (line,) = with_declared_rods(MACHINE, [started])
     out = missing(kept)
     assert out[BEGINNING].all() and not out[200:].any() and "(joint1)" in line
 
@@ -115,12 +115,12 @@ def test_a_few_such_rows_change_nothing() -> None:
 @pytest.mark.parametrize("role", ["train", "validate", "operation"])
 def test_rods_that_are_off_all_the_time_are_refused(role: str) -> None:
     with pytest.raises(RecordingError, match=rf"joint1 moves and its joint does not follow.*'{role}'"):
-        with_rods_as_said(MACHINE, [replace(UNLOADED, role=role)])
+        with_declared_rods(MACHINE, [replace(UNLOADED, role=role)])
 
 
 def test_rods_that_are_on_all_the_time_are_refused() -> None:
     with pytest.raises(RecordingError, match=r"joint1 moves with its piston.*take it off"):
-        with_rods_as_said(MACHINE, [replace(TRAIN, role="unloaded")])
+        with_declared_rods(MACHINE, [replace(TRAIN, role="unloaded")])
 
 
 @pytest.mark.parametrize("sensors", ["joint", "piston"])
@@ -128,12 +128,12 @@ def test_one_position_alone_tells_nothing_of_an_arm(sensors: str) -> None:
     machine = planar_machine(2, sensors=sensors)
     recordings = make_recordings(machine, truth(2), seconds=20.0)
     loaded = recordings[1]
-    kept, lines = with_rods_as_said(machine, [replace(loaded, role="train")])
+    kept, lines = with_declared_rods(machine, [replace(loaded, role="train")])
     assert kept[0] is loaded or not missing(kept[0]).any()
     assert lines == ()
 
 
 def test_a_line_names_what_a_person_needs() -> None:
     later = changed(TRAIN, slice(1000, 1100), {"joint2.x": 0.5 * STROKE})
-    _, (line,) = with_rods_as_said(MACHINE, [without_pins(later)])
+    _, (line,) = with_declared_rods(MACHINE, [without_pins(later)])
     assert "0.0 to 2." in line and f"{1000 / RATE - 0.5:.1f} to " in line and "rods were not on the arm" in line

@@ -48,8 +48,8 @@ def test_every_number_comes_back_with_all_its_digits(values: list[float]) -> Non
     stacked = Stacked("ols", {"steps": 3}, theta, np.abs(theta), told, 12.0, {"train": [None, *values]}, {"of": "x"})
     found = through_a_file(RigidBody(stacked, replace(stacked, estimator="ridge")))
     np.testing.assert_array_equal(found.two_stage.theta, theta)
-    np.testing.assert_array_equal(found.two_stage.told, told)
-    assert found.two_stage.told.dtype == bool
+    np.testing.assert_array_equal(found.two_stage.determined, told)
+    assert found.two_stage.determined.dtype == bool
     assert found.one_shot.estimator == "ridge" and found.two_stage_ols is None
     assert found.two_stage.errors == {"train": [None, *values]}
 

@@ -12,7 +12,7 @@ from synthetic_arm import clean_session, exact_views, make_session, planar_machi
 from fitting.effects import effect
 from fitting.loop.refits import final_model
 from fitting.loop.session import Session
-from fitting.residual.confirmation.uncertainty import is_refused, sandwich_factors, with_doubts
+from fitting.residual.confirmation.uncertainty import is_refused, sandwich_factors, with_uncertainties
 from fitting.residual.laws import Law
 from fitting.residual.null import Null
 from fitting.residual.refinement import refined
@@ -57,7 +57,7 @@ def test_a_shape_that_was_searched_makes_its_parameter_less_certain() -> None:
     gram = whole.T @ whole + np.diag([0.0] * A.shape[1] + [4.0])
     scale = np.sqrt(np.diag(gram))
     explicit = np.sqrt(np.diag(np.linalg.inv(gram / np.outer(scale, scale)))) / scale
-    ours = with_doubts(model)
+    ours = with_uncertainties(model)
     assert ours.fit.theta == pytest.approx(model.fit.theta)
     ratio = ours.fit.std / explicit[: A.shape[1]]
     # What is beyond is the sandwich of the joint with the effect, and Student's t of the noise's spectrum.

@@ -36,7 +36,7 @@ def held_out_error(session: Session, theta: np.ndarray) -> float:
 
 def test_a_right_model_keeps_the_weights_of_its_noise() -> None:
     session = clean_session()
-    base = session.handed_base
+    base = session.weighted_base
     assert base.weights == "whitened"
     assert base.ratio < 1.01
     np.testing.assert_array_equal(base.model.fit.theta, session.base_model.fit.theta)
@@ -46,7 +46,7 @@ def test_a_right_model_keeps_the_weights_of_its_noise() -> None:
 @pytest.mark.parametrize("size", [60.0, 300.0])
 def test_a_slow_error_of_the_model_is_not_called_noise(size: float) -> None:
     session = with_slow_error(size)
-    base = session.handed_base
+    base = session.weighted_base
     assert base.weights == "equal"
     assert base.ratio > MOST_LOST
     # On another motion; on the training motion the whitened fit may be bent to where no machine is.
@@ -59,7 +59,7 @@ def test_a_slow_error_of_the_model_is_not_called_noise(size: float) -> None:
 def test_what_is_handed_out_never_costs_more_than_is_said() -> None:
     for size in (0.0, 2.0, 8.0, 20.0):
         session = with_slow_error(size)
-        base = session.handed_base
+        base = session.weighted_base
         least = training_error(session, base.tried["equal"])
         # The bound is per degree of freedom; the number of rows is more than ten times that of the parameters.
         assert training_error(session, base.model.fit.theta) <= 1.05 * MOST_LOST * least, size
@@ -67,7 +67,7 @@ def test_what_is_handed_out_never_costs_more_than_is_said() -> None:
 
 def test_deviations_of_equal_weights_hold_the_truth() -> None:
     session = with_slow_error(60.0)
-    fit, own = session.handed_base.model.fit, truth(2).theta(session.machine)
+    fit, own = session.weighted_base.model.fit, truth(2).theta(session.machine)
     names = session.plain.design.parameters.names
     friction = [n for n, name in enumerate(names) if name.startswith("joint2.f_")]
     assert np.all(np.abs(fit.theta[friction] - own[friction]) < 4.0 * fit.std[friction])

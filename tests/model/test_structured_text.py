@@ -110,4 +110,4 @@ def test_a_wrong_memory_shows(text: str) -> None:
 
 
 USED = {"sign", "erf", "tanh", "expm1", "hypot", "any_power"}
-HELPERS = Library(rendered("arm.st.j2", name="test_arm", said=[], used=USED, curves=[], blocks=[]))
+HELPERS = Library(rendered("arm.st.j2", name="test_arm", card=[], used=USED, curves=[], blocks=[]))

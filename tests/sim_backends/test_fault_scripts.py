@@ -22,7 +22,7 @@ from daq.machine.machine_file import CanSource
 from daq.quality import Quality
 from daq.recordings.recording_files import read_table
 from sim_backends import Plant, SimulatedMachine, default_machine
-from sim_backends.plant.plant_process import AHEAD
+from sim_backends.plant.plant_process import BLOCK
 
 pytestmark = pytest.mark.slow
 
@@ -166,7 +166,7 @@ def test_every_value_is_accounted_for_and_what_is_fresh_is_true(run: Run) -> Non
     rows = np.concatenate(run.rows)
     plant = Plant(MACHINE, TRUTH, rng=np.random.default_rng(SEED))
     # In the blocks of the plant's process: in others it rounds otherwise, and one pressure of ten thousand differs.
-    blocks = [plant.advance(1), *(plant.advance(AHEAD) for _ in range(int(rows["cycle"][-1]) // AHEAD + 10))]
+    blocks = [plant.advance(1), *(plant.advance(BLOCK) for _ in range(int(rows["cycle"][-1]) // BLOCK + 10))]
     states = np.concatenate(blocks)
     fresh = rows["quality"] == Quality.FRESH
     # Each cycle sends one SYNC, none while the bus is down, and some more when it was opened: which one a frame belongs

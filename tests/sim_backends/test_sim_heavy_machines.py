@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from daq.machine.machine_file import machine_to_yaml
-from daq.machine.plausible import doubts
+from daq.machine.plausible import unusual_values
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from sim_backends import SensorQuality, excavator_front, random_motion, record, telescopic_crane
@@ -26,7 +26,7 @@ def test_sizes_are_those_of_such_machines_and_no_number_looks_slipped(arm) -> No
         machine, truth = arm(seed)
         totals.append(sum(link.mass for link in truth.links))
         assert all(150 < link.mass < 5000 for link in truth.links)
-        assert list(doubts(yaml.safe_load(machine_to_yaml(machine)))) == []
+        assert list(unusual_values(yaml.safe_load(machine_to_yaml(machine)))) == []
         for joint in machine.joints:
             q = np.linspace(*joint.limits.position, 101)
             x = joint.cylinder.linkage.piston_position(q)

@@ -34,7 +34,7 @@ class ArrivalTimes:
     ----------
     watched : whether somebody says when no frame waited; else each is taken for one that came just now
     sure_ns : frames that came before it have times that may be wrong by more than a millisecond; infinite: all have
-    doubtful : whether a proof is wanted
+    uncertain : whether a proof is wanted
     restarts : clocks that were set
     """
 
@@ -42,12 +42,12 @@ class ArrivalTimes:
         self._offset = math.inf
         self._came = self._empty = self._known = 0
         self._least: deque[tuple[float, int]] = deque()  # offsets and moments of the window, each above the one before
-        self.watched = self.doubtful = False
+        self.watched = self.uncertain = False
         self.sure_ns = 0.0
         self.restarts = 0
 
     @property
-    def heard_ns(self) -> int:
+    def received_ns(self) -> int:
         """Moment up to which every frame was taken: the last that came, or at which none waited."""
         return max(self._came, self._empty)
 
@@ -79,7 +79,7 @@ class ArrivalTimes:
         self._came = min(taken_ns, max(self._came, round(stamp + self._offset)))
         if self.watched:
             unknown_ns = taken_ns - self._known if self._known else math.inf
-            self.doubtful = unknown_ns > STALE_NS / 2
+            self.uncertain = unknown_ns > STALE_NS / 2
             if unknown_ns > STALE_NS:
                 self.sure_ns = math.inf
             elif self.sure_ns == math.inf:

@@ -29,7 +29,7 @@ from daq.machine.machine_file import CanBus
 
 IDLE_S = 0.1
 LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
-DOUBTFUL_S = 0.2e-3  # the same while times are not sure yet
+UNCERTAIN_S = 0.2e-3  # the same while times are not sure yet
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
@@ -91,7 +91,7 @@ class CanPort(Port):
                 if before - looked > LOOK_NS and (message := receive(0.0)) is None:
                     self._times.nothing_at(before)  # known well enough until the next look
                     looked = before
-                if message is None and (message := receive(DOUBTFUL_S if self._times.doubtful else IDLE_S)) is None:
+                if message is None and (message := receive(UNCERTAIN_S if self._times.uncertain else IDLE_S)) is None:
                     self._times.nothing_at(before)
             except Exception as error:  # whatever it is, nothing is received from here on: the driver rebuilds the bus
                 if not self._closing:
@@ -135,9 +135,9 @@ class CanPort(Port):
         """Arrival by the estimate."""
         return self._times.sure_ns
 
-    def heard_ns(self, now_ns: int) -> int:
+    def received_ns(self, now_ns: int) -> int:
         """Return the receive thread's moment; what has none takes everything at once."""
-        return min(now_ns, self._times.heard_ns) if self._times.watched else now_ns
+        return min(now_ns, self._times.received_ns) if self._times.watched else now_ns
 
     @property
     def lost(self) -> int:

@@ -110,7 +110,7 @@ class CanopenDriver(CanDriver):
         """Refuse to start: another master leads, and nothing was sent yet."""
         self.stop()
         self.failure = (
-            f"bus '{self._bus.name}': another master leads it ({self._leadership.told()} within "
+            f"bus '{self._bus.name}': another master leads it ({self._leadership.masters_seen()} within "
             f"{self._bus.listen_s:g} s); nothing was sent; take its sensors as they are with 'listen_only: true', or "
             "disconnect it; nodes that are operational without one, reset (or listen_s: 0)"
         )
@@ -233,8 +233,8 @@ class CanopenDriver(CanDriver):
             ):
                 tpdo.give_up()
         port = self.port
-        heard_ns = 0 if port is None else port.heard_ns(self.context.monotonic_ns())
-        return self._look.samples(self._lead.cycle, heard_ns)
+        received_ns = 0 if port is None else port.received_ns(self.context.monotonic_ns())
+        return self._look.samples(self._lead.cycle, received_ns)
 
     # What it says
 
@@ -246,16 +246,16 @@ class CanopenDriver(CanDriver):
         for number, node in self._nodes.items():
             line = failure or node.line()
             yield DeviceStatus(
-                f"node {number}", "failed" if failure else node.state, line, node.latency.told(), node.objects
+                f"node {number}", "failed" if failure else node.state, line, node.latency.mean_std(), node.objects
             )
 
     def statistics(self) -> DriverStatistics:
         """Return the state of the bus and of every node, and counters since the start."""
-        told = super().statistics()
+        whole = super().statistics()
         codes = _emergency_codes(self._nodes.values())
         guest = {} if self._guest is None else {name: n for name, n in self._guest.counts.items() if n}
         foreign = {"foreign_sync": self._leadership.count("SYNC"), "foreign_nmt": self._leadership.count("NMT")}
-        return replace(told, counts={**told.counts, **foreign, **codes, **guest})
+        return replace(whole, counts={**whole.counts, **foreign, **codes, **guest})
 
     def stop(self) -> None:
         """Leave each node in the state in which its heartbeat found it, else pre-operational; close the bus."""

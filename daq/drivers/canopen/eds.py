@@ -151,8 +151,8 @@ def _in_order(text: str) -> io.StringIO:
             own = {k: v for k, v in head.items() if k != "ObjectType"}
             found[index, 0] = {"DataType": "0x0005", "DefaultValue": count}
             for k in range(1, min(int(count, 0), _ENTRIES) + 1):
-                told = read.get(values, str(k), fallback=None)
-                found[index, k] = own | ({} if told is None else {"ParameterValue": told})
+                value = read.get(values, str(k), fallback=None)
+                found[index, k] = own | ({} if value is None else {"ParameterValue": value})
     written = configparser.RawConfigParser()
     written.optionxform = str  # type: ignore[assignment,method-assign]
     written["DeviceInfo"] = {k: v for k, v in read.items("DeviceInfo") if v}

@@ -60,7 +60,7 @@ class NotLeadingError(can.CanOperationError):  # type: ignore[misc]  # python-ca
 
 
 class Leadership:
-    """Of one bus, through all its links; :meth:`heard` is called in the receive thread, the others anywhere.
+    """Of one bus, through all its links; :meth:`received` is called in the receive thread, the others anywhere.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class Leadership:
     def permit(self, message: can.Message) -> None:
         """Permit a frame to be sent; NotLeadingError if it must not be."""
         if self.state is not State.LEADING:
-            raise NotLeadingError("nothing may be sent: " + (self.told() or "the bus is still listened to"))
+            raise NotLeadingError("nothing may be sent: " + (self.masters_seen() or "the bus is still listened to"))
         if message.arbitration_id == SYNC_ID:
             self._sync_ns = self._now()
         elif message.arbitration_id == NMT_ID:
@@ -133,7 +133,7 @@ class Leadership:
             self._confirmed.pop(node, None)
             self._commanded[node] = (AFTER[command], self._now())
 
-    def told(self) -> str:
+    def masters_seen(self) -> str:
         """Word signs of another master; empty if there were none."""
         return ", ".join(f"{count} {sign}" for sign, count in self.signs.most_common(4))
 
@@ -145,7 +145,7 @@ class Leadership:
         """Return whether a node of ours may have changed state by itself, or never was in the state asked for."""
         return node not in self._commanded or node not in self._confirmed
 
-    def heard(self, identifier: int, data: bytes | bytearray, at_ns: int, *, remote: bool = False) -> bool:
+    def received(self, identifier: int, data: bytes | bytearray, at_ns: int, *, remote: bool = False) -> bool:
         """Take an 11-bit frame; return whether it made us a guest."""
         sign = self._sign(identifier, data, at_ns, remote)
         if sign is None:

@@ -64,7 +64,7 @@ class CanLink(CanPort):
     def dispatch(self, message: can.Message, at_ns: int) -> None:
         """Pass it to leadership, then call the handler of its COB-ID."""
         identifier = message.arbitration_id
-        if identifier not in self._answers and self.leadership.heard(identifier, message.data, at_ns):
+        if identifier not in self._answers and self.leadership.received(identifier, message.data, at_ns):
             self._let_go()
         handler = self.handlers.get(identifier)
         if handler is not None:
@@ -72,7 +72,7 @@ class CanLink(CanPort):
 
     def remote_frame(self, identifier: int, at_ns: int) -> None:
         """Note a master: only one asks nodes for their state, and for their PDOs."""
-        if self.leadership.heard(identifier, b"", at_ns, remote=True):
+        if self.leadership.received(identifier, b"", at_ns, remote=True):
             self._let_go()
 
     def _let_go(self) -> None:

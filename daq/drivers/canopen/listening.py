@@ -291,7 +291,7 @@ class Guest(ListeningDriver):
         self, bus: CanopenBus, channels: Sequence[Channel], context: DriverContext, refused: Mapping[int, str]
     ) -> None:
         followed = bus.model_copy(update={"listen_only": True, "sync": "external"})
-        members = [member for member in commissioned(bus, channels) if not member.source.told_decimals]
+        members = [member for member in commissioned(bus, channels) if not member.source.asks_decimals]
         super().__init__(followed, channels, context, members)
         self.refused |= refused
 
@@ -363,7 +363,7 @@ def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
 def nothing_to_ask(bus: CanopenBus, channels: Sequence[Channel]) -> None:
     """Raise MachineFileError if a channel's decimals would have to be asked for."""
     for channel in channels:
-        if isinstance(channel.source, CanSource) and channel.source.told_decimals:
+        if isinstance(channel.source, CanSource) and channel.source.asks_decimals:
             raise MachineFileError(
                 f"bus '{bus.name}': {channel.name}: nothing can be asked on this bus; give decimals instead of "
                 "decimals_object"

@@ -60,27 +60,27 @@ class Look:
         for constant in (self._fresh, self._no_cycles, self._at_sync):
             constant.flags.writeable = False
 
-    def samples(self, cycle: Cycle, heard_ns: int) -> Samples:
-        """Return samples of a cycle; all that came up to ``heard_ns`` was taken."""
-        whole = self._whole(cycle.number, heard_ns)
-        return self._one_by_one(cycle, heard_ns) if whole is None else whole
+    def samples(self, cycle: Cycle, received_ns: int) -> Samples:
+        """Return samples of a cycle; all that came up to ``received_ns`` was taken."""
+        whole = self._whole(cycle.number, received_ns)
+        return self._one_by_one(cycle, received_ns) if whole is None else whole
 
-    def _whole(self, number: int, heard_ns: int) -> Samples | None:
+    def _whole(self, number: int, received_ns: int) -> Samples | None:
         """Return samples of a cycle that is usual; None, and nothing changed, if there is anything to be seen."""
-        arrivals = self._arrivals(number, heard_ns)
+        arrivals = self._arrivals(number, received_ns)
         if arrivals is None:
             return None
         decoded = self._decoder.array(b"".join([arrival.data for arrival in arrivals]))
         if np.count_nonzero(np.isfinite(decoded)) != len(decoded):  # quicker than all()
             return None
-        told = number % LATENCY_EVERY == 0
+        timed = number % LATENCY_EVERY == 0
         for (node, tpdo), arrival in zip(self._tpdos, arrivals, strict=True):
             tpdo.taken = arrival.ordinal
-            if told:
+            if timed:
                 node.latency.add(arrival.at_ns - arrival.sync_ns)
         return Samples(decoded[self._from], self._fresh, self._no_cycles, self._at_sync, plain=True)
 
-    def _arrivals(self, number: int, heard_ns: int) -> list[Arrival] | None:
+    def _arrivals(self, number: int, received_ns: int) -> list[Arrival] | None:
         """Return what came, by node and TPDO, if it is all that is due and there is nothing else to be seen."""
         if not self._possible:
             return None
@@ -92,7 +92,7 @@ class Look:
                 or node.errors != node.emergencies_seen
                 or node.boot_ups != node.boot_ups_seen
                 or node.emergency is not None
-                or heard_ns - node.heartbeat_ns > node.limit_ns
+                or received_ns - node.heartbeat_ns > node.limit_ns
                 or node.misses
                 or node.late_run
                 or node.slow
@@ -108,7 +108,7 @@ class Look:
                     or arrival.cycle != number
                     or arrival.ordinal != tpdo.taken + 1
                     or arrival.at_ns - arrival.sync_ns > late_ns
-                    or tpdo.in_doubt
+                    or tpdo.ambiguous
                     or tpdo.surplus != tpdo.surplus_seen
                 ):
                     return None
@@ -118,23 +118,23 @@ class Look:
                 found.append(arrival)
         return found
 
-    def _one_by_one(self, cycle: Cycle, heard_ns: int) -> Samples:
+    def _one_by_one(self, cycle: Cycle, received_ns: int) -> Samples:
         """Notice what happened to each node, and notify its keeper."""
-        number, heard = cycle.number, heard_ns > cycle.sync_ns
+        number, received = cycle.number, received_ns > cycle.sync_ns
         answers = Answers(self._count)
         for care in self._cares:
             node = care.node
-            if node.look(heard_ns):
+            if node.look(received_ns):
                 care.keeper.soon()
             elif node.state == "silent":
                 care.keeper.later()
             if node.state == "running":
-                self.take(care, number, answers, heard=heard)
+                self.take(care, number, answers, received=received)
         self._counts["not_a_number"] += answers.no_numbers
         return answers.samples()
 
-    def take(self, care: NodeCare, number: int, answers: Answers, *, heard: bool) -> None:
-        """Take what came from one running node; ``heard``: whether this process listened since the SYNC."""
+    def take(self, care: NodeCare, number: int, answers: Answers, *, received: bool) -> None:
+        """Take what came from one running node; ``received``: whether this process listened since the SYNC."""
         node = care.node
         brought = timely = current = 0
         mixed = node.surplus_run > 0
@@ -148,10 +148,10 @@ class Look:
             brought += 1
             node.latency.add(arrival.at_ns - arrival.sync_ns)
             ago, after_ns = number - arrival.cycle, arrival.at_ns - arrival.sync_ns
-            late = ago > 0 or tpdo.in_doubt or after_ns > self._late_ns
+            late = ago > 0 or tpdo.ambiguous or after_ns > self._late_ns
             self._counts["late"] += late
             timely += not late
-            current += not (ago or tpdo.in_doubt)
+            current += not (ago or tpdo.ambiguous)
             good = Quality.EMERGENCY if node.emergency is not None else Quality.LATE if late else Quality.FRESH
             good = Quality.INVALID if mixed else good
             for value, positions in zip(tpdo.mapping.decoder.unpack(arrival.data), tpdo.mapping.positions, strict=True):
@@ -161,7 +161,7 @@ class Look:
                     if late:
                         answers.cycles_ago[position] = ago
                         answers.after_sync_s[position] = 0.0 if ago else after_ns / NS
-        if not node.starting_anew and (brought or heard):
+        if not node.starting_anew and (brought or received):
             self._judge(care, brought, timely, current)
 
     def _judge(self, care: NodeCare, brought: int, timely: int, current: int) -> None:

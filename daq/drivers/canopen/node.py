@@ -168,10 +168,10 @@ class Node:
         for tpdo in self.tpdos:
             tpdo.forget()
 
-    def in_doubt(self) -> bool:
+    def ambiguous(self) -> bool:
         """Return whether its TPDOs may be credited to the wrong SYNC."""
         for tpdo in self.tpdos:  # noqa: SIM110  # once per cycle and node: cheaper than a generator
-            if tpdo.in_doubt:
+            if tpdo.ambiguous:
                 return True
         return False
 
@@ -220,8 +220,8 @@ class Node:
             self.cause = f"{self.cause} (it was away for {seconds or 0.0:.1f} s)"
             self.away = ""
 
-    def look(self, heard_ns: int) -> bool:
-        """Notice what happened to it until ``heard_ns``; whether its keeper has to see to it at once."""
+    def look(self, received_ns: int) -> bool:
+        """Notice what happened to it until ``received_ns``; whether its keeper has to see to it at once."""
         if self.errors != self.emergencies_seen:
             self._emergencies()
         if self.boot_ups != self.boot_ups_seen and self.state != "commissioning":
@@ -243,7 +243,7 @@ class Node:
             if self.wrong_run >= WRONG_TOLERATED:
                 self.gone("commissioning", "short_pdo", self.short() or f"{self.place}: TPDOs of a wrong length")
                 return True
-        return self._signs_of_life(heard_ns)
+        return self._signs_of_life(received_ns)
 
     def _emergencies(self) -> None:
         errors = self.errors
@@ -303,7 +303,7 @@ class Node:
         """Return whether TPDOs may be credited to wrong SYNCs, so that it must restart."""
         if not brought:
             return False
-        return self.in_doubt() or (self.behind_run >= LATE_TOLERATED and not self.slow)
+        return self.ambiguous() or (self.behind_run >= LATE_TOLERATED and not self.slow)
 
     def line(self) -> str:
         """Return what there is to report about it, also while it runs."""

@@ -115,7 +115,7 @@ TEXTS = ((0x1008, 0), (0x1009, 0), (0x100A, 0))  # name, hardware, firmware (CiA
 NUMBERS = ((0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))  # vendor, product, revision, serial number
 LONGEST = 60  # characters of a text
 
-Told = dict[str, int | str]
+DeviceObjects = dict[str, int | str]
 
 
 def key(index: int, subindex: int) -> str:
@@ -123,7 +123,7 @@ def key(index: int, subindex: int) -> str:
     return f"0x{index:04X}:{subindex}"
 
 
-def ask(sdo: Sdo) -> Told:
+def ask(sdo: Sdo) -> DeviceObjects:
     """Ask for objects that the node has, by :func:`key`: numbers, texts of at most 60 characters.
 
     Raises
@@ -131,7 +131,7 @@ def ask(sdo: Sdo) -> Told:
     CommissioningError
         If it stops answering.
     """
-    found: Told = {}
+    found: DeviceObjects = {}
     for asked in ((0x1000, 0), *NUMBERS):
         _ask(sdo, asked, found)
     for asked in ASKED.get(profile_of(int(found.get(DEVICE_TYPE, 0))), ()):
@@ -143,6 +143,6 @@ def ask(sdo: Sdo) -> Told:
     return found
 
 
-def _ask(sdo: Sdo, place: tuple[int, int], found: Told) -> None:
+def _ask(sdo: Sdo, place: tuple[int, int], found: DeviceObjects) -> None:
     with contextlib.suppress(SdoRefusedError):
         found[key(*place)] = sdo.read_unsigned(*place)

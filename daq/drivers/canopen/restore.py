@@ -54,8 +54,8 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
     try:
         if not link.leadership.lead():
             raise BusError(
-                f"bus '{bus.name}': another master leads it ({link.leadership.told()}); nothing was sent; end what "
-                "leads it, try again"
+                f"bus '{bus.name}': another master leads it ({link.leadership.masters_seen()}); nothing was sent; end "
+                "what leads it, try again"
             )
         done = []
         for node, setup in setups.items():

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from daq.drivers.canopen.mapping import Mapping
 
-UNANSWERED = 50  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is in doubt
+UNANSWERED = 50  # SYNCs that a TPDO may be behind; beyond, the oldest one is given up and the count is ambiguous
 
 
 class Cycle:
@@ -71,7 +71,7 @@ class Tpdo:
     latest : the newest one that a SYNC asked for
     count : how many of them came; the cycle has looked at those up to ``taken``
     surplus : frames that no SYNC asked for
-    in_doubt : whether an unanswered SYNC was given up, so that the count may be wrong until the node is started anew
+    ambiguous : whether an unanswered SYNC was given up, so that the count may be wrong until the node is started anew
     """
 
     def __init__(self, mapping: Mapping, of: Cycle) -> None:
@@ -83,7 +83,7 @@ class Tpdo:
         self.surplus_seen = 0
         self.wrong = 0
         self.wrong_length = 0
-        self.in_doubt = False
+        self.ambiguous = False
         self.arrived_ns = 0
         self._of = of
         self._unanswered: deque[tuple[int, int]] = deque()
@@ -92,14 +92,14 @@ class Tpdo:
         """Expect the node's answers to a SYNC about to be sent."""
         if len(self._unanswered) >= UNANSWERED:
             self._unanswered.popleft()
-            self.in_doubt = True
+            self.ambiguous = True
         self._unanswered.append((number, sync_ns))
 
     def give_up(self) -> None:
         """Take what is still due for lost; should it come all the same, it must not pass for fresh."""
         if self._unanswered:
             self._unanswered.clear()
-            self.in_doubt = True
+            self.ambiguous = True
 
     def receive(self, data: bytearray, now_ns: int) -> None:
         """Keep the bytes and the time, if the length is right; canopen itself accepts a short PDO without a word."""
@@ -124,4 +124,4 @@ class Tpdo:
         self.count = self.taken = 0
         self.surplus_seen = self.surplus
         self.wrong_length = 0
-        self.in_doubt = False
+        self.ambiguous = False

@@ -61,16 +61,16 @@ class _SerialClient(ModbusSerialClient):
 
     def connect(self) -> bool:
         """Open the port, unless it is open."""
-        told = self.comm_params
+        parameters = self.comm_params
         try:
             self.socket = self.socket or serial.Serial(
-                told.host,
-                timeout=told.timeout_connect,
-                write_timeout=told.timeout_connect,
-                bytesize=told.bytesize,
-                stopbits=told.stopbits,
-                baudrate=told.baudrate,
-                parity=told.parity,
+                parameters.host,
+                timeout=parameters.timeout_connect,
+                write_timeout=parameters.timeout_connect,
+                bytesize=parameters.bytesize,
+                stopbits=parameters.stopbits,
+                baudrate=parameters.baudrate,
+                parity=parameters.parity,
                 inter_byte_timeout=self.inter_byte_timeout,
                 exclusive=True,
             )
@@ -96,7 +96,7 @@ class ModbusConnection:
         self.timeout_s = timeout_s
         self._silence = 0.0
         self._spoke = 0.0
-        self._doubtful: set[int] = set()
+        self._suspect: set[int] = set()
         if isinstance(bus, ModbusTcpBus):
             self.place = f"{bus.host}:{bus.port}"
             self._client = ModbusTcpClient(
@@ -134,15 +134,15 @@ class ModbusConnection:
 
     def read(self, unit: int, table: str, address: int, count: int) -> Answer:
         """Read one block of registers; never raises, and takes no longer than three time-outs."""
-        if unit in self._doubtful:
+        if unit in self._suspect:
             # An exception is an answer as well; one that was late itself puts a wrong length under the next request.
             probe = self._ask(unit, table, address, count - 1 if count > 1 else 2)
             if probe.failure is not None:
                 return probe
-            self._doubtful.discard(unit)
+            self._suspect.discard(unit)
         answer = self._ask(unit, table, address, count)
         if answer.failure is not None:
-            self._doubtful.add(unit)
+            self._suspect.add(unit)
         return answer
 
     def _ask(self, unit: int, table: str, address: int, count: int) -> Answer:
@@ -169,8 +169,8 @@ class ModbusConnection:
         ask = self._client.read_device_information
         response = self._talk(lambda: ask(read_code=1, object_id=0, device_id=unit))
         refused = isinstance(response, str) or response.isError()
-        told = {} if refused else getattr(response, "information", None) or {}
-        words = {name: _words(told[key]) for key, name in IDENTITY.items() if key in told}
+        objects = {} if refused else getattr(response, "information", None) or {}
+        words = {name: _words(objects[key]) for key, name in IDENTITY.items() if key in objects}
         return {name: text for name, text in words.items() if text}
 
     def _talk(self, ask: Callable[[], Any]) -> Any:
@@ -202,9 +202,9 @@ class ModbusConnection:
             self._client.close()
 
 
-def _words(told: Any) -> str:
+def _words(objects: Any) -> str:
     """Return a device's text as one line that can be shown; pymodbus lists an object that comes twice."""
-    content = told[0] if isinstance(told, list) and told else told
+    content = objects[0] if isinstance(objects, list) and objects else objects
     text = content.decode("latin-1") if isinstance(content, bytes) else ""
     return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:60]
 

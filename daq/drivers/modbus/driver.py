@@ -309,7 +309,7 @@ class _ModbusDriver:
                 f"unit {u.number}",
                 u.state,
                 u.detail or u.slowness(self._rate_hz) or u.cause,
-                u.latency.told(),
+                u.latency.mean_std(),
                 u.identity,
             )
             for u in self._units

@@ -74,14 +74,14 @@ def motions(trial: Trial, *, exchanges: bool = True) -> Iterator[Hypothesis]:
         if signal is None or channel is None:
             continue
         piston = quantity == "piston_position"
-        for said, gain, offset in misread(machine, j, quantity):
+        for texts, gain, offset in misread(machine, j, quantity):
             # A smaller position is tried only where the one as it is goes beyond what the joint can do.
-            small = said[0] == "unit" and abs(gain) <= 1 and _fits(trial, j, signal)
-            fits = said[0] == "sign" or (not small and _fits(trial, j, signal.mapped(gain)))
-            if fits and (exchanges or said[0] != "scale"):
-                price = 1.65 if said[0] == "scale" else 1.0
+            small = texts[0] == "unit" and abs(gain) <= 1 and _fits(trial, j, signal)
+            fits = texts[0] == "sign" or (not small and _fits(trial, j, signal.mapped(gain)))
+            if fits and (exchanges or texts[0] != "scale"):
+                price = 1.65 if texts[0] == "scale" else 1.0
                 build = mapped((quantity, j), gain, offset)
-                yield Hypothesis(*said, (j,), build, (quantity,), factor=gain, price=price)
+                yield Hypothesis(*texts, (j,), build, (quantity,), factor=gain, price=price)
         if not piston and machine.si_unit(channel) == "rad":
             for degrees in (90, -90, 180):
                 offset = float(np.deg2rad(degrees))

@@ -180,8 +180,8 @@ class Trial:
 
     def rows(self, number: int) -> BoolArray:
         """Return samples (T,) in which a joint moves and its effort is informative."""
-        tells = self.samples.loaded | (self.machine.joints[number].cylinder is not None)
-        return np.asarray(self.motion.active[:, number] & tells & self.samples.used)
+        informative = self.samples.loaded | (self.machine.joints[number].cylinder is not None)
+        return np.asarray(self.motion.active[:, number] & informative & self.samples.used)
 
     @cached_property
     def clouds(self) -> FloatArray:

@@ -213,19 +213,19 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
     a, b = np.hypot(before.misfits, LEAST_MISFIT), np.hypot(after.misfits, LEAST_MISFIT)
     if np.any(b > WORSE * a):
         return None
-    tells = ~(before.shares < CARRIES)
+    informative = ~(before.shares < CARRIES)
     if option.recording is not None:
-        tells &= _moves_in(trial, option.recording)
+        informative &= _moves_in(trial, option.recording)
     if option.code == "wrong_role":
-        tells &= np.array([joint.cylinder is not None for joint in trial.machine.joints])
+        informative &= np.array([joint.cylinder is not None for joint in trial.machine.joints])
     if option.slip:
         fine = np.hypot(before.misfits, FINEST_MISFIT) / np.hypot(after.misfits, FINEST_MISFIT)
-        known = tells & np.isfinite(fine)
-        told = np.log(fine[known])
-        if known.any() and told.min() > -np.log(WORSE) and told.max() > np.log(CLEAR) and told.sum() > _SLIP:
+        known = informative & np.isfinite(fine)
+        gains = np.log(fine[known])
+        if known.any() and gains.min() > -np.log(WORSE) and gains.max() > np.log(CLEAR) and gains.sum() > _SLIP:
             return int(np.nanargmax(np.where(known, fine, 0.0)))
-    fall = np.where((after.misfits < SOUND) & tells, a / b, 0.0)
-    if not tells.any() or (whole and np.mean((fall >= _BETTER)[tells]) < _MOST_JOINTS):
+    fall = np.where((after.misfits < SOUND) & informative, a / b, 0.0)
+    if not informative.any() or (whole and np.mean((fall >= _BETTER)[informative]) < _MOST_JOINTS):
         return None  # rods are on or off, and a machine is another one, at all joints; a valve acts otherwise at one
     asked = np.ones(len(fall), dtype=bool) if option.exact else suspicious(before)
     joint = int(np.nanargmax(np.where(asked, fall, 0.0)))

@@ -132,29 +132,29 @@ def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothes
     cylinder = trial.machine.joints[number].cylinder
     assert cylinder is not None
     for quantity in ("joint_position", "piston_position"):
-        for said, gain, offset in misread(trial.machine, number, quantity):
-            price = 1.4 if said[0] == "scale" else 1.0
+        for texts, gain, offset in misread(trial.machine, number, quantity):
+            price = 1.4 if texts[0] == "scale" else 1.0
             build = mapped((quantity, number), gain, offset)
-            yield Hypothesis(*said, (number,), build, (quantity,), factor=gain, price=price)
+            yield Hypothesis(*texts, (number,), build, (quantity,), factor=gain, price=price)
         for degrees in (90, -90, 180) if quantity == "joint_position" else ():
             offset = float(np.deg2rad(degrees))
             build = mapped((quantity, number), 1.0, offset)
-            said = worded("offset/sensor", degrees=degrees)
-            yield Hypothesis(*said, (number,), build, (quantity,), factor=offset, price=1.5)
+            texts = worded("offset/sensor", degrees=degrees)
+            yield Hypothesis(*texts, (number,), build, (quantity,), factor=offset, price=1.5)
         # Exchanged with that of another joint whose sensors contradict each other as well.
         for other in bad:
             if other != number and trial.samples.get(quantity, other) is not None:
-                said = exchanged(trial.machine, quantity, number, other)
-                yield Hypothesis(*said, (number, other), exchange(quantity, number, other), (quantity,))
+                texts = exchanged(trial.machine, quantity, number, other)
+                yield Hypothesis(*texts, (number, other), exchange(quantity, number, other), (quantity,))
     if isinstance(cylinder.linkage, ThreePin):
         yield from _pins(trial.machine, trial.samples, number, cylinder.linkage)
     sensor = ("piston_position", number)
     for delay in (*DELAYS, -0.15, 0.15):
-        said = worded("clock_offset/sensor", seconds=abs(delay), late=late(delay))
-        yield Hypothesis(*said, (number,), delayed([sensor], delay), sensor[:1], factor=delay, price=1.3)
+        texts = worded("clock_offset/sensor", seconds=abs(delay), late=late(delay))
+        yield Hypothesis(*texts, (number,), delayed([sensor], delay), sensor[:1], factor=delay, price=1.3)
     for rate in RATES:
-        said = worded(f"clock_rate/sensor_{fast(rate)}", percent=1e2 * abs(rate))
-        yield Hypothesis(*said, (number,), stretched([sensor], rate), sensor[:1], factor=rate, price=1.3)
+        texts = worded(f"clock_rate/sensor_{fast(rate)}", percent=1e2 * abs(rate))
+        yield Hypothesis(*texts, (number,), stretched([sensor], rate), sensor[:1], factor=rate, price=1.3)
 
 
 def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Hypothesis]:

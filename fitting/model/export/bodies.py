@@ -26,7 +26,7 @@ from fitting.effects.base import BodyColumn, Effect
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.functions import moving_model, rendered, states, written
-from fitting.model.export.words import Written, per_joint, said_of
+from fitting.model.export.words import Written, model_card, per_joint
 from fitting.regression.body_prior import pseudo_inertia
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.regression.streamed import triangle
@@ -249,10 +249,10 @@ def _largest(model: ArmModel, number: int) -> float:
 
 def written_bodies(model: ArmModel, path: Path, template: str, possible: bool, *, cylinders: bool) -> Written:
     """Write a file of links and drives, with cylinders as tendons or without; refused where none can exist or move."""
-    model, said = moving_model(model, possible)
+    model, notes = moving_model(model, possible)
     bodies = bodies_of(model, possible=possible)
     drives = [_drive(model, number) for number in range(len(model.joints))]
-    left_out = [*said, *not_in_bodies(model, bodies, cylinders=cylinders)]
+    left_out = [*notes, *not_in_bodies(model, bodies, cylinders=cylinders)]
     if not cylinders:  # the format has no place for what the other has
         inertias = zip(model.joints, (own["inertia"] for own in drives), strict=True)
         left_out += [f"inertia of the drive of {name}: {own:.6g}" for name, own in inertias if own]
@@ -260,7 +260,7 @@ def written_bodies(model: ArmModel, path: Path, template: str, possible: bool, *
         left_out.append(f"gravity, which the format has no place for: ({gravity}) m/s^2 in the base's frame")
     text = rendered(
         template,
-        said=said_of(model, left_out),
+        card=model_card(model, left_out),
         name=model.machine.name,
         links=bodies.links,
         gravity=bodies.gravity,

@@ -22,7 +22,7 @@ from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
 from fitting.model.export.tracing.recursion import State
 from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
-from fitting.model.export.words import Written, said_of
+from fitting.model.export.words import Written, model_card
 
 #: Letter of the variables of each array that a function takes; other arguments are single numbers.
 ARRAYS = {"q": "q", "qd": "v", "qdd": "a", "memory": "m", "head": "h", "rod": "p"}
@@ -151,7 +151,7 @@ def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tu
     that has one is not asked for.
     """
     try:
-        model, said = moving_model(model, possible)
+        model, notes = moving_model(model, possible)
     except InputError as error:
         return None, (f"forward dynamics: {str(error).removeprefix('export: ')}",)
     tracer = Tracer(motion.integrable(model))
@@ -160,7 +160,7 @@ def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tu
     pressed = Function("pressed", ("q", "head", "rod"), {"tau": tracer.pressed(state, head, rod)})
     name = f"{identifier(model.machine.name)}_forward"
     settled = ("what remembers is settled in it",) if tracer.memory else ()
-    lines = tuple(f"forward dynamics: {line}" for line in (*said, *settled))
+    lines = tuple(f"forward dynamics: {line}" for line in (*notes, *settled))
     return Program(name, tracer, (*moving_functions(tracer), pressed)), lines
 
 
@@ -180,7 +180,7 @@ def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, 
 def heading(tracer: Tracer, *, remembers: bool = True) -> list[str]:
     """Write an exported program's first lines; ``remembers`` where it has the model's memory."""
     lines = [
-        *said_of(tracer.model, tracer.left_out),
+        *model_card(tracer.model, tracer.left_out),
         "Signs of speeds are smooth: their expectation under the noise of the measured speed.",
         "t: seconds since the motion began.",
     ]

@@ -26,14 +26,14 @@ class Quantity:
     Attributes
     ----------
     name : of the file
-    says : what it is, and how it is used
+    description : what it is, and how it is used
     unit : of the value
     variables : name, unit, lowest, highest of everything that it may depend on
     value : (N, variables) to (N,)
     """
 
     name: str
-    says: str
+    description: str
     unit: str
     variables: tuple[tuple[str, str, float, float], ...]
     value: Callable[[FloatArray], FloatArray]

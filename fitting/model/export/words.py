@@ -26,7 +26,7 @@ def require_folder(path: Path) -> None:
         raise InputError(f"{path}: is a file; give a folder with -o")
 
 
-def said_of(model: ArmModel, left_out: Sequence[str]) -> list[str]:
+def model_card(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     """Write the model's card: machine, data, range, error, effects, calibration; and what is not in the file."""
     made = model.provenance
     lines = [

@@ -68,10 +68,10 @@ def loop_content(session: Session, results: StageResults, model: Model, terms: l
     ripples = (line for line in found.lines if is_ripple(machine, line))
     effects += [_line_effect(names, line) for line in ripples if line.frequency_hz > session.bank.bandwidth_hz]
     unexplained += [*results[Residual].laws, *found.unconfirmed]
-    said, reasons = verdict(results, names)
+    outcome, reasons = verdict(results, names)
     designed, resolved = found.next_experiment, results.get(Resolution) or Resolution()
     return {
-        "verdict": said,
+        "verdict": outcome,
         "label": label(results),
         "reasons": reasons,
         "effects": effects,
@@ -129,8 +129,8 @@ def _added_effect(
 
 def _head(content: Effect, joint: str | None) -> dict[str, Any]:
     """Build the head of every effect that was found."""
-    said = {"title": content.title, "equation": content.equation, "look_at": content.look_at}
-    return {"id": content.id, "joint": joint, **said}
+    words = {"title": content.title, "equation": content.equation, "look_at": content.look_at}
+    return {"id": content.id, "joint": joint, **words}
 
 
 def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
@@ -194,11 +194,11 @@ def unconfirmed_law(machine: Machine, item: Unconfirmed) -> dict[str, Any]:
     )
 
 
-def _law_entry(machine: Machine, of: Law, joint: int, **said: Any) -> dict[str, Any]:
+def _law_entry(machine: Machine, of: Law, joint: int, **entries: Any) -> dict[str, Any]:
     """Build a joint's law with what is reported (``said``) of it."""
     names = tuple(own.name for own in machine.joints)
     where = _law_place(of, names[joint], names) | second_variable(of, names)
-    return in_own_units(machine, {**where, "unit": of.unit, **said})
+    return in_own_units(machine, {**where, "unit": of.unit, **entries})
 
 
 def accepted_term(machine: Machine, item: Accepted) -> AcceptedTerm:
@@ -234,15 +234,15 @@ def detection_limits(machine: Machine, found: Attribution) -> tuple[dict[str, An
     accused, limits = {a.score.term.family for a in found.accepted}, []
     for score in found.limits:
         content, joint = score.term.content, score.term.joint
-        told = [number for number, std in enumerate(score.stds) if std > 0]
-        if score.term.family in accused or isinstance(content, Law) or not told:
+        determined = [number for number, std in enumerate(score.stds) if std > 0]
+        if score.term.family in accused or isinstance(content, Law) or not determined:
             continue
         # The chi-square that accuses, for the first parameter that this motion tells at all, with the others free.
         size = visible_size(least_gain(score.live, score.grid), score.live, LIMIT_POWER)
-        parameter = content.parameters[told[0]]
+        parameter = content.parameters[determined[0]]
         limits.append(
             {
-                "smallest": size * score.stds[told[0]],
+                "smallest": size * score.stds[determined[0]],
                 "power": LIMIT_POWER,
                 "parameter": parameter.name,
                 "unit": own_unit(machine, joint, parameter.unit),
@@ -309,15 +309,15 @@ def _term_parameters(term: Term, model: Model, part: slice, machine: Machine) ->
             # Per radian of another joint, or per metre where that one slides.
             "unit": own_unit(machine, term.joint, p.unit.replace("/rad", "/m") if slides else p.unit),
         }
-        for p, value, std, already, told in zip(
+        for p, value, std, already, determined in zip(
             term.content.parameters,
             model.fit.theta[part],
             model.fit.std[part],
             rebuilt,
-            model.fit.told[part],
+            model.fit.determined[part],
             strict=True,
         )
-        if told  # a column that the base takes whole has no value of its own
+        if determined  # a column that the base takes whole has no value of its own
     }
     view = model.views[model.fitted[0]][term.joint or 0]
     references = {}

@@ -29,11 +29,11 @@ from fitting.pipeline.results.stage_results import (
     Stacked,
     StageResults,
 )
-from fitting.pipeline.stage_two import handed
+from fitting.pipeline.stage_two import estimated
 from fitting.regression.drive import UNITS, direct_units, effort_unit
 from fitting.regression.error_sizes import in_floors
 from fitting.regression.flags import mark
-from fitting.regression.identifiability import Telling, statement, tellings
+from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
 from fitting.report.drawing_data import friction_curves, scatters, worst_seconds
 from fitting.report.joint_words import in_words_of
 from fitting.report.languages import NAMES
@@ -72,7 +72,7 @@ def final_fit(session: Session, results: StageResults) -> Final:
     """Make the final fit again, from the stages' results."""
     terms, steps = results[Attributed].terms, results[Residual].steps
     prepared, final = final_model(session, corrections_from_json(session, steps), terms)
-    return Final(steps, terms, prepared, handed(session, final.model)[0])
+    return Final(steps, terms, prepared, estimated(session, final.model)[0])
 
 
 def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
@@ -115,7 +115,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
         "estimation": refitted.estimation,
         "plausibility": _plausibility(session, results),
         "parameter_shifts": _shifts(session, results),
-        "identifiability": [telling.to_json() for telling in _tellings(session)],
+        "identifiability": [own.to_json() for own in _parameter_verdicts(session)],
         "checks": for_report(checked.findings),
         "warnings": _warnings(session, results),
     }
@@ -168,14 +168,14 @@ def _values(
     names: Sequence[str], theta: FloatArray, std: FloatArray, units: Mapping[str, str], share: FloatArray | None = None
 ) -> dict[str, Any]:
     """Return values by name; where the data add less than the prior, a share instead of a deviation."""
-    told = [{}] * len(names) if share is None else [_told(own) for own in share.tolist()]
+    shares = [{}] * len(names) if share is None else [_data_share(own) for own in share.tolist()]
     return {
         name: {"value": value, "std": deviation, "unit": units[name], **own}
-        for name, value, deviation, own in zip(names, theta.tolist(), std.tolist(), told, strict=True)
+        for name, value, deviation, own in zip(names, theta.tolist(), std.tolist(), shares, strict=True)
     }
 
 
-def _told(share: float) -> dict[str, Any]:
+def _data_share(share: float) -> dict[str, Any]:
     """Return a parameter's content beside its value: the share of information from data."""
     return {"told_by_data": share, **({"std": None} if share < MOSTLY_PRIOR else {})}
 
@@ -186,9 +186,9 @@ def _rigid_body(session: Session, results: StageResults) -> dict[str, Any]:
     chosen, final, parameters = refit.chosen, refit.after, list[dict[str, Any]]()
     for number, place in enumerate(range(first, first + len(base))):
         own: dict[str, Any] = {"name": base.names[number], "expression": base.expressions[number]}
-        own |= _at(final, place) if final.told[place] else {"value": None, "std": None}
+        own |= _at(final, place) if final.determined[place] else {"value": None, "std": None}
         own |= {"unit": base.units[number], "stage_2": _at(two_stage, place)}
-        own |= {"joint_refit": _at(refit.joint, place)} if chosen else _told(float(final.share[place]))
+        own |= {"joint_refit": _at(refit.joint, place)} if chosen else _data_share(float(final.share[place]))
         parameters.append(own)
     return {
         "estimator": chosen.estimator if chosen else _ESTIMATORS[refit.weights],
@@ -256,7 +256,7 @@ def _shifts(session: Session, results: StageResults) -> list[dict[str, Any]]:
     before, after = results[Refitted].before, results[Refitted].after
     shifts = []
     for number, name in enumerate(parameters.names):
-        if not (before.told[number] and after.told[number]):
+        if not (before.determined[number] and after.determined[number]):
             continue
         first, second, std = (float(v[number]) for v in (before.theta, after.theta, after.std))
         shifts.append(
@@ -287,10 +287,10 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
     warnings += _in_situ_warnings(session, in_situ)
     parameters = session.plain.design.parameters
-    untold = [n for n, told in zip(parameters.names, results[Refitted].after.told, strict=False) if not told]
-    if untold:
-        warnings.append(f"this motion cannot tell {', '.join(untold)}; they are left at zero")
-    warnings += _beyond_told(session, results)
+    undetermined = [n for n, own in zip(parameters.names, results[Refitted].after.determined, strict=False) if not own]
+    if undetermined:
+        warnings.append(f"this motion cannot tell {', '.join(undetermined)}; they are left at zero")
+    warnings += _beyond_training(session, results)
     changed = NAMES["parameters"] | NAMES["changed"]
     for change in results[Attributed].changes:
         warnings.append(
@@ -301,11 +301,11 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     lines = (line for line in results[Attributed].lines if not is_ripple(session.machine, line))
     warnings += [_line_warning(session.machine, line) for line in lines]
     if session.plain.design.indices("operation"):
-        warnings.append(statement(_tellings(session)))
+        warnings.append(statement(_parameter_verdicts(session)))
     return warnings
 
 
-def _beyond_told(session: Session, results: StageResults) -> list[str]:
+def _beyond_training(session: Session, results: StageResults) -> list[str]:
     """List joints whose error on ``validate`` was expected to exceed that on the fitted motion by far."""
     refitted = results[Refitted]
     lines = []
@@ -343,14 +343,14 @@ def _line_warning(machine: Machine, line: Line) -> str:
     )
 
 
-def _tellings(session: Session) -> tuple[Telling, ...]:
+def _parameter_verdicts(session: Session) -> tuple[ParameterVerdict, ...]:
     plain = session.plain
-    theta = session.handed_base.model.fit.theta
-    return tellings(plain.design, plain.noise, plain.fitted, theta, session.base_model.prior)
+    theta = session.weighted_base.model.fit.theta
+    return parameter_verdicts(plain.design, plain.noise, plain.fitted, theta, session.base_model.prior)
 
 
 def _figures(session: Session, results: StageResults, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
-    before = handed(session, session.base_with(results[Refitted].weights))[0]
+    before = estimated(session, session.base_with(results[Refitted].weights))[0]
     shown = session.plain.validate or session.plain.design.indices("train", "operation")
     return Figures(
         scatter=scatters(before, model, shown),

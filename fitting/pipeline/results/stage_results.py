@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from daq.errors import HilfitError
 from daq.validation_words import in_words
@@ -66,7 +66,7 @@ class Stacked:
     Attributes
     ----------
     estimator, details : which, and what it had to say
-    theta, std, told : (p,) values, deviations (0 where there is none), and whether the motion says anything of each
+    theta, std, determined : (p,) values, deviations (0 where there is none), and whether the motion determines each
     condition_number : of the column-scaled regressor
     errors : sizes of errors on the uncorrected recordings, in each joint's effort unit
     relative : relative error of all joints by role; ``of`` says which way
@@ -76,7 +76,7 @@ class Stacked:
     details: Json
     theta: Numbers
     std: Numbers
-    told: Flags
+    determined: Annotated[Flags, Field(alias="told")]
     condition_number: float
     errors: Errors
     relative: Json
@@ -135,7 +135,7 @@ class Fitted:
 
     theta: Numbers
     std: Numbers
-    told: Flags
+    determined: Annotated[Flags, Field(alias="told")]
     share: Numbers
 
 
@@ -246,7 +246,7 @@ _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 def to_json(result: Any) -> dict[str, Any]:
     """Return a stage's result as plain JSON content."""
-    return dict(_adapter(type(result)).dump_python(result, mode="json", warnings="error"))
+    return dict(_adapter(type(result)).dump_python(result, mode="json", by_alias=True, warnings="error"))
 
 
 def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:

@@ -28,7 +28,7 @@ _BEHIND = (" ", ";")
 #: What joins several to one: ``; or {}``.
 _JOINT = re.compile(r"; \w+ \{\}")
 #: Letters that a sentence with values needs to be known by itself; one with fewer is known inside of others only.
-_TELLING = 9
+_DISTINCT = 9
 
 
 class _Sentence(NamedTuple):
@@ -76,7 +76,7 @@ class Sentences:
         """Read ``table``: English to the other language; keys that begin with a space or ``;`` follow any sentence."""
         fixed = {key: other for key, other in table.items() if "{}" not in key and not key.startswith(_BEHIND)}
         opened = sorted((key for key in table if key not in fixed), key=_letters, reverse=True)
-        inner = [key for key in opened if _letters(key) < _TELLING]
+        inner = [key for key in opened if _letters(key) < _DISTINCT]
         return cls(
             fixed,
             tuple(_sentence(key, table[key]) for key in opened if key not in inner),
@@ -85,7 +85,7 @@ class Sentences:
             decimal,
         )
 
-    def said(self, text: str) -> str:
+    def translated(self, text: str) -> str:
         """Translate ``text``; unchanged where no table has it, or has one of its parts only."""
         known = self._whole(text)
         return text if known is None else known
@@ -116,9 +116,9 @@ class Sentences:
         if known is not None:
             return known
         named = _NAMED.fullmatch(text)
-        said = None if named is None else self._whole(named[2])
-        if named is not None and said is not None:
-            return f"{named[1]}: {said}"
+        rest = None if named is None else self._whole(named[2])
+        if named is not None and rest is not None:
+            return f"{named[1]}: {rest}"
         if "; " not in text:
             return None
         pieces = [piece for piece in map(self._whole, text.split("; ")) if piece is not None]
@@ -180,25 +180,25 @@ class Language:
 
     # --- texts ----------------------------------------------------------------------------------------------------
 
-    def say(self, english: str, *values: str) -> str:
+    def phrase(self, english: str, *values: str) -> str:
         """Return a text of the page itself, with ``values`` (in this language) where it has ``{}``."""
         if self.own is None:
             parts = english.split("{}")
             return parts[0] + "".join(value + part for value, part in zip(values, parts[1:], strict=True))
         other = self.own.get(english) or self.table.fixed.get(english)
         if other is None:
-            return ENGLISH.say(english, *values)
+            return ENGLISH.phrase(english, *values)
         return re.sub(r"\$(\d)", lambda at: values[int(at[1]) - 1], other)
 
-    def said(self, english: str) -> str:
+    def translated(self, english: str) -> str:
         """Translate a text of the report, with values in it or composed of several."""
-        return english if self.own is None else self.table.said(english)
+        return english if self.own is None else self.table.translated(english)
 
-    def said_each(self, english: str) -> str:
+    def translated_each(self, english: str) -> str:
         """Translate several sentences of one text of the report, each for itself."""
         if self.own is None:
             return english
-        return " ".join(map(self.said, re.split(r"(?<=\.) (?=[A-Z])", english)))
+        return " ".join(map(self.translated, re.split(r"(?<=\.) (?=[A-Z])", english)))
 
     def words(self, name: str) -> str:
         """Return a signal's or key's name in words: ``piston_position``, ``joint2.piston_speed``."""
@@ -209,12 +209,12 @@ class Language:
         joint, _, signal = name.rpartition(".")
         if known is None and joint:
             known = self.table.fixed.get(text.words(signal))
-            return spaced if known is None else self.say("{} of {}", known, joint)
+            return spaced if known is None else self.phrase("{} of {}", known, joint)
         return spaced if known is None else known
 
-    def lower(self, said: str) -> str:
+    def lower(self, word: str) -> str:
         """Adapt a text to the middle of a sentence: English has a small letter there, not in ``IDIM``, ``K x``."""
-        return said[:1].lower() + said[1:] if self.own is None and said[1:2].islower() else said
+        return word[:1].lower() + word[1:] if self.own is None and word[1:2].islower() else word
 
     def quoted(self, name: str) -> str:
         """Quote a name of several words within a sentence."""
@@ -222,15 +222,15 @@ class Language:
 
     def listed(self, items: Sequence[str], last: str = "and") -> str:
         """Join as ``a, b and c``."""
-        return text.listed(items, self.say(last))
+        return text.listed(items, self.phrase(last))
 
     def unit(self, unit: Any) -> str:
         """Write a unit as people do; some are words."""
-        return self.say(text.unit(unit))
+        return self.phrase(text.unit(unit))
 
     def effort(self, unit: str, name: str = "effort") -> str:
         """Name an effort of a unit; English has one word for forces and torques."""
-        return self.say(name) if self.own is None or "N m" not in unit else self.say(f"{name}, N m")
+        return self.phrase(name) if self.own is None or "N m" not in unit else self.phrase(f"{name}, N m")
 
     def size(self, value: float, unit: str) -> str:
         """Write a value in a sentence, two digits in people's unit: ``120 mm``, ``35°``, ``12 MPa``."""
@@ -239,7 +239,7 @@ class Language:
 
     def formula(self, formula: str) -> str:
         """Write an equation or combination of parameters: names as they are, this language's numbers."""
-        return formula if self.own is None else self.table.numerals(self.said(formula))
+        return formula if self.own is None else self.table.numerals(self.translated(formula))
 
     # --- numbers --------------------------------------------------------------------------------------------------
 

@@ -198,7 +198,7 @@ class OnValidate:
         return (self.expected - self.gain) / self.spread if known else 0.0
 
     @property
-    def tells(self) -> bool:
+    def has_power(self) -> bool:
         """Whether a right model would be confirmed here in all but one case of a hundred."""
         return self.expected > CONFIRMED + float(stats.norm.isf(MISSES_RIGHT)) * self.spread
 
@@ -208,7 +208,7 @@ class OnValidate:
 
         The rows' density knows how uncertain the parameters are; what is handed out has their means. Neither may.
         """
-        needed = CONFIRMED if self.tells and np.isfinite(self.expected) else -CONFIRMED
+        needed = CONFIRMED if self.has_power and np.isfinite(self.expected) else -CONFIRMED
         return min(self.predicted, self.gain) < needed
 
 
@@ -244,7 +244,7 @@ def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: S
     predicted = gain
     if np.isfinite(expected):
         logs = [
-            own.log(m.fit.covariance, np.flatnonzero(m.fit.told))
+            own.log(m.fit.covariance, np.flatnonzero(m.fit.determined))
             for own, m in zip(densities, (before, after), strict=True)
         ]
         predicted = 2.0 * (logs[1] - logs[0])
@@ -267,13 +267,13 @@ class Density:
             self.squares + float(residual @ residual) / scale,
         )
 
-    def log(self, covariance: FloatArray, told: IntArray) -> float:
-        """Compute the logarithm, but for a constant, with the ``covariance`` (p, p) of the parameters ``told``."""
-        std = np.sqrt(np.diag(covariance)[told])
-        unit = covariance[np.ix_(told, told)] / np.outer(std, std)
-        root = std[:, None] * np.linalg.cholesky(unit + 1e-12 * np.eye(len(told)))
-        own = np.eye(len(told)) + root.T @ np.asarray(self.own)[np.ix_(told, told)] @ root
-        shadow = root.T @ self.shadow[told]
+    def log(self, covariance: FloatArray, determined: IntArray) -> float:
+        """Compute the logarithm, but for a constant, with the ``covariance`` (p, p) of parameters ``determined``."""
+        std = np.sqrt(np.diag(covariance)[determined])
+        unit = covariance[np.ix_(determined, determined)] / np.outer(std, std)
+        root = std[:, None] * np.linalg.cholesky(unit + 1e-12 * np.eye(len(determined)))
+        own = np.eye(len(determined)) + root.T @ np.asarray(self.own)[np.ix_(determined, determined)] @ root
+        shadow = root.T @ self.shadow[determined]
         return -0.5 * (self.squares - float(shadow @ np.linalg.solve(own, shadow)) + float(np.linalg.slogdet(own)[1]))
 
 

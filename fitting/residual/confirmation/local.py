@@ -57,8 +57,8 @@ class Local:
         known, squares, open_ones = self.known, [], []
         for fold in folds:
             own, r = self.columns[fold], self.residual[fold]
-            rest, told = known - own.T @ own, own.T @ r
-            squares.append(float(r @ r + told @ np.linalg.solve(rest, told)))
+            rest, products = known - own.T @ own, own.T @ r
+            squares.append(float(r @ r + products @ np.linalg.solve(rest, products)))
             open_ones.append(np.linalg.slogdet(known)[1] - np.linalg.slogdet(rest)[1])
         return np.array(squares), np.array(open_ones)
 

@@ -47,7 +47,7 @@ REFUSED, _SHORTEST = 1e-3, 32
 _INSIDE = 0.9
 
 
-def with_doubts(model: Model) -> Model:
+def with_uncertainties(model: Model) -> Model:
     """Return the model with a covariance that includes searched shapes, unknown laws and the noise's own uncertainty.
 
     Values do not change. Recordings that are too long for memory keep their covariance: shapes and spectra of hours
@@ -121,17 +121,17 @@ def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
 def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     """Compute the covariance (p, p) with the shapes of effects free to move."""
     slopes = shape_columns(model)
-    told = model.fit.told
+    determined = model.fit.determined
     if slopes is None:
         return model.fit.covariance
     D = _white(model, slopes)
-    A = np.vstack([own.A[:, told] for own in rows])
+    A = np.vstack([own.A[:, determined] for own in rows])
     # Of the covariance with D beside A: C + C A'D (D'D + P - D'A C A'D)^-1 D'A C.
-    C = model.fit.covariance[np.ix_(told, told)]
+    C = model.fit.covariance[np.ix_(determined, determined)]
     shift = C @ (A.T @ D)
     left = D.T @ D + np.eye(D.shape[1]) / _SHAPE_STD**2 - (A.T @ D).T @ shift
     covariance = model.fit.covariance.copy()
-    covariance[np.ix_(told, told)] += shift @ np.linalg.solve(left, shift.T)
+    covariance[np.ix_(determined, determined)] += shift @ np.linalg.solve(left, shift.T)
     return covariance
 
 
@@ -191,7 +191,7 @@ def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     named = [
         isinstance(term.content, Effect) for term in model.terms for _ in term.names(model.design.parameters.joints)
     ]
-    without = np.flatnonzero(model.fit.told & np.concatenate([np.ones(count, dtype=bool), np.array(named)]))
+    without = np.flatnonzero(model.fit.determined & np.concatenate([np.ones(count, dtype=bool), np.array(named)]))
     A = np.vstack([own.A[:, without] for own in rows])
     unit = np.linalg.norm(A, axis=0)
     plain = np.linalg.lstsq(A / unit, np.concatenate([own.b for own in rows]), rcond=1e-12)[0] / unit
@@ -210,7 +210,7 @@ def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
         directions = span[0][:, span[1] > 1e-6 * span[1][0]]
         drive = model.design.parameters.drive_slice(term.joint)
         for place in range(drive.start, drive.stop):
-            if scale[place] > 0 and model.fit.told[place]:
+            if scale[place] > 0 and model.fit.determined[place]:
                 share = float(np.sum((directions.T @ (own[:, place] / scale[place])) ** 2))
                 variances[place] += share * (_HIDDEN * float(np.linalg.norm(beside)) / scale[place]) ** 2
     return variances

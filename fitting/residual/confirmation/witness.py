@@ -30,8 +30,8 @@ from fitting.effects.base import Level
 
 Verdict = Literal["both", "different", "gone_unloaded", "only_unloaded", "silent", "neither"]
 
-#: A witness that would have shown an effect with this significance (and one that shows it) is heard.
-HEARD = 4.0
+#: Significance from which on an effect is visible in a witness that shows it, or would have shown it.
+VISIBLE = 4.0
 #: What is below this significance is not there.
 ABSENT = 2.5
 #: Two values that differ by so many standard errors are not one value.
@@ -134,11 +134,11 @@ def _significance(values: FloatArray, covariance: FloatArray) -> float:
     (Proc. Nat. Acad. Sci. 17, 1931). Directions without variance are undetermined and do not count.
     """
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    told = scale > 0
-    if not told.any():
+    determined = scale > 0
+    if not determined.any():
         return 0.0
-    unit = values[told] / scale[told]
-    correlation = covariance[np.ix_(told, told)] / np.outer(scale[told], scale[told])
+    unit = values[determined] / scale[determined]
+    correlation = covariance[np.ix_(determined, determined)] / np.outer(scale[determined], scale[determined])
     chi = max(float(unit @ np.linalg.pinv(correlation, rcond=_DEAD**2, hermitian=True) @ unit), 0.0)
     k = int(np.linalg.matrix_rank(correlation, tol=_DEAD**2 * len(unit), hermitian=True))
     if k == 1:
@@ -148,18 +148,18 @@ def _significance(values: FloatArray, covariance: FloatArray) -> float:
 
 
 def _verdict(z_u: float, z_l: float, expected_u: float, expected_l: float, difference: float) -> Verdict:
-    there_u, there_l = z_u >= HEARD, z_l >= HEARD
+    there_u, there_l = z_u >= VISIBLE, z_l >= VISIBLE
     if there_u and there_l:
         return "different" if difference >= APART else "both"
-    if there_l and expected_u >= HEARD and z_u < ABSENT and difference >= APART:
+    if there_l and expected_u >= VISIBLE and z_u < ABSENT and difference >= APART:
         return "gone_unloaded"
-    if there_u and expected_l >= HEARD and z_l < ABSENT and difference >= APART:
+    if there_u and expected_l >= VISIBLE and z_l < ABSENT and difference >= APART:
         return "only_unloaded"
     if not there_u and not there_l:
         return "neither"
     # One shows it; the other, which would have shown it, half does (both), or could not have.
-    heard = expected_u >= HEARD if there_l else expected_l >= HEARD
-    return "both" if heard and difference < APART else "different" if heard else "silent"
+    visible = expected_u >= VISIBLE if there_l else expected_l >= VISIBLE
+    return "both" if visible and difference < APART else "different" if visible else "silent"
 
 
 def objection(level: Level, own: Witness) -> str:

@@ -49,24 +49,24 @@ def things_of_path(path: str, parameters: Mapping[str, Any], collections: Collec
 def names_in(signature: inspect.Signature) -> Callable[[Mapping[str, Any]], set[Thing]]:
     """Build a function that finds all that a call's arguments name, by the types of its parameters."""
     found = {name: parameter.annotation for name, parameter in signature.parameters.items()}
-    telling = {name: annotation for name, annotation in found.items() if tells(annotation)}
+    naming = {name: annotation for name, annotation in found.items() if can_name(annotation)}
 
     def find(values: Mapping[str, Any]) -> set[Thing]:
         things: set[Thing] = set()
-        for name, annotation in telling.items():
+        for name, annotation in naming.items():
             _collect(annotation, values.get(name), things)
         return things
 
     return find
 
 
-def tells(annotation: Any) -> bool:
+def can_name(annotation: Any) -> bool:
     """Test whether values of a type can name anything."""
     if _collection(annotation) is not None:
         return True
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return any(tells(_annotation(field)) for field in annotation.model_fields.values())
-    return any(tells(part) for part in get_args(annotation) if not isinstance(part, str | list))
+        return any(can_name(_annotation(field)) for field in annotation.model_fields.values())
+    return any(can_name(part) for part in get_args(annotation) if not isinstance(part, str | list))
 
 
 def _collection(annotation: Any) -> str | None:

@@ -15,7 +15,7 @@ from server.platform.errors import ServiceStopping
 
 PAUSE_S = 1.0
 #: s between two lines about what is waited for.
-SAY_S = 60.0
+LOG_S = 60.0
 Value = TypeVar("Value")
 _log = structlog.stdlib.get_logger(__name__)
 
@@ -33,16 +33,16 @@ def patiently(do: Callable[[], Value], pause: Callable[[float], object]) -> Valu
     do : something that may be done twice
     pause : waits that many seconds; what it raises ends the waiting
     """
-    told = False
+    logged = False
     while True:
         try:
             return do()
         except DBAPIError as error:
             if not away(error):
                 raise
-            if not told:
+            if not logged:
                 _log.warning("database_away", error=" ".join(str(error.orig).split()))
-                told = True
+                logged = True
             pause(PAUSE_S)
 
 
@@ -61,7 +61,7 @@ class Patience:
     def __init__(self, stopping: threading.Event) -> None:
         self.stopping = stopping
         self.why: str | None = None
-        self._said = -math.inf
+        self._logged = -math.inf
 
     def pause(self, seconds: float) -> None:
         """Wait a while."""
@@ -79,8 +79,8 @@ class Patience:
     def until(self, why: Callable[[], str | None]) -> None:
         """Wait until nothing is missing, looking every second; once a minute the log names what is."""
         while (found := self.patiently(why)) is not None:
-            if time.monotonic() - self._said > SAY_S:
-                self._said = time.monotonic()
+            if time.monotonic() - self._logged > LOG_S:
+                self._logged = time.monotonic()
                 _log.warning("waiting", reason=found)
             self.why = found
             self.pause(PAUSE_S)

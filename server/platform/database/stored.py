@@ -68,7 +68,7 @@ class Stored(Shown):
     noun: ClassVar[str]
     _declared: ClassVar[frozenset[str]] = frozenset()
 
-    def __init_subclass__(cls, **said: str) -> None:
+    def __init_subclass__(cls, **declared: str) -> None:
         """Take what a class declares of its table, which is made once its fields are known."""
         super().__init_subclass__()
 
@@ -115,22 +115,22 @@ def _columns(fields: Mapping[str, FieldInfo]) -> Iterator[sa.Column[Any]]:
     if not any(_kept(field).key for field in kept.values()):
         yield sa.Column("number", sa.Integer, primary_key=True)
     for name, field in kept.items():
-        said, kinds = _kept(field), _kinds(field.annotation)
+        own, kinds = _kept(field), _kinds(field.annotation)
         kind, nullable = (kinds - {NoneType}).pop(), NoneType in kinds
-        to = [] if said.references is None else [sa.ForeignKey(said.references, ondelete=said.ondelete)]
+        to = [] if own.references is None else [sa.ForeignKey(own.references, ondelete=own.ondelete)]
         yield sa.Column(
             name,
             _TYPES.get(kind) or sa.JSON(none_as_null=nullable),
             *to,
-            primary_key=said.key,
+            primary_key=own.key,
             nullable=nullable,
-            unique=said.unique or None,
-            index=said.index or None,
+            unique=own.unique or None,
+            index=own.index or None,
         )
 
 
 def _kept(field: FieldInfo) -> Kept:
-    return next((said for said in field.metadata if isinstance(said, Kept)), Kept())
+    return next((own for own in field.metadata if isinstance(own, Kept)), Kept())
 
 
 def _kinds(annotation: Any) -> set[Any]:

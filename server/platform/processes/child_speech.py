@@ -9,7 +9,7 @@ from typing import Any
 from daq.errors import HilfitError, InputError
 
 
-def say(**content: Any) -> None:
+def send(**content: Any) -> None:
     """Write a line of the protocol."""
     print(json.dumps(content), flush=True)
 
@@ -23,11 +23,11 @@ def ended(work: Callable[[], dict[str, Any] | None], too_much: str = "needs too 
     too_much : what is reported, in one line, if there is not enough memory for it
     """
     try:
-        say(summary=work() or {})
+        send(summary=work() or {})
     except HilfitError as error:
-        say(error=str(error))
+        send(error=str(error))
         return 2 if isinstance(error, InputError) else 1
     except (MemoryError, RecursionError):
-        say(error=too_much)
+        send(error=too_much)
         return 2
     return 0

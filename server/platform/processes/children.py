@@ -129,8 +129,8 @@ class Child:
         deadline = looked + timeout_s
         room = self._room or room_of(log)
         known = (room, *program)  # another room is another process: this one cannot leave the one that it was given
-        process = self._told(known, arguments, log)
-        told = process is not None
+        process = self._reused(known, arguments, log)
+        reused = process is not None
         own = os.getpriority(os.PRIO_PROCESS, 0)  # which only the few may go below
         niceness = max(own, SESSION_NICENESS) if self._awaited else NICENESS
         process = process or _started([*program, *arguments], log, self._threads, room, niceness)
@@ -138,17 +138,17 @@ class Child:
         last: dict[str, Any] = {}
         try:
             for line in _lines(process.stdout):
-                said = None if line is None else _parse(line)
-                if said is not None and "ended" in said:
+                reply = None if line is None else _parse(line)
+                if reply is not None and "ended" in reply:
                     self._staying = (known, process)
-                    return _result(int(said["ended"]), last, log)
-                if said is not None:
-                    last = said
-                    if "fraction" in said:
-                        progress(float(said["fraction"]), " ".join(str(said.get("text", "")).split()))
-                    if isinstance(said.get("summary"), dict) and said.get("stays") is True:
+                    return _result(int(reply["ended"]), last, log)
+                if reply is not None:
+                    last = reply
+                    if "fraction" in reply:
+                        progress(float(reply["fraction"]), " ".join(str(reply.get("text", "")).split()))
+                    if isinstance(reply.get("summary"), dict) and reply.get("stays") is True:
                         self._staying = (known, process)
-                        return ChildResult("done", summary=said["summary"])
+                        return ChildResult("done", summary=reply["summary"])
                 now = self._clock()
                 if line is not None and now - looked < LOOK_S:
                     continue
@@ -162,12 +162,12 @@ class Child:
         finally:
             if self._staying is None:
                 _end(process)
-        if told and not last and process.returncode == 0:  # it had nothing to do for long, and was just leaving
+        if reused and not last and process.returncode == 0:  # it had nothing to do for long, and was just leaving
             left = max(0.0, deadline - self._clock())
             return self.run(program, arguments, log=log, timeout_s=left, progress=progress, should_stop=should_stop)
         return _result(process.returncode, last, log)
 
-    def _told(self, known: tuple[object, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
+    def _reused(self, known: tuple[object, ...], arguments: Sequence[str], log: Path) -> subprocess.Popen[bytes] | None:
         """Order the kept process to do the next work; None if there is none for it."""
         if self._staying is None:
             return None

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import structlog
 
 #: s between two lines of the log about looks that fail.
-SAID_S = 60.0
+LOG_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -38,12 +38,12 @@ class Rounds:
             self._thread.join()
 
     def _run(self) -> None:
-        said = -SAID_S
+        logged = -LOG_S
         while not self._stop.wait(0.0 if self._at_once else self._every_s):
             self._at_once = False
             try:
                 self._look()
             except Exception as error:  # of a store, a disk or an engine that is away
-                if time.monotonic() - said >= SAID_S:
-                    said = time.monotonic()
+                if time.monotonic() - logged >= LOG_S:
+                    logged = time.monotonic()
                     _log.error("look_failed", of=self._name, exc_info=error)

@@ -19,7 +19,7 @@ from daq.recordings.column_map import load_map
 from daq.recordings.recording_files import Table, read_table, write_columns
 from daq.recordings.recording_source import import_file
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
-from server.platform.processes.child_speech import ended, say
+from server.platform.processes.child_speech import ended, send
 from server.recordings.formats.declared_size import refuse_bombs
 from server.recordings.formats.imports import IMPORTS, map_beside
 from server.recordings.formats.recording_statistics import statistics
@@ -73,5 +73,5 @@ def main(arguments: Sequence[str], do: Callable[..., None] = do) -> int:
         extra = NEEDS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        say(error=f"this needs {error.name}; run: pip install 'hilfit[{extra}]'")
+        send(error=f"this needs {error.name}; run: pip install 'hilfit[{extra}]'")
         return 1

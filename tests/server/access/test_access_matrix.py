@@ -21,7 +21,7 @@ from starlette.websockets import WebSocketDisconnect
 from server.composition.app import create_app
 from server.composition.declarations import RESOURCES
 from server.platform.authorization.guard import scope_of
-from server.platform.authorization.named_things import Names, tells
+from server.platform.authorization.named_things import Names, can_name
 from server.platform.authorization.principals import LEAST_ROLE, ROLES, Role, Scope
 from server.platform.resource import Resource
 from server.platform.service import Service
@@ -255,7 +255,7 @@ def test_every_text_in_a_request_says_whether_it_names_something_of_a_machine(
 @pytest.mark.parametrize(("method", "path", "route"), REQUESTS, ids=name)
 def test_no_spelling_of_a_body_gets_past_the_binding(guarded: Guarded, method: str, path: str, route: Any) -> None:
     model = body_model(route)
-    if model is None or not tells(model):
+    if model is None or not can_name(model):
         return
     headers = guarded.bearer("admin", ("other",))
     place = re.sub(r"\{.*?\}", "payload", path)
@@ -281,7 +281,7 @@ def test_no_spelling_of_a_body_gets_past_the_binding(guarded: Guarded, method: s
 
 
 def test_bodies_name_each_thing_of_another_machine_once() -> None:
-    models = {model for _, _, route in REQUESTS if (model := body_model(route)) is not None and tells(model)}
+    models = {model for _, _, route in REQUESTS if (model := body_model(route)) is not None and can_name(model)}
     bodies = {model.__name__: foreign_bodies(model) for model in models}
     assert all(bodies.values())
     for body in (

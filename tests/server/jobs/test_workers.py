@@ -319,17 +319,17 @@ def test_a_worker_without_heartbeats_is_silent(tmp_path: Path) -> None:
     silence = Silence(database, lambda: now)
     one, two = Heartbeat(database, "worker-one"), Heartbeat(database, "worker-two")
     for _ in range(3):
-        one.say()
-        two.say()
+        one.send()
+        two.send()
         silence.look()
         now += SILENT_S / 2
     assert not silence.silent("worker-one")
-    one.say()
+    one.send()
     silence.look()
     now += SILENT_S
     assert silence.silent("worker-two")
     assert not silence.silent("worker-one")
-    one.say()  # with the same clock: every word is a new one
+    one.send()  # with the same clock: every word is a new one
     silence.look()
     now += SILENT_S
     assert not silence.silent("worker-one")
@@ -342,7 +342,7 @@ def test_a_database_outage_does_not_count_as_silence_of_a_worker(tmp_path: Path)
     database = Database(tmp_path / "s.sqlite", TABLES, changed=lambda: None)
     silence = Silence(database, lambda: now)
     one = Heartbeat(database, "worker-one")
-    one.say()
+    one.send()
     silence.look()
     now += 4 * SILENT_S  # nobody could look, nobody could say anything
     silence.look()
@@ -365,9 +365,9 @@ def test_a_worker_takes_no_job_of_a_server_of_another_version(tmp_path: Path) ->
     database = Database(tmp_path / "store.sqlite", TABLES, changed=lambda: None)
     try:
         assert "start it" in (other_version(database) or "")
-        Heartbeat(database, "worker-one").say()
+        Heartbeat(database, "worker-one").send()
         assert "start it" in (other_version(database) or ""), "another worker is no server"
-        Heartbeat(database, EXECUTOR).say()
+        Heartbeat(database, EXECUTOR).send()
         assert other_version(database) is None
         with database.write() as connection:
             connection.execute(hosts.update().where(hosts.c.id == EXECUTOR).values(version="0.0.1"))

@@ -78,7 +78,7 @@ def test_missing_values_stay_missing_and_are_marked_from_when_to_when() -> None:
     values[50:60] = np.nan
     found = extremes(time, values, values, np.isnan(values), 0.1)
     assert np.isnan(found.low[10]) and np.isnan(found.low[11]) and found.low[12] == 1
-    assert runs(found.time, found.doubtful[:, 0], 0.1) == [(pytest.approx(1.0), pytest.approx(1.2))]
+    assert runs(found.time, found.flagged[:, 0], 0.1) == [(pytest.approx(1.0), pytest.approx(1.2))]
     assert runs(time, np.isnan(values[:, 0]), 0.0) == [(pytest.approx(1.005), pytest.approx(1.205))]
     few = Extremes(time, values, values, np.isnan(values), 0.0)
     assert at_most(few, 0, 2, 100) is few

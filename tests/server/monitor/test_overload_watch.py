@@ -86,10 +86,10 @@ def test_an_overload_is_an_alarm_while_it_lasts(tmp_path: Path) -> None:
     watch = _Watch("cal-1", "ring")
     begun = {"on": True, "time": 3.0, "joint": "boom", "residual": 812.0, "unit": "N m", "score": 9.1, "threshold": 6.0}
     near = [{"joint": "boom", "residual": 700.0, "unit": "N m", "share": 1.2}]
-    monitors._heard("arm", watch, {"overload_joints": near})
+    monitors._received("arm", watch, {"overload_joints": near})
     assert watch.found["overload_joints"] == near
-    monitors._heard("arm", watch, {"overload": begun})
-    monitors._heard("arm", watch, {"overload": {**begun, "on": False}})
+    monitors._received("arm", watch, {"overload": begun})
+    monitors._received("arm", watch, {"overload": {**begun, "on": False}})
     assert [(kind, severity, on) for _, kind, _, severity, on in reported] == [
         ("overload", "critical", True),
         ("overload", "critical", False),

@@ -216,7 +216,7 @@ def test_a_drift_of_valves_is_an_alarm_of_its_own_and_orders_no_recalibration(tm
     joint = {"joint": "boom", "statistic": "edge.extend", "moved": [moved]}
     other = {"joint": "jib", "statistic": "delay.retract"}
     found = {"state": "drift", "drifting": ["boom"], "joints": [joint, other]}
-    monitors._heard("crane", _Watch("cal-2", "ring", "valves"), found)
+    monitors._received("crane", _Watch("cal-2", "ring", "valves"), found)
     (alarm,) = reported
     assert (alarm[0], alarm[1], alarm[3:]) == ("crane", "valve_drift", ("warning", True))
     assert alarm[2] == (

@@ -63,12 +63,12 @@ def _sentence(node: ast.expr) -> str | None:
 
 
 def _sentences(tree: ast.AST) -> Iterator[str]:
-    """Second arguments of ``progress`` and ``said``, what is assigned to ``text``, and what ``as_text`` returns."""
+    """Second arguments of ``progress``, what is assigned to ``text``, and what ``as_text`` returns."""
     for node in ast.walk(tree):
         found: list[ast.expr] = []
         if isinstance(node, ast.Call) and len(node.args) == 2:
             name = getattr(node.func, "id", getattr(node.func, "attr", ""))
-            found = [node.args[1]] if name in ("progress", "said") else []
+            found = [node.args[1]] if name == "progress" else []
         elif isinstance(node, ast.Assign):
             several = isinstance(node.targets[0], ast.Tuple) and isinstance(node.value, ast.Tuple)
             pairs = (
@@ -282,7 +282,7 @@ def test_report_and_page_say_the_same_of_the_same_sentence() -> None:
     assert tests is not None
     pairs = re.findall(r'german\(\s*("(?:[^"\\]|\\.)*"),?\s*\),?\s*\)\.toBe\(\s*("(?:[^"\\]|\\.)*")', tests[0])
     assert len(pairs) == tests[0].count("expect(") >= 6
-    assert [language("de").said(json.loads(english)) for english, _ in pairs] == [
+    assert [language("de").translated(json.loads(english)) for english, _ in pairs] == [
         json.loads(other) for _, other in pairs
     ]
 
@@ -294,4 +294,4 @@ def test_all_that_a_report_says_has_a_german_text() -> None:
     said = {text for text in said if not any(pattern.match(text.replace("{}", "1")) for pattern in patterns)}
     german = language("de")
     assert len(said) > 70
-    assert sorted(text for text in said if text not in KNOWN and german.said(text) == text) == []
+    assert sorted(text for text in said if text not in KNOWN and german.translated(text) == text) == []

@@ -134,7 +134,7 @@ def test_with_inverse_and_preview_the_error_is_a_fraction_of_linear_feedforwards
     path = working_motion(guesses, rng, 10.0, 0.5)[1].path  # type: ignore[attr-defined]
     linear = linear_inverse(guesses)
     ways = [
-        Control(linear, ahead=False),
+        Control(linear, feedforward=False),
         Control(linear),
         Control(TrueInverse(machine, truth)),
         Control(TrueInverse(machine, truth), preview=lateness(truth)),

@@ -53,7 +53,7 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
 
 def c_files(program: Program) -> dict[str, str]:
     """Write header and source by name."""
-    return _files(program, _KINDS, _said(program), ())
+    return _files(program, _KINDS, _card(program), ())
 
 
 def forward_files(program: Program) -> dict[str, str]:
@@ -66,7 +66,7 @@ def forward_files(program: Program) -> dict[str, str]:
         f"int {name}_acceleration({', '.join(f'const double {w}[{n}]' for w in ('q', 'qd', 'effort'))}, double t{oil}, "
         f"double qdd[{n}])",
     ]
-    said = [
+    card = [
         *heading(program.tracer, remembers=False),
         "",
         f"Motion from joint efforts. state[{size}]: positions, speeds, and the length of the integrator's last step.",
@@ -77,20 +77,20 @@ def forward_files(program: Program) -> dict[str, str]:
         "it came to. pressed: joint efforts of chamber pressures. effort, inertia: what the motion follows from, with",
         "the memory of effects settled and signs of speed over a width that can be integrated.",
     ]
-    files = _files(program, _KINDS[:1], said, signatures)
+    files = _files(program, _KINDS[:1], card, signatures)
     files[f"{name}.c"] += rendered("forward.c.j2", name=name, joints=n, signatures=signatures, oil=program.tracer.oil)
     return files
 
 
 def _files(
-    program: Program, kinds: Sequence[tuple[str, str]], said: Sequence[str], more: Sequence[str]
+    program: Program, kinds: Sequence[tuple[str, str]], card: Sequence[str], more: Sequence[str]
 ) -> dict[str, str]:
     words = {
         "name": program.name,
         "upper": program.name.upper(),
         "joints": program.joints,
         "memory": program.memory,
-        "said": [line.replace("*/", "* /") for line in said],
+        "card": [line.replace("*/", "* /") for line in card],
         "kinds": kinds,
         "signatures": [*more, *(_signature(program, own, *kind) for own in program.functions for kind in kinds)],
         "used": program.used,
@@ -100,7 +100,7 @@ def _files(
     return {f"{program.name}.{end}": rendered(f"arm.{end}.j2", **words) for end in "hc"}
 
 
-def _said(program: Program) -> list[str]:
+def _card(program: Program) -> list[str]:
     return [
         *heading(program.tracer),
         "",

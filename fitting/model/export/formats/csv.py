@@ -28,7 +28,7 @@ from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import without
 from fitting.model.export.functions import written
 from fitting.model.export.grids import ROUNDING, Quantity, Table, grid_points, tabled
-from fitting.model.export.words import Written, refitted, require_folder, said_of
+from fitting.model.export.words import Written, model_card, refitted, require_folder
 
 
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
@@ -61,7 +61,7 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
         else:
             left_out.append(found)
     files = {f"{own.quantity.name}.csv": _text(own) for own in tables} | {"tables.csv": _index(tables)}
-    files["card.txt"] = "\n".join([*said_of(whole, left_out), ""])
+    files["card.txt"] = "\n".join([*model_card(whole, left_out), ""])
     return written(path, files, left_out)
 
 
@@ -81,7 +81,7 @@ def _index(tables: Sequence[Table]) -> str:
         largest = repr(float(np.max(np.abs(own.values))))
         name, unit = own.quantity.name, own.quantity.unit
         error = f"{own.error:.3g}"
-        rows.append([f"{name}.csv", name, unit, "; ".join(names), points, largest, error, own.quantity.says])
+        rows.append([f"{name}.csv", name, unit, "; ".join(names), points, largest, error, own.quantity.description])
     return _csv([header, *rows])
 
 
@@ -116,21 +116,21 @@ def _links(model: ArmModel) -> ArmModel:
 
 def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
     """Return what acts at rest beside the links."""
-    says = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
+    about = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
     return _at_rest(
-        model, joint, "held", says, lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint]
+        model, joint, "held", about, lambda q: (motion.gravity(model, q) - motion.gravity(links, q))[:, joint]
     )
 
 
 def _own_gravity(model: ArmModel, joint: int) -> Quantity:
-    says = f"effort of {model.joints[joint]} that holds the links still"
-    return _at_rest(model, joint, "gravity", says, lambda q: motion.gravity(model, q)[:, joint])
+    about = f"effort of {model.joints[joint]} that holds the links still"
+    return _at_rest(model, joint, "gravity", about, lambda q: motion.gravity(model, q)[:, joint])
 
 
-def _at_rest(model: ArmModel, joint: int, what: str, says: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
+def _at_rest(model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
     """Return a joint's effort over all joint positions."""
     positions = tuple(_position(model, k) for k in range(len(model.joints)))
-    return Quantity(f"{what}_{model.joints[joint]}", says, model.joint_units[joint], positions, value)
+    return Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
 
 
 def _link_quantities(model: ArmModel) -> list[Quantity]:
@@ -155,10 +155,10 @@ def _link_quantities(model: ArmModel) -> list[Quantity]:
                 return np.asarray(efforts[:, joint] - behind)
 
             names = " + ".join(model.joints[chain[0] : joint + 1])
-            says = f"part of link {model.joints[joint]} in the gravity of itself and of the joints before it from "
-            says += f"{model.joints[chain[0]]} on, over {names}: a joint bears its own link's part and those behind"
+            about = f"part of link {model.joints[joint]} in the gravity of itself and of the joints before it from "
+            about += f"{model.joints[chain[0]]} on, over {names}: a joint bears its own link's part and those behind"
             variable = (f"{model.joints[joint]}.link_angle", "rad", float(low), float(high))
-            result.append(Quantity(f"gravity_{model.joints[joint]}", says, "N m", (variable,), part))
+            result.append(Quantity(f"gravity_{model.joints[joint]}", about, "N m", (variable,), part))
     return result
 
 
@@ -228,6 +228,6 @@ def friction_quantities(model: ArmModel) -> list[Quantity]:
             for k, fast in zip(others, limits, strict=True)
         ]
         unit = model.effort_units[joint]
-        says = f"friction of the drive of {described.name}: what changes its sign with its speed"
-        result.append(Quantity(f"friction_{described.name}", says, unit, (speed, *positions, *speeds), value))
+        about = f"friction of the drive of {described.name}: what changes its sign with its speed"
+        result.append(Quantity(f"friction_{described.name}", about, unit, (speed, *positions, *speeds), value))
     return result

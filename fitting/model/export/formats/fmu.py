@@ -26,7 +26,7 @@ from daq.whole_files import replacing
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.formats.c import c_files, forward_files
 from fitting.model.export.functions import Program, forward_program, program_of, rendered
-from fitting.model.export.words import Written, require_folder, said_of
+from fitting.model.export.words import Written, model_card, require_folder
 
 #: Units by what SI makes of them: exponents of kg, m, s, rad.
 _UNITS = {
@@ -63,14 +63,14 @@ class Variable:
 
     Attributes
     ----------
-    name, unit, says : of it
+    name, unit, description : of it
     causality : ``parameter``, ``input`` or ``output``
     start : value before any is set; of an output none
     """
 
     name: str
     unit: str
-    says: str
+    description: str
     causality: str
     start: float = 0.0
 
@@ -114,26 +114,26 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     program = program_of(model)
     forward, lines = forward_program(program.tracer.model, possible)
     units = [_inverse(program), *([] if forward is None else [_forward(forward)])]
-    return write_units(path, units, [*program.tracer.left_out, *lines], lambda out: said_of(model, out))
+    return write_units(path, units, [*program.tracer.left_out, *lines], lambda out: model_card(model, out))
 
 
 def write_units(
-    path: Path, units: Sequence[Unit], left_out: Sequence[str], said: Callable[[Sequence[str]], list[str]]
+    path: Path, units: Sequence[Unit], left_out: Sequence[str], card: Callable[[Sequence[str]], list[str]]
 ) -> Written:
-    """Write units in a folder, each for both versions of FMI; ``said`` makes their description of what is left out."""
+    """Write units in a folder, each for both versions of FMI; ``card`` makes their description of what is left out."""
     require_folder(path)
     compiler = shutil.which("cc")
     if compiler is None:
         left_out = [*left_out, "binaries: there is no C compiler (cc) here; the units hold sources"]
     targets = [
-        _packed(path / f"{unit.name}_fmi{version}.fmu", unit, version, said(left_out), compiler)
+        _packed(path / f"{unit.name}_fmi{version}.fmu", unit, version, card(left_out), compiler)
         for unit in units
         for version in (3, 2)
     ]
     return Written(tuple(targets), tuple(left_out))
 
 
-def _packed(target: Path, unit: Unit, version: int, said: Sequence[str], compiler: str | None) -> Path:
+def _packed(target: Path, unit: Unit, version: int, card: Sequence[str], compiler: str | None) -> Path:
     """Write a unit."""
     starts = [own.start for own in unit.variables if own.causality != "output"]
     token = f"{{{uuid5(NAMESPACE_URL, unit.name + unit.token)}}}"
@@ -144,7 +144,7 @@ def _packed(target: Path, unit: Unit, version: int, said: Sequence[str], compile
     sources = {**unit.sources, "fmi_instance.h": instance, "fmi.c": rendered(f"fmi{version}.c")}
     content: dict[str, bytes] = {f"sources/{file}": text.encode() for file, text in sources.items()}
     content |= {f"resources/{file}": text.encode() for file, text in unit.resources.items()}
-    about: dict[str, Any] = {"title": unit.title, "units": _UNITS, "said": said}
+    about: dict[str, Any] = {"title": unit.title, "units": _UNITS, "card": card}
     about |= {"variables": unit.variables, "kinds": unit.kinds, "version": version, "new": version == 3}
     content["modelDescription.xml"] = rendered("modelDescription.xml.j2", **words, **about).encode()
     if version == 3:
@@ -170,7 +170,7 @@ def binary_place(version: int) -> tuple[str, str]:
     return (f"{short}{bits}" if machine == "x86_64" else f"{machine}-{short}"), suffix
 
 
-def _each(model: ArmModel, word: str, says: str, causality: str, starts: Sequence[float] = ()) -> list[Variable]:
+def _each(model: ArmModel, word: str, description: str, causality: str, starts: Sequence[float] = ()) -> list[Variable]:
     """Make a variable per joint; the word names its owner: a joint's (``q``, ``effort``), or a drive's."""
     result = []
     for number, joint in enumerate(model.machine.joints):
@@ -180,14 +180,14 @@ def _each(model: ArmModel, word: str, says: str, causality: str, starts: Sequenc
         unit = {"head": "Pa", "rod": "Pa", "beyond": "1"}.get(word, effort)
         unit = unit if per is None else ("rad" if turns else "m") + per
         start = starts[number] if len(starts) else 0.0
-        result.append(Variable(f"{word}[{number + 1}]", unit, f"{says} of {joint.name}", causality, start))
+        result.append(Variable(f"{word}[{number + 1}]", unit, f"{description} of {joint.name}", causality, start))
     return result
 
 
 def _inverse(program: Program) -> Unit:
     """Make efforts of a moment; memory of the moments before it."""
     n, model = program.joints, program.tracer.model
-    variables = [v for word, says in _MOTION.items() for v in _each(model, word, says, "input")]
+    variables = [v for word, description in _MOTION.items() for v in _each(model, word, description, "input")]
     given = {word: f"in + {k * n}" for k, word in enumerate(_MOTION)}
     given |= {"t": "arm->values[0]", "dt": "dt", "memory": "arm->memory", "temperature": f"in[{3 * n}]"}
     if model.temperature is not None or program.tracer.oil:
@@ -221,7 +221,7 @@ def _forward(program: Program) -> Unit:
         *_each(model, "head", "head pressure", "input"),
         *_each(model, "rod", "rod pressure", "input"),
         *(_oil(model) for _ in program.tracer.oil),
-        *(v for word, says in _MOTION.items() for v in _each(model, word, says, "output")),
+        *(v for word, description in _MOTION.items() for v in _each(model, word, description, "output")),
     ]
     oil = f", arm->values[{1 + 5 * program.joints}]" if program.tracer.oil else ""
     words = {"calls": {}, "memory": 0, "moving": program.joints, "oil": oil}

@@ -47,7 +47,7 @@ def _source(program: Program, name: str) -> str:
     return rendered(
         "arm.m.j2",
         name=name,
-        said=[f"{name.upper()}  {first}", *others, "", *calls, rows],
+        card=[f"{name.upper()}  {first}", *others, "", *calls, rows],
         functions=[_function(own) for own in functions],
         curves=program.curves,
     )

@@ -27,7 +27,7 @@ def _source(program: Program) -> str:
         )
     return rendered(
         "arm.py.j2",
-        said=heading(program.tracer),
+        card=heading(program.tracer),
         joints=list(program.tracer.model.joints),
         curves=[{key: own if key == "number" else own.tolist() for key, own in c.items()} for c in program.curves],
         functions=[_function(own) for own in functions],

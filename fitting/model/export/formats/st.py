@@ -35,7 +35,7 @@ def _source(program: Program) -> str:
     return rendered(
         "arm.st.j2",
         name=program.name,
-        said=[line.replace("*)", "* )").replace("(*", "( *") for line in lines],
+        card=[line.replace("*)", "* )").replace("(*", "( *") for line in lines],
         used=program.used,
         curves=program.curves,
         blocks=[_block(program, own) for own in program.functions],

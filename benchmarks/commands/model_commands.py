@@ -1,4 +1,4 @@
-"""Benchmarks of identifications: samples, demonstration, stages, time and memory, measured machines, mistakes."""
+"""Benchmarks of identifications and of models: samples, times, measured machines, mistakes, valves, exports."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.commands.saying import benchmark, chosen, known, rising
-from benchmarks.commands.saying import directory as existing
-from benchmarks.one_thread import one_blas_thread
+from benchmarks.cases import one_blas_thread
+from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen, known, rising
+from benchmarks.commands.benchmark import directory as existing
 from benchmarks.targets import ARMS, Arm, Outcome, Show
 
 _DATA = "the one with the measured data to --data"
@@ -74,7 +74,7 @@ def speed(
     """Measure time and memory of an identification, and how they grow with the recording."""
     if valves:
         one_blas_thread()
-        from benchmarks.valve.timing import timed
+        from benchmarks.valve.runs import timed
 
         return timed(0)
     from benchmarks.speed import speed as run
@@ -99,7 +99,7 @@ def long(
     seed: Annotated[int, typer.Option(help="Of arm, motions and noise.")] = 3,
 ) -> Outcome:
     """Identify hours of recordings with the loop: time, memory, and what it names."""
-    from benchmarks.long import long as run
+    from benchmarks.speed import long as run
 
     return run(rising("--minutes", minutes, "10,30,60"), effect_minutes, seed=seed, show=show)
 
@@ -161,3 +161,69 @@ def paper(
     from benchmarks.paper import run
 
     return run(count, seed, existing(data, DATA, _DATA), page, show)
+
+
+@benchmark
+def valve(
+    show: Show,
+    cases: Annotated[int, typer.Option(help="Machines; each is healthy once and has one effect once.", min=1)] = 60,
+    seed: Seed = 0,
+    cache: Cache = None,
+    only_make: OnlyMake = False,
+    output: Results = None,
+    closed_loop: Annotated[int, typer.Option(help="Healthy machines that follow a path by their inverse.", min=0)] = 6,
+    healthy: Annotated[bool, typer.Option("--healthy", help="Leave the cases with an effect out.")] = False,
+    watch: Annotated[
+        bool, typer.Option("--watch", help="Instead: the monitor on healthy machines, and after changes.")
+    ] = False,
+) -> Outcome:
+    """Identify edges, delay, effects and inverse of valves on a bench, a crane and an excavator, at random."""
+    one_blas_thread()
+    if watch:
+        from benchmarks.valve.watching import run as run_watched
+
+        return run_watched(cases, seed, output, show)
+    from benchmarks.valve.runs import run
+
+    return run(cases, seed, cache, only_make, output, closed_loop, healthy, show)
+
+
+@benchmark
+def regressor(
+    machine: Annotated[Path | None, typer.Argument(help="Machine file; two arms of six joints if absent.")] = None,
+    samples: Annotated[int, typer.Option(help="States at which the regressor is computed.", min=1)] = 10_000,
+    repeats: Annotated[int, typer.Option(help="Times that each is timed; the shortest counts.", min=1)] = 15,
+) -> Outcome:
+    """Time the regressor beside a Pinocchio loop."""
+    from benchmarks.exports.regressor import regressor as run
+    from daq.machine.machine_file import load_machine
+
+    return run(samples, repeats, None if machine is None else load_machine(machine))
+
+
+@benchmark
+def model(
+    show: Show,
+    samples: Annotated[Path | None, typer.Option(help="Directory of the sample cases.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Directory of the measured data.")] = None,
+) -> Outcome:
+    """Check exports against the model, C beside Pinocchio, and the coverage of the 95 % band."""
+    from benchmarks.exports.model import run
+    from benchmarks.measured import DATA
+    from benchmarks.samples import SAMPLES
+
+    return run(samples or SAMPLES, data or DATA, show)
+
+
+@benchmark
+def uses(
+    show: Show,
+    seed: Annotated[int, typer.Option(help="Seed of the run.")] = 1,
+    hours: Annotated[
+        float, typer.Option(help="Hours of motion and rest in turn that false alarms are counted in.", min=0.02)
+    ] = 24.0,
+) -> Outcome:
+    """Test feedforward, simulation, overload, payload and energy, closed loops on the simulated machine."""
+    from benchmarks.exports.uses import run
+
+    return run(seed, hours, show)

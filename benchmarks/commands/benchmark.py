@@ -14,6 +14,13 @@ from benchmarks.targets import Outcome, Show, lines_of, missed, silent
 from daq.console import print_json, reported
 from daq.errors import InputError
 
+#: Options of benchmarks whose cases are drawn from a seed, kept on disk, and judged into a file of results.
+Seed = Annotated[int, typer.Option(help="Seed of the run; a case is the same whatever else is run.")]
+Cache = Annotated[Path | None, typer.Option(help="Keep simulated cases here, and take them from here.")]
+OnlyMake = Annotated[bool, typer.Option(help="Fill the cache and judge nothing.")]
+Results = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Results, a line each; a run goes on where it stopped.")
+]
 #: Commands by name, in the order of the list.
 BENCHMARKS: dict[str, Callable[..., None]] = {}
 
