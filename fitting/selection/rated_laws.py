@@ -153,6 +153,7 @@ def resolved(model: Model, score: Score) -> Score:
     best = trials[int(np.argmax(named_evidence(gain, live, np.array([shown]))[:, 0]))]
     if isinstance(law, Surface):
         return best
-    products, sizes = best.information @ np.asarray(best.values), priors.amplitudes(float(np.sqrt(best.gain)))
+    products = best.information @ np.asarray(best.values)
+    sizes = priors.amplitudes(max(priors.USUAL_EFFORT, float(np.sqrt(best.gain))))
     expected = expected_curve(best.information, products, priors.LENGTHS, sizes)
     return replace(best, term=replace(best.term, expected=expected))
