@@ -133,7 +133,12 @@ def nearly_all_fresh(channel: str, counts: Mapping[str, int]) -> None:
 
 def acquired_all_along(who: Client) -> None:
     """No cycle was skipped since acquisition began, and nearly no value is old."""
-    counts = wait_until("cycles are counted", lambda: who.get("/status")["acquisition"][MACHINE].get("counts"))
+
+    def counted() -> Any:
+        found = who.get("/status")["acquisition"][MACHINE].get("counts", {"cycles": 0})
+        return found["cycles"] >= 100 and found
+
+    counts = wait_until("a hundred cycles are counted", counted)
     assert counts["skipped"] == 0
     for channel, of_channel in counts["quality"].items():
         nearly_all_fresh(channel, of_channel)
