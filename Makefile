@@ -18,8 +18,9 @@ install = @$(if $(LOCK),$(PIP) --require-hashes -r $(LOCK)/$(1).txt && $(PIP) --
 # Of each target that is fuzzed; FUZZ names some of them, all without it.
 FUZZ_SECONDS ?= 60
 FUZZ ?=
-# Tests at once. A third worker on two cores gained 2 of 75 s in make test-quick, for a third more of processor time.
-JOBS ?= 2
+# Tests at once; what is not said is by what the tests do. All of them wait for buses, children and recordings a third of
+# the time; of the quick ones a third worker on two cores gained 2 of 75 s, for a third more of processor time.
+JOBS ?=
 PYTEST := $(BIN)/pytest --dist loadfile --no-loadscope-reorder
 # Tests start hundreds of Python processes; none should compile again what another has compiled.
 unexport PYTHONDONTWRITEBYTECODE
@@ -36,11 +37,11 @@ demo: $(VENV)/.use ## the whole job on a simulated machine, about two minutes; e
 test: $(VENV)/.dev ## every test and, beside them, the checks; the slowest twenty are listed at the end
 	$(BIN)/ruff check .
 	@$(MAKE) --no-print-directory check > $(VENV)/check.log 2>&1 & checking=$$!; \
-	$(PYTEST) -n $(JOBS) --durations 20; tested=$$?; \
+	$(PYTEST) -n $(or $(JOBS),3) --durations 20; tested=$$?; \
 	wait $$checking; checked=$$?; cat $(VENV)/check.log; exit $$((tested | checked))
 
 test-quick: $(VENV)/.dev ## the tests that are not marked slow; says at the end which those are
-	$(PYTEST) -n $(JOBS) -m "not slow" --durations 5 -p no:schemathesis
+	$(PYTEST) -n $(or $(JOBS),2) -m "not slow" --durations 5 -p no:schemathesis
 
 test-socketcan: $(VENV)/.dev ## the drivers on AF_CAN, in user-mode Linux with a virtual bus; two minutes at most
 	$(BIN)/python tests/daq/user_mode_linux.py

@@ -12,7 +12,6 @@ rows*, which are what is fitted.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,13 +73,17 @@ class Staubli:
 
     def checks(self) -> tuple[Check, ...]:
         """Check against the publication and an independent trial."""
-        refused = not set(REFUSED) & set(self.found.names)
+        names = self.found.names
+        root, refused = "velocity_root_friction" in names, not set(REFUSED) & set(names)
+        moving = self.after.moving_blocks / self.base.moving_blocks
         return (
             figure("TX40: parameters told", self.parameters, least=61.0, shown=str(self.parameters)),
             percent("TX40: relative error of the base model, every row", self.base.every_row, 8.4),
             figure("TX40: five blocks before the loop", self.base.every_row_blocks, "{:.2f} %"),
             percent("TX40: five blocks after the loop", self.after.every_row_blocks, 8.1),
-            fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(self.found.names)),
+            figure("TX40: five blocks of moving rows, after over before", moving, "{:.2f}", most=0.8),
+            fact("TX40: friction with a root of the speed found unaided", root, ", ".join(names)),
+            fact("TX40: asymmetric and load-dependent friction refused", refused, ", ".join(names)),
         )
 
     def section(self) -> str:
@@ -167,6 +170,12 @@ def base_errors(session: Session) -> tuple[int, Errors]:
     return int(np.count_nonzero(model.fit.determined)), _errors(model)
 
 
+def trials(session: Session) -> dict[str, Errors]:
+    """Return the errors with each of :data:`REFUSED` added on every joint."""
+    joints = range(len(session.machine.joints))
+    return {name: _errors(refitted(session, [Term(effect(name), joint) for joint in joints])) for name in REFUSED}
+
+
 def evaluate(data: Path, directory: Path) -> Staubli:
     """Evaluate the base model, the loop, and errors before and after."""
     path = recording(data, directory)
@@ -174,22 +183,19 @@ def evaluate(data: Path, directory: Path) -> Staubli:
     session = session_of(path)
     count, base = base_errors(session)
     before, after = refitted(session, ()), refitted(session, found.terms, found)
-    joints = range(len(session.machine.joints))
-    trials = {name: _errors(refitted(session, [Term(effect(name), joint) for joint in joints])) for name in REFUSED}
     first, second = stack_of(before, 0), stack_of(after, 0)
     theta, theta_more = first.fit(), second.fit()
     own = zip(_by_joint(before, first, theta), _by_joint(after, second, theta_more), strict=True)
     keep = first.keep[0]
-    names = before.design.parameters.names
     return Staubli(
         parameters=count,
         base=base,
         after=_errors(after),
-        trials=trials,
+        trials=trials(session),
         found=found,
         bandwidth_hz=session.bank.bandwidth_hz,
         joints=tuple(own),
-        friction=_friction(data, names, before.design.parameters.base.names, theta),
+        friction=friction(data, before),
         residuals=(
             session.bank.reduce(before.design.segments[0].v[:, 0])[keep],
             (first.reduced_target[0] - first.reduced[0] @ theta)[keep],
@@ -234,14 +240,14 @@ def _by_joint(model: Model, stack: Stack, theta: FloatArray) -> list[float]:
     return [relative(y - A @ theta, y) for A, y in zip(columns, targets, strict=True)]
 
 
-def _friction(
-    data: Path, names: Sequence[str], base_names: Sequence[str], theta: FloatArray
-) -> tuple[tuple[str, float, float], ...]:
+def friction(data: Path, model: Model) -> tuple[tuple[str, float, float], ...]:
     """Compare published drive parameters with those found, in the published meaning.
 
     The publication gives motor 6 on joint 5 the speed of joint 6 alone and the reverse, instead of the motor's own
     speed on both; its ``fv5``, ``fv6`` and ``Ia5`` are therefore ours plus those of the motor.
     """
+    names, base_names = model.design.parameters.names, model.design.parameters.base.names
+    theta = stack_of(model, 0).fit()
     with (data / "published_base_parameters.csv").open(encoding="utf-8") as file:
         published = {row[0]: float(row[1]) for row in csv.reader(file) if row}
     own = dict(zip(names, theta.tolist(), strict=False))

@@ -258,12 +258,13 @@ def injected(
     shape: dict[str, float],
     values: Sequence[float],
     recordings: Sequence[tuple[str, int]] = USUAL,
+    **motion: Any,
 ) -> list[np.ndarray]:
     """What an effect of this size adds to the drive efforts of the recordings, (N, n) each.
 
     Columns that hold the model's force are built until the force with the effect in it agrees with itself.
     """
-    design, views = exact_views(machine, arm, recordings=recordings)
+    design, views = exact_views(machine, arm, recordings=recordings, **motion)
     fitted = design.indices("unloaded", "train", "repeat")
     term = Term(effect, joint, shape)
     theta = np.concatenate([arm.theta(machine), values])

@@ -183,13 +183,17 @@ def test_the_check_says_what_is_broken(broken: type[Effect], complaint: str) -> 
 
 @dataclass(frozen=True)
 class Case:
-    """An effect put into a three-joint arm; ``or_set`` are names that may stand beside it or in front of it."""
+    """An effect put into a three-joint arm; ``or_set`` are names that may stand beside it or in front of it.
+
+    Motions of 30 s tell of all but a payload that is taken up in the middle of one.
+    """
 
     id: str
     joint: int | None
     values: tuple[float, ...]
     shape: dict[str, float] = field(default_factory=dict)
     or_set: tuple[str, ...] = ()
+    seconds: float = 30.0
 
 
 #: Small enough to be first order, large enough to be seen: some tens of newtons at loads of one or two kilonewtons.
@@ -221,7 +225,7 @@ CASES = [
         {"parameter": -1.0, "turn": 1.0, "zero": 0.0},
         or_set=("encoder_offset", "hose_stiffness"),
     ),
-    Case("payload", None, (2.0,), {"recording": 2.0, "t_0": 14.0}),
+    Case("payload", None, (2.0,), {"recording": 2.0, "t_0": 14.0}, seconds=40.0),
     Case("hose_stiffness", 1, (0.0, 0.0, 60.0, 300.0)),
     Case("pose_dependent_friction", 1, (120.0, 0.0, 0.0), {"other": 0.0}),
     # A liquid that follows at frequencies far above the motion's is nothing but an inertia.
@@ -268,8 +272,9 @@ def test_friction_under_load_may_start_with_the_square_of_the_load() -> None:
 
 def found(case: Case) -> Attribution:
     machine, arm = planar_machine(3), truth(3)
-    added = injected(machine, arm, effect(case.id), case.joint, case.shape, case.values, RECORDINGS)
-    session = make_session(machine, arm, RECORDINGS, added=added)
+    length = {"seconds": case.seconds}
+    added = injected(machine, arm, effect(case.id), case.joint, case.shape, case.values, RECORDINGS, **length)
+    session = make_session(machine, arm, RECORDINGS, added=added, **length)
     return run_attribution(session, Corrections(machine))
 
 

@@ -1,12 +1,12 @@
 """The whole identification on recordings of a plant that shares no code with it; ``truth.yaml`` checks the answer.
 
-One case of each kind: nothing missing, an effect of the catalogue, one outside. ``hilfit bench samples`` does all six.
+One case of each kind: nothing missing, an effect of the catalogue, one outside. ``hilfit bench samples`` does all six,
+with all of each recording.
 """
 
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,9 @@ import pytest
 import yaml
 from arm_examples import SHARED
 
-from fitting.loop.session import Request, Session
+from daq.machine.machine_file import load_machine
+from daq.recordings.recording import read_recording
+from fitting.loop.session import Session
 from fitting.pipeline.results.results import build_report
 from fitting.pipeline.results.stage_results import StageResults
 from fitting.pipeline.stages import STEPS
@@ -29,6 +31,8 @@ ROLES = {
     "repeat": "repeat",
     "validate": "validate",
 }
+#: Of each recording's minute.
+SECONDS = 40.0
 
 
 @cache
@@ -37,8 +41,9 @@ def made(case: str) -> tuple[dict[str, Any], Figures]:
     directory = SHARED / "samples" / case
     if not directory.exists():
         pytest.skip(f"sample {case} is not there")
-    files = tuple((role, directory / f"{name}.parquet") for name, role in ROLES.items())
-    session = Session.load(Request(directory / "machine.yaml", files, Path("nowhere")))
+    machine = load_machine(directory / "machine.yaml")
+    whole = [read_recording(directory / f"{name}.parquet", machine, role) for name, role in ROLES.items()]
+    session = Session(machine, [own.cut(slice(0, round(SECONDS * own.rate_hz))) for own in whole])
     results = StageResults()
     for compute in STEPS.values():
         results = results.having(compute(session, results, lambda fraction, text: None))

@@ -176,8 +176,8 @@ def test_an_effect_is_named_and_the_error_on_another_motion_falls(identified: Id
 
 
 @pytest.mark.slow
-def test_the_motion_that_is_judged_on_refuses_and_does_not_choose() -> None:
-    """Two motions to judge by, one of them of a valve without the effect: it alone changes what is said."""
+def test_the_motion_that_is_judged_on_refuses_and_does_not_choose(identified: Identify) -> None:
+    """Two more motions to judge by, one of them of a valve without the effect: it alone changes what is said."""
     bench, machine = Bench(**CASES["delay_per_direction"]), machine_of()
     fitted_ones = [recording(bench, seed, SECONDS) for seed in TRAIN]
 
@@ -186,11 +186,11 @@ def test_the_motion_that_is_judged_on_refuses_and_does_not_choose() -> None:
         axis: dict[str, Any] = identify_valves(machine, fitted_ones, [other]).report["axes"]["boom"]
         return axis
 
-    one, other = (found(recording(bench, seed, SECONDS)) for seed in (9, 10))
+    one, other = identified(**CASES["delay_per_direction"]).report["axes"]["boom"], found(recording(bench, 10, SECONDS))
     assert [own["id"] for own in one["effects"]] == [own["id"] for own in other["effects"]] == ["delay_per_direction"]
     assert one["effects"][0]["parameters"] == other["effects"][0]["parameters"]
     assert one["handed_out"] == "model"
-    refused = found(recording(Bench(), 9, SECONDS))
+    refused = found(recording(Bench(), VALIDATE, SECONDS))
     assert refused["effects"] == refused["unexplained"] == [] and refused["handed_out"] == "before"
     tried = {own["id"]: own for own in refused["candidates"][0]}["delay_per_direction"]
     assert "does not help on the validation motion" in tried["reason"] and tried["probability"] == 0.0

@@ -1,6 +1,7 @@
 """``python serve_with_set_clock.py DIRECTORY``: the real service with the simulated machine and access control.
 
-Its schedules go by the computer's clock plus the hours in ``DIRECTORY/hours``, so that a test need not wait for them.
+Its schedules' clock starts at five minutes past the hour, whatever the computer's, and is ``DIRECTORY/hours`` later, so
+that a test neither waits for a slot nor has one that it did not ask for.
 Stages have the priority of everything else here: beside other tests the lowest one is next to nothing.
 """
 
@@ -27,10 +28,11 @@ def ready(url: str) -> None:
 
 if __name__ == "__main__":
     children.NICENESS = 0
-    place = Path(sys.argv[1])
+    place, started = Path(sys.argv[1]), utc_now()
+    hour = started.replace(minute=5, second=0, microsecond=0)
 
     def clock() -> datetime:
-        return utc_now() + timedelta(hours=float((place / "hours").read_text()))
+        return hour + (utc_now() - started) + timedelta(hours=float((place / "hours").read_text()))
 
     settings = Settings(
         data_dir=place / "data", port=0, simulate=True, simulation_speed=SPEED, access="required", local_jobs=True

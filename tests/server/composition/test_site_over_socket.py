@@ -64,11 +64,10 @@ class Client:
         return self.ask("POST", path, status, json=content, headers=headers).json()
 
     def done(self, job: str) -> dict[str, Any]:
-        """Wait for a job; it has to be done."""
-        found = wait_until(
-            f"{job} ends",
-            lambda: (row := self.get(f"/jobs/{job}"))["state"] in ("done", "failed", "cancelled") and row,
-        )
+        """Wait for a job, whose events end with it; it has to be done."""
+        with self.http.stream("GET", f"{API}/jobs/{job}/events") as stream:
+            stream.read()
+        found = self.get(f"/jobs/{job}")
         assert found["state"] == "done", found
         return dict(found)
 
@@ -134,7 +133,12 @@ def nearly_all_fresh(channel: str, counts: Mapping[str, int]) -> None:
 
 def acquired_all_along(who: Client) -> None:
     """No cycle was skipped since acquisition began, and nearly no value is old."""
-    counts = wait_until("cycles are counted", lambda: who.get("/status")["acquisition"][MACHINE].get("counts"))
+
+    def counted() -> Any:
+        found = who.get("/status")["acquisition"][MACHINE].get("counts", {"cycles": 0})
+        return found["cycles"] >= 100 and found
+
+    counts = wait_until("a hundred cycles are counted", counted)
     assert counts["skipped"] == 0
     for channel, of_channel in counts["quality"].items():
         nearly_all_fresh(channel, of_channel)
