@@ -318,7 +318,7 @@ def _placed(session: Session, corrections: Corrections, score: GapScore) -> tupl
     if len(places) > 1:
         reading_alone = session.fit(session.prepared(corrected(corrections, replace(score, shape=places[1]))))
         odds = _log_odds_of_moving(reading_alone, score)
-        if abs(odds) > np.log(priors.CREDIBLE / (1.0 - priors.CREDIBLE)):
+        if abs(odds) > priors.CREDIBLE_ODDS:
             score = replace(score, shape=places[int(odds < 0)])
     return score, corrected(corrections, score)
 

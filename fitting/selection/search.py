@@ -164,9 +164,9 @@ class Search:
         self.scored = scored
         return best
 
-    def _rated(self, model: Model, drawing: bool = True, there: Score | None = None) -> list[Rated]:
-        """Rate all candidates beside a model, the noisy regressors' bias taken off contenders, if drawing; and what was
-        ``there`` where it is a surface, which is none.
+    def _rated(self, model: Model, drawing: bool = True, surfaces: Sequence[Score] = ()) -> list[Rated]:
+        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders, if
+        drawing.
 
         Scores of the last model are kept: after a rejection only the odds against leftovers change.
         """
@@ -174,8 +174,7 @@ class Search:
             self.scored = self._scores_beside(model)
         scores, drawn = self.scored.scores, self.scored.drawn
         self.rating = Rating(self.candidates, model, self._visible(model), self._failed(), settled=self.settled)
-        surface = there is not None and isinstance(there.term.content, Surface) and not there.term.content.twist
-        surfaces = score_terms(model, [there.term], [there.grid]) if surface and there is not None else []
+        surfaces = score_terms(model, [s.term for s in surfaces], [s.grid for s in surfaces])
         rated = self.rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
@@ -380,10 +379,12 @@ class Search:
         known = next((m for m in (self.base, self.before.model) if m.terms == tuple(rest)), None)
         model = self.signals.refit(rest) if known is None else known
         all_, self.accepted = self.accepted, others
-        rated = self._at_best_shapes(self._beside(self._rated(model, there=item.score), rest))
-        slot, own = Slot.of(item, rated), family(item.score.term)
+        own, content = family(item.score.term), item.score.term.content
+        surfaces = [item.score] if isinstance(content, Surface) and not content.twist else []  # twists are candidates
+        rated = self._at_best_shapes(self._beside(self._rated(model, surfaces=surfaces), rest))
+        slot = Slot.of(item, rated)
         self.accepted = all_
-        named = isinstance(item.score.term.content, Effect)
+        named = isinstance(content, Effect)
         choice = decided(rated, there=named) if rated and slot.nothing <= 1 - priors.CREDIBLE else None
         instead = frozenset([*map(family, rest), *([] if choice is None else [family(choice.term)])])
         if final or instead in self.held or (choice is not None and family(choice.term) == own):
