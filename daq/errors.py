@@ -17,9 +17,21 @@ The text of every one of them is a single line that names the file, key, channel
 
 from __future__ import annotations
 
+from typing import Any
+
+from daq.messages import Sentence, is_code
+
 
 class HilfitError(Exception):
-    """Anything that hilfit raises on purpose; its text is one line that a user can act on."""
+    """Anything that hilfit raises on purpose; its text is one line that a user can act on.
+
+    Parameters
+    ----------
+    text : the line; or the code of a message (see :mod:`daq.messages`), whose ``values`` follow
+    """
+
+    def __init__(self, text: str = "", /, **values: Any) -> None:
+        super().__init__(Sentence(text, **values) if values or is_code(text) else text)
 
 
 def first_line(error: Exception | None) -> str:

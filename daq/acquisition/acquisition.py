@@ -85,7 +85,7 @@ class AcquisitionProcess:
         for name in names:
             if name not in known:
                 hint = did_you_mean(name, known)
-                raise InputError(f"machine '{self.machine.name}' has no channel '{name}'{hint}")
+                raise InputError("daq.machine_no_channel", machine=self.machine.name, name=name, hint=hint)
         return frozenset(names)
 
     def start(self) -> None:
@@ -113,10 +113,10 @@ class AcquisitionProcess:
             If it failed to start, in one line; or did not within :data:`START_TIMEOUT_S`.
         """
         if self._control is None:
-            raise AcquisitionError("acquisition was not started; call start()")
+            raise AcquisitionError("daq.acquisition_not_started")
         if not self._running and not self._control.poll(START_TIMEOUT_S):
             raise AcquisitionError(
-                f"acquisition of '{self.machine.name}' is not running after {START_TIMEOUT_S:g} s; check its buses"
+                "daq.acquisition_not_running_after", machine=self.machine.name, start_timeout_s=START_TIMEOUT_S
             )
         self._receive()
         self.check()

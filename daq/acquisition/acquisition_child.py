@@ -31,6 +31,7 @@ from daq.frames.channels import channel_table, channels_by_bus
 from daq.frames.clock import Clock, NextSync, clock_for
 from daq.frames.events import EventLog
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 
 FIFO_PRIORITY = 20
 #: What is there has to be acquired within two seconds, whatever else is missing; libraries take some of them to load.
@@ -56,7 +57,7 @@ def main(control: Connection) -> None:
                 problems = drivers.start()
                 fatal = [problem for problem in problems if drivers.is_fatal(problem)]
                 if fatal:
-                    more = f" (and {len(fatal) - 1} more)" if len(fatal) > 1 else ""
+                    more = Sentence("daq.and_more", count=len(fatal) - 1) if len(fatal) > 1 else ""
                     raise AcquisitionError(fatal[0] + more)
                 warnings = [*problems, *([refusal] if refusal else [])]
                 cycles = Cycles(

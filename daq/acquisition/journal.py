@@ -79,7 +79,7 @@ class Journal:
                 "'hilfit recover', or move the journal away if that leaves it"
             ) from None
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+            raise RecordingError("daq.not_writable_here", path=path, reason=error.strerror) from None
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
             described = schema.serialize().to_pybytes()

@@ -17,6 +17,7 @@ from daq.drivers.bus_driver import BusDriver
 from daq.drivers.pace import Pace
 from daq.frames.clock import NS
 from daq.machine.machine_file import Bus
+from daq.messages import Sentence
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
@@ -195,7 +196,7 @@ class Listener(BusDriver):
     def _line(self, device: str) -> str:
         if device in self._silent:
             lacking = ", ".join(self._lacking(device))
-            return f"bus '{self.config.name}' {device}: {lacking} does not come; check its power, and who leads the bus"
+            return Sentence("daq.bus_not_come", config=self.config.name, device=device, lacking=lacking)
         faults = [stream.fault for stream in self.streams if stream.device == device and stream.fault]
         return faults[0] if faults else self.device_line(device)
 

@@ -51,4 +51,4 @@ def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
     except ModuleNotFoundError as error:
         raise InputError(f"{target}: needs {error.name}; run: pip install 'hilfit[export]'") from None
     except OSError as error:
-        raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from None
+        raise RecordingError("daq.not_writable", trace=target, error=error.strerror or error) from None

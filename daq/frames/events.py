@@ -17,6 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence
+
 PUBLISHED = 64
 TEXT_LENGTH = 240  # characters; with 64 of them the published list stays below a third of what the ring has room for
 MERGED_S = 1.0
@@ -156,4 +158,4 @@ class RecordedEvents:
             with replacing(self._path) as temporary:
                 temporary.write_text(json.dumps(self.listed, indent=1) + "\n", encoding="utf-8")
         except OSError as error:  # the recording is what matters; its metadata will have the events
-            self.warning = f"{self._path}: cannot be written ({error.strerror})"
+            self.warning = Sentence("daq.not_writable", trace=self._path, error=error.strerror)

@@ -12,6 +12,7 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from daq.messages import Sentence
 from daq.validation_words import in_words
 
 #: What machines, joints, channels and buses may be called.
@@ -23,7 +24,7 @@ _SHOWN = 60
 def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return ``; did you mean '...'?`` or nothing."""
     near = difflib.get_close_matches(word, options, n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
+    return Sentence("daq.did_you_mean", near=near[0]) if near else ""
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,15 @@ def _problem(
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if problem["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), keys)
-        what = f"unknown key{hint}" if hint else "unknown key; remove it"
+        what = Sentence("daq.unknown_key", hint=hint) if hint else Sentence("daq.unknown_key_remove")
     elif problem["type"] == "missing":
-        what = "this key is missing"
+        what = Sentence("daq.key_missing")
     elif isinstance(problem.get("input"), str | int | float | bool):
         if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME_PATTERN:
-            what = "write letters, digits, '_', '-' and '.', beginning with a letter or '_'"
-        what = f"{what[0].lower()}{what[1:]} (found {short(repr(problem['input']))})"
+            what = Sentence("daq.write_letters_digits_beginning")
+        what = Sentence(
+            "daq.with_what_was_found", lower=what[0].lower(), what=what[1:], problem=short(repr(problem["input"]))
+        )
     begins = re.match(r"[a-z_]+(\.[a-z_]+)*", what)  # a text may say which key of the part it is about
     inside = [*location, *begins[0].split(".")] if location and begins else location
     return Problem(line_of(tree, inside or _place(what, tree)), key, what)

@@ -132,7 +132,7 @@ def _decoded(path: Path, content: bytes) -> bytes:
 def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
     lines = head[: 1 << 16].decode("utf-8", errors="replace").splitlines()
     if lines and lines[0].startswith("# hilfit/motion"):
-        raise RecordingError(f"{path}: is a motion file, not a recording; give what was recorded while it moved")
+        raise RecordingError("daq.motion_file_not_recording", path=path)
     first, declared, commented = 0, "", ""
     while first < min(len(lines), _PREAMBLE_LINES):
         line = lines[first].strip()
@@ -180,7 +180,7 @@ def _separator(path: Path, header: str, rows: list[str]) -> str:
             found.append(separator)
     if len(found) > 1:
         names = " or ".join(_SEPARATORS[separator] for separator in found)
-        raise RecordingError(f"{path}: line 1: columns are separated by {names}, both fit; export with tabs")
+        raise RecordingError("daq.line_columns_separated_both", path=path, names=names)
     # Where no sign fits all rows the usual ones are tried in turn, so that the row that does not fit is named.
     return found[0] if found else next((s for s in _SEPARATORS if s in header), ",")
 
@@ -196,23 +196,16 @@ def _decimal(path: Path, numbers: bytes, separator: str, moments: bool) -> str:
         numbers = re.sub(rb"\d{4}-\d\d-\d\d[T ][\d:]+(?:[.,]\d+)?", b"", numbers)
     grouped = _THOUSANDS.search(numbers)
     if grouped is not None:
-        raise RecordingError(
-            f"{path}: '{grouped[0].decode()}' has signs between thousands; export numbers without them"
-        )
+        raise RecordingError("daq.signs_between_thousands", path=path, decode=grouped[0].decode())
     comma = _ANY_COMMA.search(numbers)
     if comma is None:
         return "."
     if re.search(rb"\d\.\d", numbers):
-        raise RecordingError(
-            f"{path}: some numbers have a decimal point and some a decimal comma; export all with points"
-        )
+        raise RecordingError("daq.some_numbers_decimal_point", path=path)
     if _SURE_COMMA.search(numbers) is None:
         first = re.search(rb"[-+]?\d+,\d+", numbers)
         shown = "1,234" if first is None else first[0].decode()
-        raise RecordingError(
-            f"{path}: '{shown}' may be a decimal comma or thousands, and no number in the file tells; export with "
-            "decimal points"
-        )
+        raise RecordingError("daq.may_decimal_comma_thousands", path=path, shown=shown)
     return ","
 
 
@@ -223,7 +216,7 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
         names[-1] = "\0"  # a separator at the end of every line
     if any(not name for name in names):
         number = names.index("") + 1
-        raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
+        raise RecordingError("daq.column_header_no_name", path=path, number=number)
     names_differ(path, names)
     counted = {name: pa.int64() if name in ("cycle", "utc_ns") else pa.float64() for name in names}
     types = counted | {names[number]: pa.string() for number in layout.moments}
@@ -250,7 +243,7 @@ def names_differ(path: Path, names: list[str]) -> None:
     """Refuse a table in which two columns have one name."""
     for name in names:
         if names.count(name) > 1:
-            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+            raise RecordingError("daq.column_times", path=path, name=name, name_2=names.count(name))
 
 
 def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from importlib.resources import files
 from typing import Any, Literal
 
+from daq.messages import Sentence
+
 #: Text and cure by key: a code, or ``code/variant``. Values stand in braces, as for ``str.format``.
 TEXTS: dict[str, tuple[str, str]] = json.loads(files(__package__).joinpath("texts.json").read_text("utf-8"))
 #: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
@@ -57,7 +59,7 @@ class Finding:
     @property
     def line(self) -> str:
         """What was seen and what to do, in one line."""
-        others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
+        others = Sentence("fitting.as_well", alternatives="; ".join(self.alternatives)) if self.alternatives else ""
         return f"{self.text}{others}; {self.cure}"
 
 

@@ -37,7 +37,7 @@ def load_request(path: Path) -> Request:
             languages=tuple(str(code) for code in content.get("languages", Request.languages)),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a request of an identification ({error})") from None
+        raise InputError("fitting.not_request_identification", path=path, error=error) from None
 
 
 def _keeping() -> Callable[[Request], Session]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
@@ -108,7 +109,7 @@ class Search:
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {}
         for item in known:
-            self._note(item.score, "accepted", "a spectral line")
+            self._note(item.score, "accepted", Sentence("fitting.spectral_line"))
         self.unconfirmed: list[Unconfirmed] = []
         self.limits: tuple[Score, ...] = ()
         terms, grid = catalogue_terms(base, effects)
@@ -265,9 +266,7 @@ class Search:
         answer = self.gate.asked(score, self.model, trial)
         place = score.term.family
         if not answer.reason and self._spilled(score):
-            answer = replace(
-                answer, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
-            )
+            answer = replace(answer, reason=Sentence("fitting.another_joint_certainly_lacks"), faint=True)
         if answer.reason:
             if answer.worse:
                 self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
@@ -289,7 +288,7 @@ class Search:
         self.accepted.append(
             Accepted(score, (), answer.held_out, answer.validate_gain, answer.witness, silence=answer.silence)
         )
-        self._note(score, "accepted", f"gains {score.gain:.0f} of chi-square")
+        self._note(score, "accepted", Sentence("fitting.gains_chi_square", gain=score.gain))
         self.before, self.model = self.scored, trial
         self.fresh.clear()
 
@@ -354,7 +353,7 @@ class Search:
         for number in reversed(range(len(self.slots))):
             if self.slots[number].improbable:
                 item = self.accepted.pop(self.known + number)
-                self._note(item.score, "rejected", "improbable beside all others")
+                self._note(item.score, "rejected", Sentence("fitting.improbable_beside_all_others"))
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
 
@@ -368,7 +367,7 @@ class Search:
             place = self.accepted.pop(number).score.term.family
             self.known -= 1
             known = self.table[place]
-            self.table[place] = replace(known, status="rejected", reason="not needed beside what was found later")
+            self.table[place] = replace(known, status="rejected", reason=Sentence("fitting.not_needed_beside_found"))
             self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _slot(self, number: int, final: bool = False) -> Slot:
@@ -393,9 +392,9 @@ class Search:
         self.accepted, self.model = others, model
         if choice is None:
             self.unneeded.add(own)
-            self._note(item.score, "rejected", "not needed beside what was found later")
+            self._note(item.score, "rejected", Sentence("fitting.not_needed_beside_found"))
             return replace(slot, moved=True)
-        self._note(item.score, "rejected", "another explanation is more probable")
+        self._note(item.score, "rejected", Sentence("fitting.another_explanation_more_probable"))
         self._try(choice)
         return replace(slot, moved=True)
 
@@ -414,7 +413,9 @@ class Search:
             )
             for rival, _ in rivals:
                 named = isinstance(item.score.term.content, Effect)
-                words = f"this data cannot tell it from {item.score.term.id if named else 'an unknown effect'}"
+                words = Sentence(
+                    "fitting.data_cannot_tell", term=item.score.term.id if named else Sentence("fitting.unknown_effect")
+                )
                 self._note(rival.score, "indistinguishable", words)
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(
@@ -469,9 +470,9 @@ class Search:
             if known is not None and (known.status != "rejected" or known.score >= margin(r.score)):
                 continue
             if r.log_odds <= 0:
-                reason = f"gains {r.score.gain:.1f} of chi-square, which chance or what was found explains as well"
+                reason = Sentence("fitting.gains_chi_square_chance", gain=r.score.gain)
             else:
-                reason = "significant, but another effect explains the same better"
+                reason = Sentence("fitting.significant_but_another_effect")
             self._note(r.score, "rejected", reason)
 
     def _note(self, score: Score, status: str, reason: str) -> None:

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.jobs.claims import Claim
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
 from server.platform.database.outbox import put_out
@@ -95,7 +96,7 @@ class Jobs(Repository[Job]):
         self, connection: sa.Connection, *, id: str, kind: str, label: str, subject: str, stages: tuple[str, ...]
     ) -> None:
         """Store a queued job with its first event, in the transaction that also makes the job's subject."""
-        text = "Waiting for its turn"
+        text = Sentence("server.waiting_turn")
         new = Job(
             id=id,
             kind=kind,

@@ -16,6 +16,7 @@ from daq import Machine, Quality, load_machine
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
+from daq.messages import Sentence
 from server.platform.errors import ConflictError, UnavailableError
 
 #: Seconds between two looks at a running acquisition.
@@ -147,7 +148,7 @@ class Supervisor:
             feed.check()
             if self._pause(self._stop, START_LOOK_S):
                 return False
-        raise UnavailableError(f"no frame came within {START_S:g} s; check the buses of the machine")
+        raise UnavailableError(Sentence("server.no_frame_came_within", start_s=START_S))
 
     def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when ordered to stop; raise when the process has died."""
@@ -155,7 +156,7 @@ class Supervisor:
             self._set(last=asdict(feed.statistics()))
             if not feed.alive:
                 feed.check()
-                raise UnavailableError("the acquisition process ended by itself; it is started again")
+                raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
 
 
 def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
@@ -164,8 +165,7 @@ def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
         place = bus.place
         if not is_listed(place, places or ()):
             raise ConflictError(
-                f"machine '{machine.name}' cannot be acquired: its bus '{bus.name}' leads to {place}, which is not in "
-                "bus_places; have the administrator of this service add it to the file of --config"
+                Sentence("server.machine_cannot_acquired_bus", machine=machine.name, bus=bus.name, place=place)
             )
 
 
@@ -224,9 +224,7 @@ class Acquisition:
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
             what = f"channel {silent[0]} has no source" if silent else "no buses"
-            raise ConflictError(
-                f"machine '{machine.name}' cannot be acquired: {what} in its file; add it and upload it again"
-            )
+            raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=what))
         refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
@@ -253,7 +251,7 @@ class Acquisition:
             supervisor = self._supervisors.get(name)
         if supervisor is None:
             raise ConflictError(
-                f"machine '{name}' is not being acquired; enable its acquisition",
+                Sentence("server.machine_not_being_acquired", name=name),
                 "not_acquired",
                 machine=name,
             )
@@ -279,7 +277,7 @@ class Acquisition:
             row = reader.latest()
         if row is None:
             raise ConflictError(
-                f"machine '{name}' has not sent a frame yet; try again", "acquisition_starting", machine=name
+                Sentence("server.machine_not_sent_frame", name=name), "acquisition_starting", machine=name
             )
         frame = frame_from_row(row[0])
         channels = {}

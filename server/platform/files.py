@@ -34,6 +34,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
 from server.platform.storage import DataFolder, SharedStorage
@@ -158,14 +159,14 @@ class DataDirectory:
         """
         try:
             if self._held is not None and not os.path.samestat((self.root / LOCK_FILE).stat(), os.fstat(self._held)):
-                raise UnavailableError("the data directory is another one than at the start; restart the service")
+                raise UnavailableError(Sentence("server.data_directory_another_start"))
             for directory in (self.machines, self.recordings, self.identifications):
                 directory.stat()
             probe = self.root / f".probe-{secrets.token_hex(4)}"
             probe.write_bytes(b"written")
             probe.unlink()
         except OSError as error:
-            raise UnavailableError(f"the data directory cannot be used ({error.strerror}); put it right") from None
+            raise UnavailableError(Sentence("server.data_directory_cannot_used", reason=error.strerror)) from None
 
 
 def private_files() -> None:
@@ -227,7 +228,7 @@ async def receive(
         async for chunk in chunks:
             size += len(chunk)
             if size > limit:
-                raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
+                raise TooLargeError(Sentence("server.upload_larger_bytes", limit=limit))
             pending += chunk
             if len(pending) >= WRITE_BYTES:
                 await in_thread(room)
@@ -236,7 +237,7 @@ async def receive(
         await in_thread(_finish, file, bytes(pending))
     except OSError as error:
         await in_thread(path.unlink, True)
-        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space and try again") from None
+        raise ConflictError(Sentence("server.upload_cannot_stored", reason=error.strerror)) from None
     except BaseException:
         path.unlink(missing_ok=True)
         raise

@@ -144,7 +144,7 @@ class RecalibrationKind:
                 run.progress(job.fraction, shown)
             self._around.pause(LOOK_S)
         if job.state == "cancelled":
-            raise JobError(f"its identification {identification.id} was cancelled; run the schedule again")
+            raise JobError("server.identification_cancelled", identification=identification.id)
         if job.state == "failed":
             raise JobError(job.error or "its identification failed")
         return ChildResult("done", summary={"identification": identification.id})

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
+from daq.messages import Sentence
 from server.jobs.job_kinds import JobError, StageRun
 from server.platform.database.engine import as_stored
 from server.platform.errors import ConflictError, UnavailableError
@@ -78,7 +79,7 @@ class RecordedStage:
                         if self.run.should_stop():
                             return None
                         self._in_time(deadline, "the simulated controller did not begin the motion")
-                        progress(0.0, "The arm moves to the start of the motion")
+                        progress(0.0, Sentence("server.arm_moves_start_motion"))
                         self.pause(LOOK_S)
                 begun = self._started(role, seconds, deadline, progress)
                 if begun is None:
@@ -92,7 +93,7 @@ class RecordedStage:
                     break
                 reason = ended.error or f"recording {ended.id} ended early"
                 if attempt == TRIES:
-                    raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
+                    raise JobError("server.times_over", reason=reason, tries=TRIES)
                 progress(0.0, f"Recording again: {reason}")
                 self.pause(LOOK_S)
                 self._in_time(deadline, reason)
@@ -146,7 +147,7 @@ class RecordedStage:
 
     def _in_time(self, deadline: str, text: str) -> None:
         if self.machines.now() > deadline:
-            raise JobError(f"until {deadline[:16]} UTC {text}")
+            raise JobError("server.until_utc", deadline=deadline[:16], text=text)
 
 
 def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str | None]]:
@@ -155,7 +156,7 @@ def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str |
         fitted = this.plan.duration_s * FITTED
         return [("operation", fitted, None), ("validate", this.plan.duration_s - fitted, None)]
     if not this.plan.excitations:
-        raise JobError("the schedule names no excitation for its standard motion; add one to it")
+        raise JobError("server.schedule_names_no_excitation")
     train, validate = this.plan.excitations[0], this.plan.excitations[-1]
     return [
         ("train", machines.motion_seconds(train) - MARGIN_S, train),

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daq import InputError, Machine, Recording, load_machine, read_recording
+from daq.messages import Sentence
 from fitting.checks import check_recordings
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained, for_report
@@ -55,5 +56,5 @@ def main(arguments: Sequence[str]) -> int:
     """Run :func:`look`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
     file, machine_file, role = arguments
     limit_child(RECORDING_CPU_S, Path(file).stat().st_size)
-    too_much = f"{file}: needs too much memory; record or export a shorter one"
+    too_much = Sentence("server.needs_too_much_memory", file=file)
     return ended(lambda: look(Path(file), Path(machine_file), role), too_much)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 import sqlalchemy as sa
 from pydantic import Field
 
+from daq.messages import Sentence
 from server.platform.database.repository import Repository
 from server.platform.database.stored import Id, OfMachine, Stored
 from server.platform.errors import ConflictError
@@ -56,7 +57,7 @@ class Recordings(Repository[RecordingRow]):
                 running = connection.execute(sa.select(recordings.c.id).where(*under_way)).scalar()
                 if running is not None:
                     raise ConflictError(
-                        f"machine '{row.machine}' is being recorded already as {running}; stop that one first",
+                        Sentence("server.machine_being_recorded_already", machine=row.machine, running=running),
                         "being_recorded",
                         machine=row.machine,
                         recording=running,
@@ -98,11 +99,11 @@ class Recordings(Repository[RecordingRow]):
         with self._database.write("recordings") as connection:
             if self.found(connection, id).state == "recording":
                 raise ConflictError(
-                    f"recording '{id}' is still being recorded; stop it first", "being_recorded", recording=id
+                    Sentence("server.recording_still_being_recorded", id=id), "being_recorded", recording=id
                 )
             used = _used_by(connection, id)
             if used is not None:
-                raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay", "in_use", recording=id)
+                raise ConflictError(Sentence("server.recording_data", id=id, used=used), "in_use", recording=id)
             connection.execute(recordings.delete().where(recordings.c.id == id))
 
 

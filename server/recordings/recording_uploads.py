@@ -10,6 +10,7 @@ from typing import Literal, cast
 
 from daq import ROLES
 from daq.frames.events import events_path
+from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
@@ -60,16 +61,12 @@ class RecordingUploads:
         """
         self._machines.get(machine)
         if role not in ROLES:
-            raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
+            raise InvalidError(Sentence("server.role_unknown", role=role, roles=", ".join(ROLES)))
         suffix = Path(name).suffix.lower()
         if suffix not in ENDINGS:
-            raise UnsupportedFormatError(
-                f"'{name}' is none of {', '.join(ENDINGS)}; export the recording as one of them"
-            )
+            raise UnsupportedFormatError(Sentence("server.file_kind_unknown", name=name, endings=", ".join(ENDINGS)))
         if suffix == ".mf4" and find_spec("asammdf") is None:
-            raise UnsupportedFormatError(
-                f"'{name}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet"
-            )
+            raise UnsupportedFormatError(Sentence("server.service_reads_no_mdf", name=name))
         require_room(self._free(), length)
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
@@ -154,8 +151,8 @@ class RecordingUploads:
             return result
         raise refusal(
             replace(result, error=(result.error or "").replace(str(file), label)),
-            InvalidError(f"{label}: cannot be read; export it again"),
-            UnavailableError(f"{label}: looking at it failed; {result.error}"),
+            InvalidError(Sentence("server.cannot_read_export", shown=label)),
+            UnavailableError(Sentence("server.looking_failed", label=label, error=result.error)),
         )
 
 
@@ -172,4 +169,4 @@ def _moved(incoming: Path, target: Path) -> None:
         incoming.replace(target)
         sync_directory(target.parent)
     except OSError as error:
-        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space") from None
+        raise ConflictError(Sentence("server.upload_cannot_stored_free", reason=error.strerror)) from None

@@ -73,7 +73,7 @@ def write_cut(source: Path, target: Path, start: float, end: float) -> None:
     time = np.asarray(table.columns["time"], dtype=np.float64)
     first, behind = np.searchsorted(time - time[0], [start, end]) if len(time) else (0, 0)
     if behind - first < 2:
-        raise RecordingError(f"{source}: has no rows from {start:g} s to {end:g} s; choose a part that it has")
+        raise RecordingError("server.no_rows", source=source, start=start, end=end)
     part = slice(int(first), int(behind))
     write_columns(target, Table({n: c[part] for n, c in table.columns.items()}, table.metadata, ""))
 

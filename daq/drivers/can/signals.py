@@ -93,7 +93,7 @@ class CanSignalsDriver(Listener, CanDriver):
         super().__init__(bus, [channel.name for channel in channels], context, ("not_available", "unknown_part"))
         listed, problems = listed_messages(bus, channels)
         if problems:
-            raise MachineFileError(f"bus '{bus.name}': {problems[0][1]}")
+            raise MachineFileError("daq.on_bus", bus=bus.name, advice=problems[0][1])
         self._bus = bus
         self._received = [_Received(message) for message in listed]
         self.streams = [stream for received in self._received for stream, _ in received.parts]

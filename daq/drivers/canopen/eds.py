@@ -124,7 +124,7 @@ def read_eds(path: str, node: int, place: str) -> Any:
             raise ValueError("a section that each has is not there")
         return import_eds(_in_order(text), node)
     except OSError as error:
-        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
+        raise MachineFileError("daq.not_readable", place=place, reason=error.strerror) from None
     except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
 

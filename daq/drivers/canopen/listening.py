@@ -29,6 +29,7 @@ from daq.drivers.listening import FIRST_S, Inbox, Listener, Stream
 from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, CanSource, Channel
+from daq.messages import Sentence
 from daq.quality import Quality
 
 EMERGENCY_ID, HEARTBEAT_ID, SDO_ID = 0x080, 0x700, 0x600
@@ -54,7 +55,10 @@ class _Pdo:
         node = members[0].source.node
         event_ms = max(member.place.event_ms for member in members)
         self.stream = Stream(
-            f"PDO 0x{cob_id:03X}", f"node {node}", [m.position for m in members], event_ms * 1e6 if event_ms else None
+            f"PDO 0x{cob_id:03X}",
+            Sentence("daq.node_number", number=node),
+            [m.position for m in members],
+            event_ms * 1e6 if event_ms else None,
         )
         self.members = tuple(members)
         self.node = node
@@ -319,7 +323,7 @@ def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
     """Return the channels' places in the TPDOs that commissioning maps."""
     found = []
     for node, members in by_device(channels, lambda source: source.node).items():
-        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
+        for mapping in map_node(node, members, Sentence("daq.bus_node", bus_name=bus.name, node=node)):
             for (_, _, bit, bits), positions in zip(laid_out(mapping.entries), mapping.positions, strict=True):
                 place = Place(mapping.cob_id, bit, bits, True, 0, mapping.length)
                 for position in positions:

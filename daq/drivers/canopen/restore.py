@@ -14,6 +14,7 @@ from daq.drivers.canopen.link import CanLink
 from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
+from daq.messages import Sentence
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
         for node, setup in setups.items():
             link.send_nmt(PRE_OPERATIONAL, node)
             try:
-                sdo, place = link.sdo(node), f"bus '{bus.name}' node {node}"
+                sdo, place = link.sdo(node), Sentence("daq.bus_node", bus_name=bus.name, node=node)
                 if identity_of(sdo) != dict(setup.identity):
                     raise CommissioningError(
                         f"{place}: is another device than the one that was changed; connect that one"

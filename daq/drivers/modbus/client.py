@@ -130,7 +130,7 @@ class ModbusConnection:
             If the other end or the port is not there.
         """
         if not self._client.connect():
-            raise BusError(f"{self.place} cannot be opened; check address and cable, and that the device is on")
+            raise BusError("daq.cannot_opened", place=self.place)
 
     def read(self, unit: int, table: str, address: int, count: int) -> Answer:
         """Read one block of registers; never raises, and takes no longer than three time-outs."""

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw, step_to_json
@@ -363,7 +364,11 @@ def _shape_values(content: Effect, shape: Mapping[str, float], machine: Machine,
         without = "choice" if key in content.discrete_shapes else "1"
         unit = own_unit(machine, joint, content.shape_units.get(key, without))
         if key == "other":
-            values[f"other joint: {machine.joints[int(value)].name}"] = {"value": value, "std": None, "unit": "index"}
+            values[Sentence("fitting.other_joint", joint=machine.joints[int(value)].name)] = {
+                "value": value,
+                "std": None,
+                "unit": "index",
+            }
         elif key in _CHOICES:
             values[_CHOICES[key][int(value)]] = {"value": value, "std": None, "unit": "choice"}
         else:
@@ -377,7 +382,7 @@ def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
             rivals = [r["id"] for r in entry["indistinguishable_from"]]
             return {
                 "motion": effect(entry["id"]).experiment,
-                "why": f"{entry['id']} and {', '.join(rivals)} leave the same trace in these recordings",
+                "why": Sentence("fitting.leave_same_trace_these", entry=entry["id"], rivals=", ".join(rivals)),
                 "separates": [entry["id"], *rivals],
                 "joint": entry["joint"],
             }

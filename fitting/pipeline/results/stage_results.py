@@ -263,7 +263,6 @@ def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise HilfitError(
-            f"{place}: {where}: {in_words(first)}; "
-            "it is of another version: remove the directory and run the stages again"
+            "fitting.another_version_remove_directory", place=place, where=where, first=in_words(first)
         ) from None
     return result

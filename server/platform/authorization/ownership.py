@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.authorization.named_things import Thing
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
@@ -32,7 +33,11 @@ class Ownership:
         with self._database.read() as connection:
             for collection, id in sorted(things):
                 if not principal.may_see(self._machine_of(connection, collection, id)):
-                    raise NotFoundError(f"there is no {collection.removesuffix('s')} '{id}' for '{principal.name}'")
+                    raise NotFoundError(
+                        Sentence(
+                            "server.no_such_for", value=collection.removesuffix("s"), id=id, principal=principal.name
+                        )
+                    )
 
     def machines_of_jobs(self, jobs: Iterable[str]) -> dict[str, str]:
         """Return the machine of each job."""

@@ -9,6 +9,7 @@ from typing import Any, Generic, TypedDict, TypeVar, Unpack
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.database.engine import Database, Page, as_stored, page
 from server.platform.database.stored import Stored
 from server.platform.errors import NotFoundError
@@ -74,7 +75,9 @@ class Repository(Generic[Value]):
         """Return the one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
-            raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.table.name.removesuffix("s"): id})
+            raise NotFoundError(
+                Sentence("server.no_such", kind=self.of.noun, id=id), **{self.of.table.name.removesuffix("s"): id}
+            )
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:

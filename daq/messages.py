@@ -1,0 +1,207 @@
+"""Messages: a code and values inside, a sentence at the edge.
+
+A message is an English sentence that knows what it was made of, so that no program reads it again: a page in another
+language words the same code and values. ``fitting.no_unloaded`` is ``no_unloaded`` in the texts of the package
+``fitting``: ``fitting/texts/en.json`` and ``de.json`` beside it, with equal keys. Placeholders are those of
+``str.format``, with these additions: a value that is a list is joined with its format (``{names:; }``; a comma without
+one), and one that is given as it is (``{name!s}``) is no word of the language.
+
+A package of one's own has its texts in the same place.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import PurePath
+from string import Formatter
+from types import MappingProxyType
+from typing import Any
+
+#: Language that messages are made in, and those that they can be worded in.
+ENGLISH = "en"
+LANGUAGES = (ENGLISH, "de")
+_DECIMAL_SIGNS = {ENGLISH: ".", "de": ","}
+#: A number with a point, by itself: no version, no part of a name.
+_DECIMAL = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])", re.ASCII)
+
+
+class Sentence(str):
+    """An English sentence with its code and values.
+
+    Parameters
+    ----------
+    code : ``<package>.<key>`` of its text
+    values : what stands in it: texts, numbers, messages, lists of them; others as ``str`` has them
+
+    Raises
+    ------
+    KeyError
+        If there is no such text, or it names a value that is not given.
+    """
+
+    code: str
+    values: Mapping[str, Any]
+
+    def __new__(cls, code: str, /, **values: Any) -> Sentence:
+        plain = {name: _plain(value) for name, value in values.items()}
+        message = super().__new__(cls, _worded(code, plain, ENGLISH))
+        message.code = code
+        message.values = MappingProxyType(plain)
+        return message
+
+    def __str__(self) -> str:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return message_from_json, (self.to_json(),)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return code and values as JSON content."""
+        return {"code": self.code, "values": {name: _to_json(value) for name, value in self.values.items()}}
+
+    def worded(self, language: str) -> str:
+        """Word it in one of :data:`LANGUAGES`; in English where that has no text for it."""
+        try:
+            return str.__str__(self) if language == ENGLISH else _worded(self.code, self.values, language)
+        except KeyError:
+            return str.__str__(self)
+
+
+def message_from_json(content: Mapping[str, Any]) -> Sentence:
+    """Read what :meth:`Sentence.to_json` wrote.
+
+    Raises
+    ------
+    KeyError
+        If this version has no such text, or it names other values.
+    """
+    return Sentence(content["code"], **{name: _from_json(value) for name, value in content["values"].items()})
+
+
+def numerals(text: str, language: str) -> str:
+    """Set a language's decimal sign in the numbers of ``text``; not in versions and names with points."""
+    return text if language == ENGLISH else _DECIMAL.sub(rf"\1{_DECIMAL_SIGNS[language]}\2", text)
+
+
+def messages_in(content: Any) -> dict[str, Any]:
+    """Collect all messages of JSON content: each English sentence with its code and values."""
+    found: dict[str, Any] = {}
+    _collect(content, found)
+    return found
+
+
+def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
+    """Put messages back into JSON content in which they are their sentences; see :func:`messages_in`."""
+    if isinstance(content, Mapping):
+        return {key: with_messages(value, messages) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [with_messages(value, messages) for value in content]
+    return _known(content, messages) if isinstance(content, str) else content
+
+
+def _known(text: str, messages: Mapping[str, Any]) -> str:
+    try:
+        return message_from_json(messages[text]) if text in messages else text
+    except KeyError:  # of another version
+        return text
+
+
+def _collect(content: Any, found: dict[str, Any]) -> None:
+    if isinstance(content, Sentence):
+        found[str.__str__(content)] = content.to_json()
+    elif isinstance(content, Mapping):
+        for value in content.values():
+            _collect(value, found)
+    elif isinstance(content, (list, tuple)):
+        for value in content:
+            _collect(value, found)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, (str, int, float)) or value is None:
+        return value
+    if hasattr(value, "item"):  # a number of numpy
+        return value.item()
+    if isinstance(value, Sequence):
+        return [_plain(one) for one in value]
+    return str(value)
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, Sentence):
+        return value.to_json()
+    return [_to_json(one) for one in value] if isinstance(value, list) else value
+
+
+def _from_json(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return message_from_json(value)
+    return [_from_json(one) for one in value] if isinstance(value, list) else value
+
+
+@cache
+def texts(package: str, language: str) -> dict[str, dict[str, str]]:
+    """Read a package's texts: ``messages`` by key and ``words`` by the English one."""
+    return dict(json.loads(files(package).joinpath("texts", f"{language}.json").read_text("utf-8")))
+
+
+def is_code(text: str) -> bool:
+    """Return whether ``text`` is the code of a message, and no sentence."""
+    package, _, key = text.partition(".")
+    if not (package.isidentifier() and key.isidentifier()) or find_spec(package) is None:
+        return False
+    try:
+        return key in texts(package, ENGLISH)["messages"]
+    except FileNotFoundError:
+        return False
+
+
+class _Wording(Formatter):
+    """``str.format`` with the numbers, words and messages of a language."""
+
+    def __init__(self, language: str, package: str) -> None:
+        self._language, self._package = language, package
+
+    def convert_field(self, value: Any, conversion: str | None) -> Any:
+        return _AsItIs(value) if conversion == "s" else super().convert_field(value, conversion)
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        if isinstance(value, _AsItIs):
+            return str.__str__(value)
+        if isinstance(value, list):
+            return (format_spec or ", ").join(self.format_field(one, "") for one in value)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return format(value, format_spec).replace(".", _DECIMAL_SIGNS[self._language])
+        if isinstance(value, Sentence):
+            return value.worded(self._language)
+        return word(value, self._language, self._package) if isinstance(value, str) else str(value)
+
+
+class _AsItIs(str):
+    """A name: no word of any language."""
+
+
+_wording = cache(_Wording)
+
+
+def _worded(code: str, values: Mapping[str, Any], language: str) -> str:
+    package, _, key = code.partition(".")
+    return _wording(language, package).vformat(texts(package, language)["messages"][key], (), values)
+
+
+def word(text: str, language: str, package: str) -> str:
+    """Translate a word of a package, or of this one; another text stays, but for the sign in its numbers."""
+    if language == ENGLISH:
+        return text
+    for owner in dict.fromkeys((package, __package__)):
+        known = texts(owner, language)["words"]
+        if text in known or text.replace("_", " ") in known:
+            return known.get(text) or known[text.replace("_", " ")]
+    return numerals(text, language)
