@@ -13,7 +13,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
@@ -57,8 +58,18 @@ class Sentence(str):
     def __str__(self) -> str:
         return self
 
+    def __add__(self, other: str) -> Sentence:
+        return Sentence("daq.together", first=self, second=other) if other else self
+
+    def __radd__(self, other: str) -> Sentence:
+        return Sentence("daq.together", first=other, second=self) if other else self
+
     def __reduce__(self) -> tuple[Any, ...]:
         return message_from_json, (self.to_json(),)
+
+    def mapped(self, change: Callable[[Any], Any]) -> Sentence:
+        """Return it with changed values."""
+        return Sentence(self.code, **{name: change(value) for name, value in self.values.items()})
 
     def to_json(self) -> dict[str, Any]:
         """Return code and values as JSON content."""
@@ -89,14 +100,21 @@ def numerals(text: str, language: str) -> str:
 
 
 def messages_in(content: Any) -> dict[str, Any]:
-    """Collect all messages of JSON content: each English sentence with its code and values."""
+    """Collect all messages of JSON content or of dataclasses: each English sentence with its code and values."""
     found: dict[str, Any] = {}
     _collect(content, found)
     return found
 
 
 def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
-    """Put messages back into JSON content in which they are their sentences; see :func:`messages_in`."""
+    """Put messages back into JSON content in which they are their sentences; see :func:`messages_in`.
+
+    A value that is the sentence of another message is that message.
+    """
+    if isinstance(content, Sentence):
+        return Sentence(
+            content.code, **{name: with_messages(value, messages) for name, value in content.values.items()}
+        )
     if isinstance(content, Mapping):
         return {key: with_messages(value, messages) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
@@ -106,7 +124,7 @@ def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
 
 def _known(text: str, messages: Mapping[str, Any]) -> str:
     try:
-        return message_from_json(messages[text]) if text in messages else text
+        return with_messages(message_from_json(messages[text]), messages) if text in messages else text
     except KeyError:  # of another version
         return text
 
@@ -120,6 +138,9 @@ def _collect(content: Any, found: dict[str, Any]) -> None:
     elif isinstance(content, (list, tuple)):
         for value in content:
             _collect(value, found)
+    elif is_dataclass(content):
+        for own in fields(content):
+            _collect(getattr(content, own.name), found)
 
 
 def _plain(value: Any) -> Any:
@@ -149,7 +170,15 @@ def _from_json(value: Any) -> Any:
 @cache
 def texts(package: str, language: str) -> dict[str, dict[str, str]]:
     """Read a package's texts: ``messages`` by key and ``words`` by the English one."""
-    return dict(json.loads(files(package).joinpath("texts", f"{language}.json").read_text("utf-8")))
+    return dict(json.loads((files(package) / "texts" / f"{language}.json").read_text("utf-8")))
+
+
+@cache
+def placeholders(code: str) -> tuple[str, ...]:
+    """Return the names of the values that a message's text needs."""
+    package, _, key = code.partition(".")
+    fields = Formatter().parse(texts(package, ENGLISH)["messages"][key])
+    return tuple(dict.fromkeys(name for _, name, _, _ in fields if name))
 
 
 def is_code(text: str) -> bool:

@@ -123,7 +123,7 @@ def _impossible(
                         what=what,
                         named=named,
                     ),
-                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.check_unit_scale_wiring"),
+                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_scale_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
                     before=top,
@@ -217,13 +217,13 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
             else Sentence("fitting.unit_zero_sign_wrong")
         )
         cure = Sentence('fitting.set_its_unit', likely=likely) if likely else (
-            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.check_unit_sign_offset')
+            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
         )  # fmt: skip
+        goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)
         found.append(
             Finding(
                 "unit" if likely else ("sign" if sign else "out_of_range"),
-                f"{channel.name}: goes from {least:.4g} to {most:.4g} {unit}, the machine file allows {low:.4g} "
-                f"to {high:.4g}; " + what,
+                Sentence("daq.named", name=channel.name, what=goes),
                 cure,
                 joint=channel.joint,
                 channel=channel.name,
@@ -268,13 +268,8 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
             first = own[0]
             whole = Finding(
                 "unit",
-                Sentence(
-                    "fitting.all_channels_quantity",
-                    quantity=quantity,
-                    value=first.text.partition(": ")[2],
-                    channel=first.channel,
-                ),
-                first.cure.replace("its unit", "the unit"),
+                Sentence("fitting.all_channels_quantity", quantity=quantity, text=first.text),
+                first.cure if first.says is None else Sentence("fitting.set_unit", unit=first.says),
                 before=first.before,
                 says=first.says,
                 channels=tuple(str(f.channel) for f in own),

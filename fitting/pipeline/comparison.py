@@ -128,15 +128,13 @@ def in_words(result: Mapping[str, Any]) -> str:
     against = result["against"]
     way, bounds = _way(against["one_shot"])
     if way is None:
-        return " ".join([*sentences, Sentence("fitting.no_error_compare")])
+        return Sentence("daq.sentences", sentences=[*sentences, Sentence("fitting.no_error_compare")])
     sentences.append(Sentence("fitting.their_error_shot_regression", motion=motion, way=way, bounds=bounds))
     if "one_shot_with_unloaded" in against:
         other, bounds = _way(against["one_shot_with_unloaded"])
-        sentences.append(
-            f"With the unloaded recordings in the one-shot regression too, it is {other} that one's ({bounds}): "
-            + _reason(way, other)
-        )
-    return " ".join(sentences)
+        reason = _reason(way, other)
+        sentences.append(Sentence("fitting.with_unloaded_one_shot", way=other, bounds=bounds, reason=reason))
+    return Sentence("daq.sentences", sentences=sentences)
 
 
 _SAME, _LESS, _MORE = "the same within its uncertainty as", "smaller than", "larger than"

@@ -97,7 +97,8 @@ def what_to_record(results: StageResults) -> list[str]:
 
 def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
-    reasons, refitted = [], results[Refitted]
+    reasons: list[str] = []
+    refitted = results[Refitted]
     invalid = [joints[n] for n, valid in enumerate(results[Residual].floor_valid) if not valid]
     if invalid:
         reasons.append(Sentence("fitting.noise_not_known_record", invalid=", ".join(invalid)))

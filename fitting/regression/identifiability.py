@@ -147,5 +147,5 @@ def statement(found: Sequence[ParameterVerdict]) -> str:
     for verdict in ("assumed", "poorly told", "not told"):
         names = [t.name for t in found if t.verdict == verdict]
         if names:
-            text += f"; {verdict}: {', '.join(names)}"
+            text += Sentence(f"fitting.{verdict.replace(' ', '_')}", names=names)
     return text

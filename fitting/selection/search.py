@@ -68,7 +68,7 @@ def attribute(
     """
     search = Search(base, effects, validate, signals, bootstrap, known)
     for number in range(4 * priors.MOST):
-        progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
+        progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
         if not search.step() and not search.exchange():
             break
     search.settle()
