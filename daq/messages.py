@@ -26,6 +26,8 @@ from typing import Any
 #: Language that messages are made in, and those that they can be worded in.
 ENGLISH = "en"
 LANGUAGES = (ENGLISH, "de")
+#: Packages whose texts every page of this product has.
+_OWN = frozenset({"daq", "fitting", "server"})
 _DECIMAL_SIGNS = {ENGLISH: ".", "de": ","}
 #: A number with a point, by itself: no version, no part of a name.
 _DECIMAL = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])", re.ASCII)
@@ -100,7 +102,10 @@ def numerals(text: str, language: str) -> str:
 
 
 def messages_in(content: Any) -> dict[str, Any]:
-    """Collect all messages of JSON content or of dataclasses: each English sentence with its code and values."""
+    """Collect all messages of JSON content or of dataclasses: each English sentence with its code and values.
+
+    One with a text of another distribution in it is ``worded`` in every language as well.
+    """
     found: dict[str, Any] = {}
     _collect(content, found)
     return found
@@ -122,6 +127,15 @@ def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
     return _known(content, messages) if isinstance(content, str) else content
 
 
+def _of_others(value: Any) -> bool:
+    """Return whether a message, or one in it, has its text in another distribution, which a page does not have."""
+    if isinstance(value, list):
+        return any(map(_of_others, value))
+    if not isinstance(value, Sentence):
+        return False
+    return value.code.partition(".")[0] not in _OWN or any(map(_of_others, value.values.values()))
+
+
 def _known(text: str, messages: Mapping[str, Any]) -> str:
     try:
         return with_messages(message_from_json(messages[text]), messages) if text in messages else text
@@ -131,7 +145,8 @@ def _known(text: str, messages: Mapping[str, Any]) -> str:
 
 def _collect(content: Any, found: dict[str, Any]) -> None:
     if isinstance(content, Sentence):
-        found[str.__str__(content)] = content.to_json()
+        others = {code: content.worded(code) for code in LANGUAGES if code != ENGLISH} if _of_others(content) else None
+        found[str.__str__(content)] = content.to_json() | ({"worded": others} if others else {})
     elif isinstance(content, Mapping):
         for value in content.values():
             _collect(value, found)

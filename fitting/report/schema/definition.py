@@ -307,6 +307,7 @@ class MessageOf(Part):
 
     code: str
     values: dict[str, Any]
+    worded: dict[str, str] | None = None  # in other languages, where a text is of another distribution
 
 
 class Summary(Said):
