@@ -16,7 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
-from daq.messages import messages_in, with_messages
+from daq.messages import with_messages
 from daq.whole_files import replacing
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
@@ -70,8 +70,7 @@ def write_report(
         If there is no such language.
     """
     pages = {PAGE: language_of(language)} | {f"report.{code}.html": language_of(code) for code in others}
-    messages = report.get("messages", {}) | messages_in(report)
-    cleaned = validate_report({**report, "messages": messages})
+    cleaned = validate_report(report)
     contents = {"report.json": json.dumps(cleaned, indent=1, ensure_ascii=False, allow_nan=False) + "\n"}
     contents |= {name: render_html(cleaned, figures, spoken) for name, spoken in pages.items()}
     try:

@@ -255,7 +255,8 @@ _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 def to_json(result: Any) -> dict[str, Any]:
     """Return a stage's result as plain JSON content, with the ``messages`` in it."""
     content = _adapter(type(result)).dump_python(result, mode="json", by_alias=True, warnings="error")
-    return {**content, "messages": messages_in(result)}
+    messages = messages_in(result)
+    return {**content, "messages": messages} if messages else dict(content)
 
 
 def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
