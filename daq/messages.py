@@ -21,8 +21,10 @@ from importlib.util import find_spec
 from pathlib import PurePath
 from string import Formatter
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeAlias
 
+#: Name of a value for people, if it has one.
+Naming: TypeAlias = Callable[[str], str | None]
 #: Language that messages are made in, and those that they can be worded in.
 ENGLISH = "en"
 LANGUAGES = (ENGLISH, "de")
@@ -77,10 +79,13 @@ class Sentence(str):
         """Return code and values as JSON content."""
         return {"code": self.code, "values": {name: _to_json(value) for name, value in self.values.items()}}
 
-    def worded(self, language: str) -> str:
-        """Word it in one of :data:`LANGUAGES`; in English where that has no text for it."""
+    def worded(self, language: str, named: Naming | None = None) -> str:
+        """Word it in one of :data:`LANGUAGES`; in English where that has no text for it.
+
+        ``named`` gives the name of a value for people, None where it is as good as it is.
+        """
         try:
-            return str.__str__(self) if language == ENGLISH else _worded(self.code, self.values, language)
+            return _worded(self.code, self.values, language, named)
         except KeyError:
             return str.__str__(self)
 
@@ -210,8 +215,8 @@ def is_code(text: str) -> bool:
 class _Wording(Formatter):
     """``str.format`` with the numbers, words and messages of a language."""
 
-    def __init__(self, language: str, package: str) -> None:
-        self._language, self._package = language, package
+    def __init__(self, language: str, package: str, named: Naming | None) -> None:
+        self._language, self._package, self._named = language, package, named
 
     def convert_field(self, value: Any, conversion: str | None) -> Any:
         return _AsItIs(value) if conversion == "s" else super().convert_field(value, conversion)
@@ -224,20 +229,20 @@ class _Wording(Formatter):
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return format(value, format_spec).replace(".", _DECIMAL_SIGNS[self._language])
         if isinstance(value, Sentence):
-            return value.worded(self._language)
-        return word(value, self._language, self._package) if isinstance(value, str) else str(value)
+            return value.worded(self._language, self._named)
+        if not isinstance(value, str):
+            return str(value)
+        name = None if self._named is None else self._named(value)
+        return word(value, self._language, self._package) if name is None else name
 
 
 class _AsItIs(str):
     """A name: no word of any language."""
 
 
-_wording = cache(_Wording)
-
-
-def _worded(code: str, values: Mapping[str, Any], language: str) -> str:
+def _worded(code: str, values: Mapping[str, Any], language: str, named: Naming | None = None) -> str:
     package, _, key = code.partition(".")
-    return _wording(language, package).vformat(texts(package, language)["messages"][key], (), values)
+    return _Wording(language, package, named).vformat(texts(package, language)["messages"][key], (), values)
 
 
 def word(text: str, language: str, package: str) -> str:

@@ -106,9 +106,8 @@ def test_the_verdict_is_a_german_sentence() -> None:
     assert wording.follows(law, GERMAN) == (
         "der Fehler an joint2 hängt von der Größe „Kolbengeschwindigkeit von joint3“ und der Größe „Zylinderkraft“ ab"
     )
-    assert wording.readable(
-        "load_dependent_friction at joint2.piston_speed", {"load_dependent_friction": "Reibung"}
-    ) == (
+    placed = Sentence("fitting.at_joint", name="load_dependent_friction", term="joint2.piston_speed")
+    assert wording.readable(placed, {"load_dependent_friction": "Reibung"}) == (
         "reibung at joint2 piston speed"  # English has small letters and no quotes
     )
     rivals = ["position_dependent_friction", "stribeck"]
