@@ -285,9 +285,9 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
     ratio = own.rho * declared
     options = []
     if 0 < ratio < 1:
-        options.append(Sentence("fitting.bore_rod_would_mm", rod=1e3 * cylinder.bore * np.sqrt(1 - ratio)))
+        options.append(Sentence("fitting.rod_with_this_bore", rod=1e3 * cylinder.bore * np.sqrt(1 - ratio)))
         if cylinder.rod > 0:
-            options.append(Sentence("fitting.rod_bore_would_mm", bore=1e3 * cylinder.rod / np.sqrt(1 - ratio)))
+            options.append(Sentence("fitting.bore_with_this_rod", bore=1e3 * cylinder.rod / np.sqrt(1 - ratio)))
     other_sizes = Sentence("fitting.other_sizes", options=options) if options else ""
     return finding_of(
         "cylinder_areas",

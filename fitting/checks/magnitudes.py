@@ -123,7 +123,7 @@ def _impossible(
                         what=what,
                         named=named,
                     ),
-                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_scale_wiring"),
+                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
                     before=top,
@@ -216,7 +216,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
             if sign
             else Sentence("fitting.unit_zero_sign_wrong")
         )
-        cure = Sentence('fitting.set_its_unit', likely=likely) if likely else (
+        cure = Sentence('fitting.set_its_unit', unit=likely) if likely else (
             Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
         )  # fmt: skip
         goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)

@@ -81,9 +81,9 @@ def attributed(
     names = [joint.name for joint in session.machine.joints]
     silent = [
         Sentence(
-            "fitting.record_shows",
-            value="machine" if item.score.term.joint is None else names[item.score.term.joint],
-            term=item.score.term.id,
+            "fitting.record_one_that_shows",
+            place="machine" if item.score.term.joint is None else names[item.score.term.joint],
+            effect=item.score.term.id,
             silence=item.silence,
         )
         for item in found.accepted

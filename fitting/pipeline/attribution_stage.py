@@ -57,7 +57,7 @@ def _called(family: Family, names: tuple[str, ...]) -> str:
     """Word an effect and its joint."""
     name, joint = family
     what = "a law" if name == "law" else name
-    return what if joint is None else Sentence("fitting.at_joint", name=what, term=names[joint])
+    return what if joint is None else Sentence("fitting.at_joint", effect=what, joint=names[joint])
 
 
 def _next_experiment(session: Session, found: Attribution) -> Designed | None:

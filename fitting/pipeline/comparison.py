@@ -146,7 +146,7 @@ def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
     if value is None or interval is None:
         return None, ""
     way = _LESS if interval[1] < 0 else _MORE if interval[0] > 0 else _SAME
-    return way, Sentence("fitting.percent_with_interval", value=value, interval=interval[0], interval_2=interval[1])
+    return way, Sentence("fitting.percent_with_interval", percent=value, low=interval[0], high=interval[1])
 
 
 def _reason(way: str | None, other: str | None) -> str:

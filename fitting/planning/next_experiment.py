@@ -134,21 +134,21 @@ class NextExperiment:
         first = Sentence("fitting.differ_these_recordings", rivals=self._labels(names), now=_differ(self.now))
         if best is not None:
             return Sentence(
-                "fitting.closable_motion_recording_recordings",
+                "fitting.closable_by_motion",
                 first=first,
                 expected=_differ(best.expected),
                 recordings=self.recordings,
                 chance=100 * self.chance,
             )
         apart = 100 * np.sqrt(most.expected.share)
-        alike = Sentence("fitting.best_motion_arm_may", first=first, expected=_differ(most.expected), apart=apart)
+        alike = Sentence("fitting.best_motion_cannot_tell", first=first, expected=_differ(most.expected), apart=apart)
         return Sentence("fitting.would_tell", first=alike, by_hand=self.by_hand) if self.by_hand else alike
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:
     """Name a term briefly: an effect's id, or the law's variable."""
     content = term.content
-    return Sentence("fitting.law_of", joints=content.variable(tuple(joints))) if isinstance(content, Law) else term.id
+    return Sentence("fitting.law_of", variable=content.variable(tuple(joints))) if isinstance(content, Law) else term.id
 
 
 def _differ(value: Separation) -> str:

@@ -414,7 +414,8 @@ class Search:
             for rival, _ in rivals:
                 named = isinstance(item.score.term.content, Effect)
                 words = Sentence(
-                    "fitting.data_cannot_tell", term=item.score.term.id if named else Sentence("fitting.unknown_effect")
+                    "fitting.data_cannot_tell",
+                    rival=item.score.term.id if named else Sentence("fitting.unknown_effect"),
                 )
                 self._note(rival.score, "indistinguishable", words)
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))

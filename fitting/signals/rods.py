@@ -173,7 +173,7 @@ def _span(values: FloatArray) -> float:
 def _line(recording: Recording, wrong: BoolArray, joints: Sequence[str], apart: float) -> str:
     parts = runs(wrong)
     times = [
-        Sentence("fitting.from_to_seconds", time=recording.time[p.start], time_2=recording.time[p.stop - 1])
+        Sentence("fitting.from_to_seconds", start=recording.time[p.start], end=recording.time[p.stop - 1])
         for p in parts[:3]
     ]
     why = (

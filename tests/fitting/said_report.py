@@ -135,14 +135,14 @@ def _explained(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]],
         "motion": Sentence(
             "fitting.either_motion", motions=[words.text(one.experiment) for one, _ in known if one.experiment]
         ),
-        "why": said("closable_motion_recording_recordings"),
+        "why": said("closable_by_motion"),
         "separates": [ids[0], "law of joint2.piston_speed"],
         "joint": "joint2",
     }
 
 
 def _impossible(words: JointWords) -> dict[str, Any]:
-    wrong = [said(code) for code in ("parameter_negative", "friction_drives_motion_instead", "no_links_can_exist")]
+    wrong = [said(code) for code in ("parameter_negative", "friction_drives", "no_links_can_exist")]
     number = {"value": -22.5, "std": 1.5, "unit": "N/m", "sigmas": 15.2, "possible": 0.5}
     violations = [
         {"joint": "joint1", "parameter": "K", "text": wrong[n % 3], "cause": words.text(cause), **number}

@@ -106,12 +106,12 @@ def test_the_verdict_is_a_german_sentence() -> None:
     assert wording.follows(law, GERMAN) == (
         "der Fehler an joint2 hängt von der Größe „Kolbengeschwindigkeit von joint3“ und der Größe „Zylinderkraft“ ab"
     )
-    placed = Sentence("fitting.at_joint", name="load_dependent_friction", term="joint2.piston_speed")
+    placed = Sentence("fitting.at_joint", effect="load_dependent_friction", joint="joint2.piston_speed")
     assert wording.readable(placed, {"load_dependent_friction": "Reibung"}) == (
         "reibung at joint2 piston speed"  # English has small letters and no quotes
     )
     rivals = ["position_dependent_friction", "stribeck"]
-    said = Sentence("fitting.leave_same_trace_these", entry=rivals[0], rivals=rivals[1])
+    said = Sentence("fitting.leave_same_trace", effect=rivals[0], rivals=rivals[1])
     titles = {"position_dependent_friction": "Reibung, die vom Kolbenweg abhängt"}
     assert wording.readable(said, titles, GERMAN) == (
         "„Reibung, die vom Kolbenweg abhängt“ und stribeck hinterlassen in diesen Aufzeichnungen dieselbe Spur"

@@ -385,7 +385,7 @@ def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
             rivals = [r["id"] for r in entry["indistinguishable_from"]]
             return {
                 "motion": effect(entry["id"]).experiment,
-                "why": Sentence("fitting.leave_same_trace_these", entry=entry["id"], rivals=", ".join(rivals)),
+                "why": Sentence("fitting.leave_same_trace", effect=entry["id"], rivals=", ".join(rivals)),
                 "separates": [entry["id"], *rivals],
                 "joint": entry["joint"],
             }

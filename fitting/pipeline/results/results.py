@@ -277,16 +277,16 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     cylinders = results[Cylinders].cylinders
     still = [c.joint for c in cylinders if c.rows == 0]
     if still:
-        warnings.append(Sentence("fitting.never_moved_nothing_known", still=still))
+        warnings.append(Sentence("fitting.never_moved_nothing_known", joints=still))
     refused = [c.joint for c in cylinders if c.refused]
     if refused:
-        warnings.append(Sentence("fitting.stage_arm_attached_refused", refused=refused))
+        warnings.append(Sentence("fitting.stage_arm_attached_refused", joints=refused))
     in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
     warnings += _in_situ_warnings(session, in_situ)
     parameters = session.plain.design.parameters
     undetermined = [n for n, own in zip(parameters.names, results[Refitted].after.determined, strict=False) if not own]
     if undetermined:
-        warnings.append(Sentence("fitting.motion_cannot_tell", undetermined=undetermined))
+        warnings.append(Sentence("fitting.motion_cannot_tell", parameters=undetermined))
     warnings += _beyond_training(session, results)
     changed = NAMES["parameters"] | NAMES["changed"]
     for change in results[Attributed].changes:
@@ -317,7 +317,7 @@ def _beyond_training(session: Session, results: StageResults) -> list[str]:
                     "fitting.validate_moves_where_training",
                     joint=joint.name,
                     std=std,
-                    effort_unit=joint.effort_unit,
+                    unit=joint.effort_unit,
                     trained=trained,
                 )
             )
@@ -339,11 +339,11 @@ def _line_warning(machine: Machine, line: Line) -> str:
     """Advise on a spectral line where no pump can have made it."""
     joint = machine.joints[line.joint]
     return Sentence(
-        "fitting.effort_oscillates_hz_amplitude",
+        "fitting.effort_oscillates",
         joint=joint.name,
         frequency_hz=line.frequency_hz,
         amplitude=line.amplitude,
-        joint_2=effort_unit(joint),
+        unit=effort_unit(joint),
     )
 
 
