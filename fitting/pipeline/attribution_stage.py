@@ -42,6 +42,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         limits=detection_limits(session.machine, found),
         hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
+        nothing_more=found.nothing_more,
         unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
         lines=found.lines,
         changes=found.changes,

@@ -59,6 +59,9 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if not found.looked:
         return "not_examined", []
     kinematics, outcome = results[Residual].kinematics, found.verdict
+    if found.nothing_more < 0.5:
+        more = Sentence("fitting.more_is_missing", count=len(found.accepted), probability=found.nothing_more)
+        return outcome, [more]
     if outcome in ("unexplained", "ambiguous"):
         silent = outcome == "unexplained" and not (found.accepted or found.unconfirmed)
         return outcome, [Sentence("fitting.nothing_missing_probability", probability=found.nothing)] if silent else []

@@ -428,6 +428,7 @@ class Search:
             (),
             self._open_questions(),
             places=self._places(),
+            nothing_more=self.rate_nothing() if len(self.accepted) - self.known >= priors.MOST else 1.0,
         )
 
     def _places(self) -> tuple[Place, ...]:
