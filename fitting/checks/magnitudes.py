@@ -95,10 +95,7 @@ def _impossible(
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
     small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
     large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
-    for joints, what in (
-        (small, Sentence("fitting.no_cylinder_works_little")),
-        (large, Sentence("fitting.no_cylinder_holds")),
-    ):
+    for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
         if not joints:
             continue
         wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
@@ -120,7 +117,7 @@ def _impossible(
                         "fitting.reach_pa",
                         who=who,
                         top=tops[str(channel.joint)][channel.name] if not every else top,
-                        what=what,
+                        what=Sentence(what),
                         named=named,
                     ),
                     Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
