@@ -26,7 +26,7 @@ from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.draws import Draws
-from fitting.selection.evidence import least_gain, named_evidence
+from fitting.selection.evidence import named_evidence
 from fitting.selection.gains import BEYOND_BIAS, margin
 from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
@@ -272,8 +272,6 @@ class Search:
         score = replace(score, term=trial.terms[-1])
         answer = self.gate.asked(score, self.model, trial)
         place = score.term.family
-        if not answer.reason and self._spilled(score):
-            answer = replace(answer, reason=Sentence("fitting.another_joint_certainly_lacks"), faint=True)
         if answer.reason:
             if answer.worse:
                 self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
@@ -299,19 +297,6 @@ class Search:
         self.before, self.model = self.scored, trial
         self.fresh.clear()
 
-    def _spilled(self, score: Score) -> bool:
-        """Return whether a gain comes from shared parameters bent by a joint with an unconfirmed law.
-
-        A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
-        that were fitted, a term of another joint still has to gain what one has to.
-        """
-        laws = [item.score.term for item in self.unconfirmed if not _gains_at(score, item.score.term.joint)]
-        if not laws:
-            return False
-        # Fitted anew: which parameters are held at zero belongs to the set of terms.
-        left = score_terms(self.signals.refit((*self.model.terms, *laws)), [score.term], [1])
-        return not left or left[0].gain < least_gain(score.live)
-
     def _at_best_shape(self, score: Score) -> Score:
         """Score a name at its best shape; a law with as many functions as needed, of two signals where better."""
         if not isinstance(score.term.content, Law):
@@ -335,7 +320,6 @@ class Search:
 
         Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
-        self._without_needless_lines()
         self.settled = True
         self.slots = []
         for number in range(self.known, len(self.accepted)):
@@ -363,19 +347,6 @@ class Search:
                 self._note(item.score, "rejected", Sentence("fitting.improbable_beside_all_others"))
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
-
-    def _without_needless_lines(self) -> None:
-        """Drop spectral lines that an effect found later explains: what is left of them is worth nothing."""
-        if len(self.accepted) == self.known:
-            return
-        for number in reversed(range(self.known)):
-            if self.model.wald(number) >= least_gain(2):
-                continue
-            place = self.accepted.pop(number).score.term.family
-            self.known -= 1
-            known = self.table[place]
-            self.table[place] = replace(known, status="rejected", reason=Sentence("fitting.not_needed_beside_found"))
-            self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _slot(self, number: int, final: bool = False) -> Slot:
         """Rate what could be in one term's place; unless final, the term is dropped or replaced if it is beaten."""
