@@ -64,15 +64,13 @@ class Rating:
         self,
         scores: Mapping[int, Score],
         surfaces: Sequence[Score] = (),
-        among: Mapping[int, Score] | None = None,
     ) -> list[Rated]:
         """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
-        ``surfaces``, which are no candidates; ``among`` others, of which they share the prior, if these are not all.
+        ``surfaces``, which are no candidates.
         """
         names, laws = _families(scores)
-        all_names, all_laws = (names, laws) if among is None else _families(among)
-        catalogued = sum(f[0] != "law" for f in all_names)
-        unknown = max(sum(len(own) for own in all_laws.values()) + len(all_names) - catalogued, 1)
+        catalogued = sum(f[0] != "law" for f in names)
+        unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
         each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
         law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / unknown))
         self._trust.weigh(names.values(), laws.values(), scores)

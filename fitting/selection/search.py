@@ -7,7 +7,7 @@ in its place, beside the rest; where one is dropped or replaced, the search goes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -105,7 +105,9 @@ class Search:
         self.unneeded: set[tuple[object, ...]] = set()  # dropped as improbable: not added again, but not refuted
         #: What made another joint worse, and beside which terms: parameters that joints share are bent by all effects.
         self.worse: set[tuple[frozenset[tuple[object, ...]], tuple[object, ...]]] = set()
+        #: Joints of a law that did not hold elsewhere; if others were taken there, two of eight seals would lose their name.
         self.without_law: set[int | None] = set()
+        #: What refused names lived on, per joint; without it a force with another sign on `validate` gets a name.
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {}
         for item in known:
@@ -137,37 +139,11 @@ class Search:
         self.open = rated
         if _log_total(rated) < priors.CREDIBLE_ODDS:
             return False
-        best = self._at_best_shapes(rated)
-        self._try(self._two_names_instead(decided(best), best))
+        self._try(decided(self._at_best_shapes(rated)))
         return True
 
-    def _two_names_instead(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
-        """Return the choice; of a law, a name instead that with a second name of its joint is more probable.
-
-        A curve can be bent by two effects, and neither of them alone explains what it does. Both formulas have to be
-        nature's: what a curve beside them would make up for is the law's.
-        """
-        if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
-            return choice
-        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.CREDIBLE_ODDS
-        names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
-        half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
-        for first in [r for r in names if r.score.gain > half][:WIDTH]:
-            beside = self._rated_at(joint, self.gate.with_term(self.model, first.term), scored.scores)
-            other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
-            second = self._at_best_shapes(self._beside(other, [*self.model.terms, first.term]))[:1]
-            # Two names are not what the first leaves: that is held against the second once it is asked for.
-            total = first.exact + sum(r.exact + r.against for r in second)
-            if second and second[0].exact > priors.CREDIBLE_ODDS and total > most:
-                best, most = first, total
-        self.candidates.follow(self.scored.model, scored.model)
-        self.candidates.refresh(scored.model, self.fresh)
-        self.scored = scored
-        return best
-
-    def _rated(self, model: Model, drawing: bool = True, surfaces: Sequence[Score] = ()) -> list[Rated]:
-        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders, if
-        drawing.
+    def _rated(self, model: Model, surfaces: Sequence[Score] = ()) -> list[Rated]:
+        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders.
 
         Scores of the last model are kept: after a rejection only the odds against leftovers change.
         """
@@ -179,29 +155,22 @@ class Search:
         rated = self.rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
-        drawing = drawing and self.draws.wanted
-        while drawing and (chosen := [r for r in _contending(rated) if r.term.label in number.keys() - drawn]):
+        open_ = number.keys() if self.draws.wanted else set[object]()
+        while chosen := [r for r in _contending(rated) if r.term.label in open_ - drawn]:
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
             rated = self.rating.rated(scores, surfaces)
         return rated
 
-    def _rated_at(self, joint: int | None, model: Model, among: Mapping[int, Score]) -> list[Rated]:
-        """Rate what acts on a joint beside a model, without replicas; ``among`` are scores of all, of another model."""
-        asked = {n for n in among if self.candidates.terms[n].joint in (joint, None)}
-        self.scored = self._scores_beside(model, asked)
-        self.rating = Rating(self.candidates, model, self._visible(model), self._failed(), settled=self.settled)
-        return self.rating.rated(self.scored.scores, among=among)
-
-    def _scores_beside(self, model: Model, asked: Collection[int] | None = None) -> _Scored:
-        """Score candidates beside a model, all or those ``asked``, with columns made anew of those that matter."""
+    def _scores_beside(self, model: Model) -> _Scored:
+        """Score all candidates beside a model, with columns made anew of those that matter."""
         self.candidates.follow(self.scored.model, model)
-        if model is self.before.model and asked is None:
+        if model is self.before.model:
             self.candidates.refresh(model, self.fresh)
             self.fresh.clear()
             return self.before
-        scores = self.candidates.scores(model, asked)
+        scores = self.candidates.scores(model)
         anew = set(self.candidates.refresh(model, {n for n, s in scores.items() if s.gain > priors.SMALLEST**2}))
         self.fresh |= anew
         return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | self.candidates.scores(model, anew))

@@ -149,18 +149,6 @@ def test_what_is_missing_beside_as_many_as_are_looked_for_is_said(
 
 
 @pytest.mark.slow
-def test_two_effects_that_bend_one_curve_are_two_names_and_no_law() -> None:
-    """A trapped gas volume at one end of the stroke and a cushion at the other."""
-
-    def law(segment: object, index: int) -> np.ndarray:
-        x = segment.x[:, 1]  # type: ignore[attr-defined]
-        return 9.0 * (1.0 - (x - 0.045) / 0.25) ** -1.4 - 3.5e4 * np.maximum(0.075 - x, 0.0) ** 2
-
-    attribution = run(session_with(law))
-    assert {a.score.term.family for a in attribution.accepted} == {("end_cushion", 1), ("gas_spring", 1)}
-
-
-@pytest.mark.slow
 def test_what_depends_on_two_signals_at_once_is_a_law_of_both() -> None:
     """The loss of a gallery that two cylinders share; a neighbour's speed alone gains much of it."""
 
