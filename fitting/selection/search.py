@@ -105,7 +105,7 @@ class Search:
         self.unneeded: set[tuple[object, ...]] = set()  # dropped as improbable: not added again, but not refuted
         #: What made another joint worse, and beside which terms: parameters that joints share are bent by all effects.
         self.worse: set[tuple[frozenset[tuple[object, ...]], tuple[object, ...]]] = set()
-        #: Joints of a law that did not hold elsewhere; if others were taken there, two of eight seals would lose their name.
+        #: Joints of a law that did not hold elsewhere. Without it two of eight runs of seals lose the right name.
         self.without_law: set[int | None] = set()
         #: What refused names lived on, per joint; without it a force with another sign on `validate` gets a name.
         self.failed: list[tuple[int | None, float]] = []
