@@ -20,7 +20,7 @@ def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[
     """Report where the node is not what the machine file declares."""
     bus = next(bus for bus in machine.buses if bus.name == bus_name)
     place = Sentence("daq.bus_node", bus_name=bus_name, node=node.node)
-    lines = []
+    lines: list[str] = []
     for config in bus.nodes if isinstance(bus, CanopenBus) else ():
         if config.node != node.node:
             continue

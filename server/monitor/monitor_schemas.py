@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
+
+from server.platform.http.bodies import Message, Shown
 
 
 class MovedNumber(BaseModel):
@@ -69,14 +71,15 @@ class OverloadJoint(BaseModel):
     share: float
 
 
-class Monitored(BaseModel):
+class Monitored(Shown):
     """What is followed against one calibration; ``reason`` says why it is off, ``delay_s`` how late the residual is."""
 
     state: Literal["off", "learning", "watching", "drift"]
     calibration: str | None = None
     since: str | None = None
     reason: str | None = None
-    joints: list[MonitoredJoint] = []
+    reason_message: Message | None = None
+    joints: list[MonitoredJoint] = Field(default_factory=list)
     time: float | None = None
     delay_s: float | None = None
 
@@ -91,6 +94,6 @@ class MonitorResource(Monitored):
 
     payload: Payload | None = None
     overload: OverloadNow | None = None
-    overload_joints: list[OverloadJoint] = []
+    overload_joints: list[OverloadJoint] = Field(default_factory=list)
     overload_delay_s: float | None = None
     valves: Monitored

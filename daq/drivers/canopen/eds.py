@@ -126,7 +126,7 @@ def read_eds(path: str, node: int, place: str) -> Any:
     except OSError as error:
         raise MachineFileError("daq.not_readable", place=place, reason=error.strerror) from None
     except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
-        raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
+        raise MachineFileError("daq.no_eds", place=place) from None
 
 
 def _in_order(text: str) -> io.StringIO:

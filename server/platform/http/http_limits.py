@@ -14,6 +14,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from daq.messages import Sentence
 from server.platform.http.problems import status_phrase
 
 
@@ -116,7 +117,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_message_complete()
 
     def _too_large(self) -> None:
-        self._refuse(431, f"line and headers have more than {self.limits.header_bytes} bytes, or are too many")
+        self._refuse(431, Sentence("server.head_too_long", header_bytes=self.limits.header_bytes))
 
     def _start(self, seconds: float) -> None:
         self._stop()
