@@ -232,7 +232,7 @@ class _Wording(Formatter):
     def convert_field(self, value: Any, conversion: str | None) -> Any:
         if conversion != "s":
             return super().convert_field(value, conversion)
-        return [_AsItIs(one) for one in value] if isinstance(value, list) else _AsItIs(value)
+        return [_as_it_is(one) for one in value] if isinstance(value, list) else _as_it_is(value)
 
     def format_field(self, value: Any, format_spec: str) -> Any:
         if isinstance(value, _AsItIs):
@@ -249,6 +249,12 @@ class _Wording(Formatter):
 
 class _AsItIs(str):
     """A name: no word of any language."""
+
+
+def _as_it_is(value: Any) -> Any:
+    if isinstance(value, Sentence):
+        return value
+    return _AsItIs(str(value).removesuffix(".0") if isinstance(value, float) else value)
 
 
 _wording = cache(_Wording)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, Field
+from pydantic import BaseModel
 
-from server.platform.http.bodies import Message, Shown
+from server.platform.http.bodies import Message
 
 
 class MovedNumber(BaseModel):
@@ -71,7 +71,7 @@ class OverloadJoint(BaseModel):
     share: float
 
 
-class Monitored(Shown):
+class Monitored(BaseModel):
     """What is followed against one calibration; ``reason`` says why it is off, ``delay_s`` how late the residual is."""
 
     state: Literal["off", "learning", "watching", "drift"]
@@ -79,7 +79,7 @@ class Monitored(Shown):
     since: str | None = None
     reason: str | None = None
     reason_message: Message | None = None
-    joints: list[MonitoredJoint] = Field(default_factory=list)
+    joints: list[MonitoredJoint] = []
     time: float | None = None
     delay_s: float | None = None
 
@@ -94,6 +94,6 @@ class MonitorResource(Monitored):
 
     payload: Payload | None = None
     overload: OverloadNow | None = None
-    overload_joints: list[OverloadJoint] = Field(default_factory=list)
+    overload_joints: list[OverloadJoint] = []
     overload_delay_s: float | None = None
     valves: Monitored

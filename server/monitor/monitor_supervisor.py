@@ -14,7 +14,7 @@ from typing import Any
 import structlog
 
 from daq.errors import HilfitError
-from daq.messages import Sentence, named
+from daq.messages import Sentence, message_of, named
 from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
@@ -109,11 +109,11 @@ class Monitors:
         with self._lock:
             watch = self._watches.get((machine, of))
             if watch is None:
-                return {"state": "off", "reason": self._why_not(machine, of)}
+                return {"state": "off", **_because(self._why_not(machine, of))}
             common = {"calibration": watch.calibration, "since": watch.since}
             if watch.ended is not None:
-                return {"state": "off", **common, "reason": watch.reason}
-            return {"state": "learning", **common, **watch.found, "reason": None}
+                return {"state": "off", **common, **_because(watch.reason)}
+            return {"state": "learning", **common, **watch.found, **_because(None)}
 
     def _why_not(self, machine: str, of: Of) -> str:
         if not self._acquisition.running(machine):
@@ -223,6 +223,10 @@ class Monitors:
             watch.found["overload"] = hit if hit["on"] else None
         if not watch.stop.is_set():
             self._alarms.report(machine, "overload", as_text(hit) if hit["on"] else "", "critical", hit["on"])
+
+
+def _because(reason: str | None) -> dict[str, Any]:
+    return {"reason": reason, "reason_message": message_of(reason)}
 
 
 #: What a monitor says once, or of its own accord, beside what it says of each block.

@@ -15,6 +15,9 @@ const FILES = [
   "../../docs/openapi.json",
   "../../docs/report.schema.json",
   "../../fitting/report/languages/german.json",
+  "../../daq/texts/de.json",
+  "../../fitting/texts/de.json",
+  "../texts/de.json",
 ];
 
 /** SHA-256 over the names and contents of all sources but their tests and what is made of them, in the order of names. */
