@@ -114,6 +114,11 @@ def listed(texts: Sequence[str]) -> str:
     return texts[0] if len(texts) == 1 else Sentence("daq.listed", items=list(texts))
 
 
+def in_a_row(texts: Sequence[str]) -> str:
+    """Put several texts behind each other, with commas."""
+    return texts[0] if len(texts) == 1 else Sentence("daq.in_a_row", items=list(texts))
+
+
 def first_of(texts: Sequence[str]) -> str:
     """Return the first of several texts, with the number of the others."""
     return texts[0] if len(texts) == 1 else Sentence("daq.first_of", first=texts[0], count=len(texts) - 1)

@@ -54,7 +54,7 @@ def incoherences(machine: Machine) -> list[str]:
 def _one_sync(machine: Machine) -> None:
     led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
     if len(led) > 1:
-        raise ValueError(Sentence("daq.buses_both_say_sync", led=" and ".join(led)))
+        raise ValueError(Sentence("daq.buses_both_say_sync", led=led))
 
 
 def _delayed_buses(machine: Machine) -> None:

@@ -79,7 +79,7 @@ def _text(entry: Mapping[str, Any]) -> str:
     try:
         sentence = message_from_json(entry["message"])
         return sentence if sentence == text else text
-    except (LookupError, TypeError, ValueError, RecursionError):
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
         return text
 
 

@@ -95,7 +95,8 @@ def _to_7(connection: sa.Connection) -> None:
         "webhook_deliveries.error",
     ):
         table, text = column.split(".")
-        if inspector.has_table(table):  # else it is made now
+        there = inspector.has_table(table)  # else it is made now, with that column
+        if there and f"{text}_message" not in {known["name"] for known in inspector.get_columns(table)}:
             connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {text}_message JSON")
 
 

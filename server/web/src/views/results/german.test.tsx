@@ -28,7 +28,9 @@ async function shown(report: unknown) {
 }
 
 it("says the verdict, the cause and what to do in German", async () => {
-  const { findByText, container } = await shown(content);
+  const reason = { code: "fitting.significant_but_another_effect", values: {} };
+  const messages = { "significant, but another effect explains the same better": reason };
+  const { findByText, container } = await shown({ ...content, messages });
   await findByText(/^Dem Modell fehlte: Reibung, die vom Kolbenweg abhängt \(an joint2; /);
   const text = container.textContent ?? "";
   expect(text).toContain("der aller Gelenke zusammen sank um 33\u202f%");
