@@ -161,4 +161,5 @@ def _sources() -> list[str]:
     ]
     named = ("index.html", "package-lock.json", "package.json", "scripts/types.mjs", "tsconfig.json", "vite.config.ts")
     shared = ("docs/openapi.json", "docs/report.schema.json", "fitting/report/languages/german.json")
-    return sorted([*found, *named, *(f"../../{name}" for name in shared)])
+    texts = ("../../daq/texts/de.json", "../../fitting/texts/de.json", "../texts/de.json")
+    return sorted([*found, *named, *texts, *(f"../../{name}" for name in shared)])
