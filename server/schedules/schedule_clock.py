@@ -27,7 +27,7 @@ LOOK_S = 2.0
 HORIZON = timedelta(days=1)
 #: Most missed slots that are written down one by one.
 KEPT = 50
-_TOGETHER = "had its turn together with a later slot"
+_TOGETHER = Sentence("server.had_its_turn_together")
 _log = structlog.stdlib.get_logger(__name__)
 
 

@@ -93,6 +93,7 @@ def _to_7(connection: sa.Connection) -> None:
     for column in (
         *("jobs.text", "jobs.error", "job_events.text", "alarms.text", "recordings.error"),
         "webhook_deliveries.error",
+        "schedule_slots.note",
     ):
         table, text = column.split(".")
         there = inspector.has_table(table)  # else it is made now, with that column
