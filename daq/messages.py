@@ -15,17 +15,22 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path, PurePath
 from string import Formatter
 from types import MappingProxyType
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, TypeAlias
 
+#: Name of a value for people, if it has one.
+Naming: TypeAlias = Callable[[str], str | None]
 #: Language that messages are made in, and those that they can be worded in.
 ENGLISH = "en"
 LANGUAGES = (ENGLISH, "de")
+#: Packages whose texts every page of this product has.
+_OWN = frozenset({"daq", "fitting", "server"})
 _DECIMAL_SIGNS = {ENGLISH: ".", "de": ","}
 #: A number with a point, by itself: no version, no part of a name.
 _DECIMAL = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])", re.ASCII)
@@ -58,8 +63,18 @@ class Sentence(str):
     def __str__(self) -> str:
         return self
 
+    def __add__(self, other: str) -> Sentence:
+        return Sentence("daq.together", first=self, second=other) if other else self
+
+    def __radd__(self, other: str) -> Sentence:
+        return Sentence("daq.together", first=other, second=self) if other else self
+
     def __reduce__(self) -> tuple[Any, ...]:
         return message_from_json, (self.to_json(),)
+
+    def mapped(self, change: Callable[[Any], Any]) -> Sentence:
+        """Return it with changed values."""
+        return Sentence(self.code, **{name: change(value) for name, value in self.values.items()})
 
     def to_json(self) -> dict[str, Any]:
         """Return code and values as JSON content."""
@@ -67,12 +82,15 @@ class Sentence(str):
 
     def replace(self, old: str, new: str, /, count: SupportsIndex = -1) -> Sentence:
         """Replace ``old`` in its values, as in the name of a file."""
-        return Sentence(self.code, **{name: _replaced(value, old, new) for name, value in self.values.items()})
+        return self.mapped(lambda value: _replaced(value, old, new))
 
-    def worded(self, language: str) -> str:
-        """Word it in one of :data:`LANGUAGES`; in English where that has no text for it."""
+    def worded(self, language: str, named: Naming | None = None) -> str:
+        """Word it in one of :data:`LANGUAGES`; in English where that has no text for it.
+
+        ``named`` gives the name of a value for people, None where it is as good as it is.
+        """
         try:
-            return str.__str__(self) if language == ENGLISH else _worded(self.code, self.values, language)
+            return _worded(self.code, self.values, language, named)
         except KeyError:
             return str.__str__(self)
 
@@ -137,14 +155,24 @@ def put_together(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def messages_in(content: Any) -> dict[str, Any]:
-    """Collect all messages of JSON content: each English sentence with its code and values."""
+    """Collect all messages of JSON content or of dataclasses: each English sentence with its code and values.
+
+    One with a text of another distribution in it is ``worded`` in every language as well.
+    """
     found: dict[str, Any] = {}
     _collect(content, found)
     return found
 
 
 def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
-    """Put messages back into JSON content in which they are their sentences; see :func:`messages_in`."""
+    """Put messages back into JSON content in which they are their sentences; see :func:`messages_in`.
+
+    A value that is the sentence of another message is that message.
+    """
+    if isinstance(content, Sentence):
+        return Sentence(
+            content.code, **{name: with_messages(value, messages) for name, value in content.values.items()}
+        )
     if isinstance(content, Mapping):
         return {key: with_messages(value, messages) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
@@ -152,22 +180,35 @@ def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
     return _known(content, messages) if isinstance(content, str) else content
 
 
+def _of_others(value: Any) -> bool:
+    """Return whether a message, or one in it, has its text in another distribution, which a page does not have."""
+    if isinstance(value, list):
+        return any(map(_of_others, value))
+    if not isinstance(value, Sentence):
+        return False
+    return value.code.partition(".")[0] not in _OWN or any(map(_of_others, value.values.values()))
+
+
 def _known(text: str, messages: Mapping[str, Any]) -> str:
     try:
-        return message_from_json(messages[text]) if text in messages else text
+        return with_messages(message_from_json(messages[text]), messages) if text in messages else text
     except KeyError:  # of another version
         return text
 
 
 def _collect(content: Any, found: dict[str, Any]) -> None:
     if isinstance(content, Sentence):
-        found[str.__str__(content)] = content.to_json()
+        others = {code: content.worded(code) for code in LANGUAGES if code != ENGLISH} if _of_others(content) else None
+        found[str.__str__(content)] = content.to_json() | ({"worded": others} if others else {})
     elif isinstance(content, Mapping):
         for value in content.values():
             _collect(value, found)
     elif isinstance(content, (list, tuple)):
         for value in content:
             _collect(value, found)
+    elif is_dataclass(content):
+        for own in fields(content):
+            _collect(getattr(content, own.name), found)
 
 
 def _plain(value: Any) -> Any:
@@ -219,6 +260,14 @@ def texts(package: str, language: str) -> dict[str, dict[str, str]]:
     raise KeyError(package)
 
 
+@cache
+def placeholders(code: str) -> tuple[str, ...]:
+    """Return the names of the values that a message's text needs."""
+    package, _, key = code.partition(".")
+    fields = Formatter().parse(texts(package, ENGLISH)["messages"][key])
+    return tuple(dict.fromkeys(name for _, name, _, _ in fields if name))
+
+
 def is_code(text: str) -> bool:
     """Return whether ``text`` is the code of a message, and no sentence."""
     package, _, key = text.partition(".")
@@ -231,8 +280,8 @@ def is_code(text: str) -> bool:
 class _Wording(Formatter):
     """``str.format`` with the numbers, words and messages of a language."""
 
-    def __init__(self, language: str, package: str) -> None:
-        self._language, self._package = language, package
+    def __init__(self, language: str, package: str, named: Naming | None) -> None:
+        self._language, self._package, self._named = language, package, named
 
     def convert_field(self, value: Any, conversion: str | None) -> Any:
         if conversion != "s":
@@ -248,8 +297,11 @@ class _Wording(Formatter):
             number = format(value, format_spec) if format_spec else str(value).removesuffix(".0")
             return number.replace(".", _DECIMAL_SIGNS[self._language])
         if isinstance(value, Sentence):
-            return value.worded(self._language)
-        return word(value, self._language, self._package) if isinstance(value, str) else str(value)
+            return value.worded(self._language, self._named)
+        if not isinstance(value, str):
+            return str(value)
+        name = None if self._named is None else self._named(value)
+        return word(value, self._language, self._package) if name is None else name
 
 
 class _AsItIs(str):
@@ -262,12 +314,9 @@ def _as_it_is(value: Any) -> Any:
     return _AsItIs(str(value).removesuffix(".0") if isinstance(value, float) else value)
 
 
-_wording = cache(_Wording)
-
-
-def _worded(code: str, values: Mapping[str, Any], language: str) -> str:
+def _worded(code: str, values: Mapping[str, Any], language: str, named: Naming | None = None) -> str:
     package, _, key = code.partition(".")
-    return _wording(language, package).vformat(texts(package, language)["messages"][key], (), values)
+    return _Wording(language, package, named).vformat(texts(package, language)["messages"][key], (), values)
 
 
 def word(text: str, language: str, package: str) -> str:

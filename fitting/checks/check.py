@@ -21,7 +21,7 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.fast_noise import noise_findings
-from fitting.checks.findings import Finding, finding_of
+from fitting.checks.findings import Finding, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
 from fitting.checks.mistakes.clocks import Clock, clock_of, inertia_findings
@@ -196,7 +196,7 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     channel = machine.channel(quantity, names[0]) if quantity else None
     channels = [c.name for n in names if quantity and (c := machine.channel(quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
-    text = option.text.format(channel=channel.name if channel else "", joint=names[0])
+    text = filled(option.text, channel=channel.name if channel else "", joint=names[0])
     lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
     return Finding(
         option.code,
@@ -250,17 +250,19 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     return found
 
 
-def _named(machine: Machine, joint: str, quantity: str | None, text: str) -> str:
-    """Prefix a text with its channel or joint."""
+def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherwise: str = "") -> str:
+    """Prefix a text with its channel (``otherwise``, or the joint, where it has none) or joint."""
     channel = machine.channel(quantity, joint) if quantity else None
-    return text.format(channel=channel.name if channel else joint, joint=joint) if "{" in text else f"{joint}: {text}"
+    if "{" in text:
+        return filled(text, channel=channel.name if channel else otherwise or joint, joint=joint)
+    return Sentence("daq.named", name=joint, what=text)
 
 
 def _of_clock(clock: Clock) -> Finding:
     late = "late" if (clock.rate or clock.offset) > 0 else "early"
     if clock.rate:
-        what = f"the clock of the efforts runs {1e2 * abs(clock.rate):.2g} % {'slow' if clock.rate > 0 else 'fast'}"
-        code = "clock_rate"
+        way = "slow" if clock.rate > 0 else "fast"
+        what, code = Sentence("fitting.clock_of_efforts", percent=1e2 * abs(clock.rate), way=way), "clock_rate"
     else:
         what, code = Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late), "clock_offset"
     return Finding(
@@ -283,10 +285,10 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
     ratio = own.rho * declared
     options = []
     if 0 < ratio < 1:
-        options.append(Sentence("fitting.bore_rod_would_mm", bore=1000.0 * cylinder.bore * np.sqrt(1 - ratio)))
+        options.append(Sentence("fitting.rod_with_this_bore", rod=1e3 * cylinder.bore * np.sqrt(1 - ratio)))
         if cylinder.rod > 0:
-            options.append(Sentence("fitting.rod_bore_would_mm", rod=1000.0 * cylinder.rod / np.sqrt(1 - ratio)))
-    other_sizes = f" ({' and '.join(options)})" if options else ""
+            options.append(Sentence("fitting.bore_with_this_rod", bore=1e3 * cylinder.rod / np.sqrt(1 - ratio)))
+    other_sizes = Sentence("fitting.other_sizes", options=options) if options else ""
     return finding_of(
         "cylinder_areas",
         ratio=ratio,
@@ -311,7 +313,7 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
     where = places.key(own.key) if own.key else places.channels(machine, channels)
     file = None if own.recording is None else recordings[own.recording].file
     channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "{channel}" in own.text) else None
-    text = own.text.format(joint=names[0] if names else "", channel=channel or "the effort")
+    text = filled(own.text, joint=names[0] if names else "", channel=channel or "the effort")
     who = f"{file}: " if file else (f"{names[0]}: " if names else "")
     before, after = accused.before.misfits[accused.joint], accused.after.misfits[accused.joint]
     at = (
@@ -324,11 +326,9 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
         Sentence("fitting.unexplained_effort_taken_back", who=who, text=text, at=at, before=before, after=after),
         own.cure + where,
         alternatives=tuple(
-            other.text.format(joint=machine.joints[other.joints[0]].name if other.joints else "", channel="the effort")
-            if "{" in other.text
-            else f"{machine.joints[other.joints[0]].name}: {other.text}"
+            _named(machine, machine.joints[other.joints[0]].name, None, other.text, "the effort")
             if other.joints
-            else other.text
+            else filled(other.text, joint="", channel="the effort")
             for other in accused.alternatives
         ),
         joint=names[0] if names else None,

@@ -95,10 +95,7 @@ def _impossible(
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
     small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
     large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
-    for joints, what in (
-        (small, Sentence("fitting.no_cylinder_works_little")),
-        (large, Sentence("fitting.no_cylinder_holds")),
-    ):
+    for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
         if not joints:
             continue
         wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
@@ -120,10 +117,10 @@ def _impossible(
                         "fitting.reach_pa",
                         who=who,
                         top=tops[str(channel.joint)][channel.name] if not every else top,
-                        what=what,
+                        what=Sentence(what),
                         named=named,
                     ),
-                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.check_unit_scale_wiring"),
+                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
                     before=top,
@@ -216,14 +213,14 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
             if sign
             else Sentence("fitting.unit_zero_sign_wrong")
         )
-        cure = Sentence('fitting.set_its_unit', likely=likely) if likely else (
-            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.check_unit_sign_offset')
+        cure = Sentence('fitting.set_its_unit', unit=likely) if likely else (
+            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
         )  # fmt: skip
+        goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)
         found.append(
             Finding(
                 "unit" if likely else ("sign" if sign else "out_of_range"),
-                f"{channel.name}: goes from {least:.4g} to {most:.4g} {unit}, the machine file allows {low:.4g} "
-                f"to {high:.4g}; " + what,
+                Sentence("daq.named", name=channel.name, what=goes),
                 cure,
                 joint=channel.joint,
                 channel=channel.name,
@@ -268,13 +265,8 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
             first = own[0]
             whole = Finding(
                 "unit",
-                Sentence(
-                    "fitting.all_channels_quantity",
-                    quantity=quantity,
-                    value=first.text.partition(": ")[2],
-                    channel=first.channel,
-                ),
-                first.cure.replace("its unit", "the unit"),
+                Sentence("fitting.all_channels_quantity", quantity=quantity, text=first.text),
+                first.cure if first.says is None else Sentence("fitting.set_unit", unit=first.says),
                 before=first.before,
                 says=first.says,
                 channels=tuple(str(f.channel) for f in own),

@@ -41,6 +41,6 @@ class Places:
         numbers = [k for k, channel in enumerate(machine.channels) if channel.name in names]
         lines = [line_of(self.tree, ["channels", k]) for k in numbers] if self.tree is not None else []
         known = [str(line) for line in lines if line]
-        if not known:
-            return ""
-        return f" in {self.file} line{'s' if len(known) > 1 else ''} {' and '.join(known)}"
+        if len(known) > 1:
+            return Sentence("fitting.in_lines", file=self.file, lines=known)
+        return Sentence("fitting.in_line", file=self.file, line=known[0]) if known else ""

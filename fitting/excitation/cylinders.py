@@ -67,7 +67,7 @@ class CylinderOptions:
                 "fitting.seconds_too_short_band",
                 seconds=self.seconds,
                 max_frequency=self.max_frequency,
-                max_frequency_2=2 / self.max_frequency / (1 - self.staircase),
+                least=2 / self.max_frequency / (1 - self.staircase),
             )
 
     @property

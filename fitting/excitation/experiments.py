@@ -211,7 +211,7 @@ def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[s
     course = np.append(np.concatenate(parts), 0.0)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] += course
-    return f"{', '.join(f'{f:.2g}' for f in frequencies)} Hz", q
+    return ", ".join(f"{f:.2g}" for f in frequencies), q
 
 
 def _staircase(arm: Arm) -> tuple[str, FloatArray]:
@@ -225,13 +225,15 @@ def _slow_reversals(arm: Arm) -> tuple[str, FloatArray]:
     way = arm.way(arm.joint)
     amplitude = min(_REVERSAL_SHARE * way.half, _largest_burst(way, _HIGHEST))
     rates, q = _bursts(arm, _HIGHEST, 3.0, amplitude)
-    return f"reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates: {rates}", q
+    where = {"arm": arm.name, "width": 2 * amplitude, "unit": _unit(arm)}
+    return Sentence("fitting.reversals_at_three_rates", rates=rates, **where), q
 
 
 def _frequencies(arm: Arm) -> tuple[str, FloatArray]:
     amplitude = _largest_burst(arm.way(arm.joint), _HIGHEST)
     rates, q = _bursts(arm, _HIGHEST, 2.0, amplitude)
-    return f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at {rates}", q
+    where = {"arm": arm.name, "amplitude": amplitude, "unit": _unit(arm)}
+    return Sentence("fitting.bursts_at_one_amplitude", rates=rates, **where), q
 
 
 def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
@@ -292,8 +294,9 @@ def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
         frequency = (0.3, 0.43)[place]
         size = min(near.half, near.speed / (9.0 * frequency), near.acceleration / (70.0 * frequency**2))
         q[:, other] += size * _wave(time, arm.seconds, frequency)
-    names = " and ".join(arm.machine.joints[k].name for k in others)
-    return Sentence("fitting.swing_while_creeps_over", names=names, arm=arm.name), q
+    names = [arm.machine.joints[k].name for k in others]
+    over = "stroke" if arm.machine.joints[arm.joint].cylinder else "range"
+    return Sentence("fitting.swing_while_creeps_over", names=names, arm=arm.name, range=over), q
 
 
 def _free_cylinder(arm: Arm) -> Experiment:

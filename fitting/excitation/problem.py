@@ -65,7 +65,7 @@ class ExcitationOptions:
                 "fitting.seconds_hold_fewer_two",
                 seconds=self.seconds,
                 max_frequency=self.max_frequency,
-                max_frequency_2=2 / self.max_frequency,
+                least=2 / self.max_frequency,
             )
         if self.harmonics < 2 or self.starts < 1 or self.iterations < 1 or self.samples < 10:
             raise InputError("fitting.harmonics_must_more_starts")

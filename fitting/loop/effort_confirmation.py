@@ -81,13 +81,13 @@ def _refused(session: Session, before: Errors, after: Errors) -> str | None:
     rate = session.bank.reduced_rate_hz
     change, _, high = error_change(before, after, rate, np.random.default_rng(22))
     if not high < 0:
-        return Sentence("fitting.effort_validation_motion_not", change=change)
+        return Sentence("fitting.validation_effort_not_better", change=change)
     for joint, (first, second) in enumerate(zip(before, after, strict=True)):
         if len(first) and len(first) == len(second):
             own, low, _ = error_change([first], [second], rate, np.random.default_rng(23))
             if own > 100 * MOST_WORSE and low > 0:
                 name = session.machine.joints[joint].name
-                return Sentence("fitting.effort_validation_motion_predicted", name=name, own=own)
+                return Sentence("fitting.validation_effort_worse", joint=name, change=own)
     return None
 
 

@@ -108,7 +108,7 @@ def _refused(
     worths = [worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
     if worths[weakest] < 0:
-        return weakest, Sentence("fitting.found_pieces_but_gains", weakest=model.wald(weakest))
+        return weakest, Sentence("fitting.found_pieces_but_gains", gain=model.wald(weakest))
     if not validate:
         return None
     worse = worse_joint(base, model, validate)
@@ -119,7 +119,7 @@ def _refused(
     name = model.design.parameters.joints[joint]
     return (
         min(there, key=lambda n: worths[n]),
-        Sentence("fitting.makes_worse_whole_validation", name=name, rise=100 * rise),
+        Sentence("fitting.makes_worse_whole_validation", joint=name, change=100 * rise),
     )
 
 
@@ -164,7 +164,7 @@ def _with_rivals(
         near = [own for own in values if own != best.family and values[own] - best_chi < width]
         for own in values:
             if own != best.family and own not in near:
-                reason = Sentence("fitting.fits_all_samples_worse", best=best.id, value=values[own] - best_chi)
+                reason = Sentence("fitting.fits_all_samples_worse", best=best.id, excess=values[own] - best_chi)
                 apart[own] = "rejected", reason
         result[number] = replace(best_item, rivals=tuple(terms[own] for own in near))
     return result, apart
@@ -274,7 +274,7 @@ def search_note(search: Search) -> str:
 
 def _minutes(seconds: float) -> str:
     return (
-        Sentence("fitting.in_minutes", seconds=seconds / 60)
+        Sentence("fitting.in_minutes", minutes=seconds / 60)
         if seconds < 36_000
-        else Sentence("fitting.in_hours", seconds=seconds / 3600)
+        else Sentence("fitting.in_hours", hours=seconds / 3600)
     )

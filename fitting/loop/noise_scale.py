@@ -76,7 +76,7 @@ def _sized(noise: Sequence[Whitening], factors: FloatArray) -> tuple[Whitening, 
 def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:
     """Report noises that were far off, a line per joint."""
     return [
-        Sentence("fitting.no_motion_recorded_twice", name=name, factor=1 / factor)
+        Sentence("fitting.no_motion_recorded_twice", joint=name, factor=1 / factor)
         for name, factor in zip(names, factors, strict=True)
         if not 1 / REPORTABLE < factor < REPORTABLE
     ]

@@ -81,9 +81,9 @@ def attributed(
     names = [joint.name for joint in session.machine.joints]
     silent = [
         Sentence(
-            "fitting.record_shows",
-            value="machine" if item.score.term.joint is None else names[item.score.term.joint],
-            term=item.score.term.id,
+            "fitting.record_one_that_shows",
+            place="machine" if item.score.term.joint is None else names[item.score.term.joint],
+            effect=item.score.term.id,
             silence=item.silence,
         )
         for item in found.accepted
@@ -125,8 +125,10 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
             own.append((cutoff, *_value(model, n, leading[n])))
         del model  # before the next, which is as large
     moved = {
-        found.accepted[n].score.term.family: "it changes with the filter: "
-        + ", ".join(Sentence("fitting.at_cutoff", value=value, cutoff=cutoff) for cutoff, value, _ in own)
+        found.accepted[n].score.term.family: Sentence(
+            "fitting.changes_with_filter",
+            values=[Sentence("fitting.at_cutoff", value=value, cutoff=cutoff) for cutoff, value, _ in own],
+        )
         for n, own in values.items()
         if moves(own)
     }

@@ -223,7 +223,7 @@ class Session:
             for earlier in recordings[:number]:
                 if "validate" in (recording.role, earlier.role) and recording.sha256 == earlier.sha256:
                     raise RecordingError(
-                        "fitting.same_recording_role", file=recording.file, file_2=earlier.file, role=earlier.role
+                        "fitting.same_recording_role", file=recording.file, other=earlier.file, role=earlier.role
                     )
         return cls(machine, recordings, request.options, request.machine)
 

@@ -228,11 +228,11 @@ def compare(first: ArmModel, second: ArmModel, recording: Recording) -> Compared
     """
     if first.joints != second.joints or first.machine.name != second.machine.name:
         raise InputError(
-            "fitting.compare_first_model_second",
+            "fitting.models_of_two_machines",
             machine=first.machine.name,
             joints=", ".join(first.joints),
-            machine_2=second.machine.name,
-            joints_2=", ".join(second.joints),
+            other=second.machine.name,
+            other_joints=", ".join(second.joints),
         )
     # Both errors through one filter, or they would not be of the same signals.
     one = predict(first, recording)

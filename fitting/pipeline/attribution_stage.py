@@ -42,6 +42,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         limits=detection_limits(session.machine, found),
         hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
+        nothing_more=found.nothing_more,
         unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
         lines=found.lines,
         changes=found.changes,
@@ -57,7 +58,7 @@ def _called(family: Family, names: tuple[str, ...]) -> str:
     """Word an effect and its joint."""
     name, joint = family
     what = "a law" if name == "law" else name
-    return what if joint is None else Sentence("fitting.at_joint", name=what, term=names[joint])
+    return what if joint is None else Sentence("fitting.at_joint", effect=what, joint=names[joint])
 
 
 def _next_experiment(session: Session, found: Attribution) -> Designed | None:

@@ -128,15 +128,13 @@ def in_words(result: Mapping[str, Any]) -> str:
     against = result["against"]
     way, bounds = _way(against["one_shot"])
     if way is None:
-        return " ".join([*sentences, Sentence("fitting.no_error_compare")])
+        return Sentence("daq.sentences", sentences=[*sentences, Sentence("fitting.no_error_compare")])
     sentences.append(Sentence("fitting.their_error_shot_regression", motion=motion, way=way, bounds=bounds))
     if "one_shot_with_unloaded" in against:
         other, bounds = _way(against["one_shot_with_unloaded"])
-        sentences.append(
-            f"With the unloaded recordings in the one-shot regression too, it is {other} that one's ({bounds}): "
-            + _reason(way, other)
-        )
-    return " ".join(sentences)
+        reason = _reason(way, other)
+        sentences.append(Sentence("fitting.with_unloaded_one_shot", way=other, bounds=bounds, reason=reason))
+    return Sentence("daq.sentences", sentences=sentences)
 
 
 _SAME, _LESS, _MORE = "the same within its uncertainty as", "smaller than", "larger than"
@@ -148,7 +146,7 @@ def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
     if value is None or interval is None:
         return None, ""
     way = _LESS if interval[1] < 0 else _MORE if interval[0] > 0 else _SAME
-    return way, Sentence("fitting.percent_with_interval", value=value, interval=interval[0], interval_2=interval[1])
+    return way, Sentence("fitting.percent_with_interval", percent=value, low=interval[0], high=interval[1])
 
 
 def _reason(way: str | None, other: str | None) -> str:

@@ -121,7 +121,7 @@ def _drives(model: Model, most: float) -> list[Violation]:
                 continue
             unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
             reason = (
-                Sentence("fitting.parameter_negative", name=NAMES["parameters"][parameter], name_2=name),
+                Sentence("fitting.parameter_negative", parameter=NAMES["parameters"][parameter], joint=name),
                 NAMES["causes"][parameter],
             )
             found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *reason))
@@ -138,7 +138,7 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
         joint = model.design.machine.joints[own.joint]
         straight = joint.cylinder is not None or joint.type == "prismatic"
         unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
-        reason = Sentence("fitting.friction_drives_motion_instead", joint=joint.name, speed=worst.speed, speed_2=speed)
+        reason = Sentence("fitting.friction_drives", joint=joint.name, speed=worst.speed, unit=speed)
         sizes = worst.force, worst.std, unit, worst.sigmas
         found.append(Violation("friction", joint.name, "f(v)", *sizes, reason, NAMES["causes"]["friction"]))
     return found
@@ -161,7 +161,7 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
     moved = np.where(determined & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
     worst = int(np.argmax(np.abs(moved)))
     name, value, unit = base.names[worst], float(model.fit.theta[part][worst]), base.units[worst]
-    reason = Sentence("fitting.no_links_can_exist", name=name, value=value, unit=unit)
+    reason = Sentence("fitting.no_links_can_exist", parameter=name, value=value, unit=unit)
     sizes = value, float(std[worst]), unit, float(np.sqrt(distance))
     return [Violation("link", None, name, *sizes, reason, NAMES["causes"]["link"])]
 

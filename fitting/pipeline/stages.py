@@ -255,7 +255,7 @@ def _write_results(request: Request, session: Session, results: StageResults) ->
     model = hand_over(session, final.steps, final.model, content)
     wrong = indefinite(model)
     if wrong is not None:
-        content["warnings"].append(f"{wrong.text}: efforts are predicted all the same, motions are not")
+        content["warnings"].append(Sentence("fitting.efforts_all_the_same", problem=wrong.text))
     content = presented(content, figures)
     paths = write_report(content, figures, output, language=first, others=others)
     save_model(output / MODEL_FILE, model)
@@ -321,7 +321,8 @@ def run_stage(
         path = directory / f"{earlier}.json"
         if not path.exists():
             raise HilfitError("fitting.stage_not_been_run", path=path, earlier=earlier)
-        results = results.having(from_json(RESULTS[earlier], json.loads(path.read_text(encoding="utf-8")), str(path)))
+        content = json.loads(path.read_text(encoding="utf-8"))
+        results = results.having(from_json(RESULTS[earlier], content, str(path)), content.get("messages"))
     progress(0.0, WORDS[stage])
     session = with_explanation(request, lambda: load(request))
     if stage == "report":

@@ -59,9 +59,12 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if not found.looked:
         return "not_examined", []
     kinematics, outcome = results[Residual].kinematics, found.verdict
+    if found.nothing_more < 0.5:
+        more = Sentence("fitting.more_is_missing", count=len(found.accepted), probability=found.nothing_more)
+        return outcome, [more]
     if outcome in ("unexplained", "ambiguous"):
         silent = outcome == "unexplained" and not (found.accepted or found.unconfirmed)
-        return outcome, [Sentence("fitting.nothing_missing_probability", nothing=found.nothing)] if silent else []
+        return outcome, [Sentence("fitting.nothing_missing_probability", probability=found.nothing)] if silent else []
     if results[Residual].laws:
         return "unexplained", []
     if kinematics:
@@ -92,15 +95,16 @@ def what_to_record(results: StageResults) -> list[str]:
     found = results[Attributed]
     if label(results) != "cannot_tell" or found.nothing >= NEEDED:
         return []
-    return [Sentence("fitting.nothing_missing_probability_these", nothing=found.nothing)]
+    return [Sentence("fitting.nothing_missing_uncertain", probability=found.nothing)]
 
 
 def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
-    reasons, refitted = [], results[Refitted]
+    reasons: list[str] = []
+    refitted = results[Refitted]
     invalid = [joints[n] for n, valid in enumerate(results[Residual].floor_valid) if not valid]
     if invalid:
-        reasons.append(Sentence("fitting.noise_not_known_record", invalid=", ".join(invalid)))
+        reasons.append(Sentence("fitting.noise_not_known_record", joints=", ".join(invalid)))
     times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
     allowed = math.hypot(_noise_ratio(refitted.independent_rows), refitted.parameter_error)
     if times is not None and times > allowed:
@@ -108,9 +112,7 @@ def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> lis
     for other in results[Attributed].other_bands:
         if other.found:
             reasons.append(
-                Sentence(
-                    "fitting.bandwidth_hz_loop_finds", bandwidth_hz=other.bandwidth_hz, found=", ".join(other.found)
-                )
+                Sentence("fitting.other_band_finds", bandwidth_hz=other.bandwidth_hz, found=", ".join(other.found))
             )
     return reasons
 

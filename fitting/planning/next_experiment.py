@@ -121,37 +121,34 @@ class NextExperiment:
     def _text(self) -> str:
         best = self.best
         if best is None:
-            return "; or ".join(self.by_hand)
-        return best.text if self.recordings == 1 else f"{best.text}; record it {self.recordings} times"
+            return Sentence("fitting.either_motion", motions=self.by_hand)
+        if self.recordings == 1:
+            return best.text
+        return Sentence("fitting.record_times", motion=best.text, recordings=self.recordings)
 
     def _labels(self, names: Sequence[str]) -> list[str]:
         return [term_label(term, names) for term in self.rivals]
 
     def _why(self, names: Sequence[str]) -> str:
-        ids = " and ".join(self._labels(names))
         best, most = self.best, self.options[0]
-        first = Sentence("fitting.differ_these_recordings", ids=ids, now=_differ(self.now))
+        first = Sentence("fitting.differ_these_recordings", rivals=self._labels(names), now=_differ(self.now))
         if best is not None:
             return Sentence(
-                "fitting.closable_motion_recording_recordings",
+                "fitting.closable_by_motion",
                 first=first,
                 expected=_differ(best.expected),
                 recordings=self.recordings,
                 chance=100 * self.chance,
             )
         apart = 100 * np.sqrt(most.expected.share)
-        best_text = Sentence("fitting.best_motion_arm_may", first=first, expected=_differ(most.expected), apart=apart)
-        return (
-            Sentence("fitting.would_tell", best_text=best_text, by_hand="; or ".join(self.by_hand))
-            if self.by_hand
-            else best_text
-        )
+        alike = Sentence("fitting.best_motion_cannot_tell", first=first, expected=_differ(most.expected), apart=apart)
+        return Sentence("fitting.would_tell", first=alike, by_hand=self.by_hand) if self.by_hand else alike
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:
     """Name a term briefly: an effect's id, or the law's variable."""
     content = term.content
-    return Sentence("fitting.law_of", joints=content.variable(tuple(joints))) if isinstance(content, Law) else term.id
+    return Sentence("fitting.law_of", variable=content.variable(tuple(joints))) if isinstance(content, Law) else term.id
 
 
 def _differ(value: Separation) -> str:

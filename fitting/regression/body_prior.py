@@ -170,18 +170,16 @@ def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPri
 def _from_report(path: Path, report: Report, base: BaseParameters) -> BodyPrior:
     entries = report.rigid_body.parameters if report.rigid_body is not None else []
     if len(entries) != len(base):
-        raise InputError(
-            "fitting.rigid_body_parameters_given_machine", path=path, count=len(entries), count_2=len(base)
-        )
+        raise InputError("fitting.parameters_given", path=path, given=len(entries), known=len(base))
     mean, own = np.zeros(len(base)), np.full(len(base), np.inf)
     for number, (entry, expression) in enumerate(zip(entries, base.expressions, strict=True)):
         if entry.expression != expression:
             raise InputError(
-                "fitting.rigid_body_parameters_machine_report",
+                "fitting.parameter_of_another_machine",
                 path=path,
                 number=number,
                 expression=entry.expression,
-                expression_2=expression,
+                own=expression,
             )
         if entry.value is not None and entry.std is not None:
             mean[number], own[number] = entry.value, entry.std

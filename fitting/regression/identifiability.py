@@ -143,9 +143,9 @@ def _variances(G: FloatArray) -> FloatArray:
 def statement(found: Sequence[ParameterVerdict]) -> str:
     """Word in one sentence how many parameters the motion determines, and which not."""
     determined = [t.name for t in found if t.verdict == "told"]
-    text = Sentence("fitting.motion_tells_parameters", count=len(determined), count_2=len(found))
+    text = Sentence("fitting.motion_tells_parameters", told=len(determined), of=len(found))
     for verdict in ("assumed", "poorly told", "not told"):
         names = [t.name for t in found if t.verdict == verdict]
         if names:
-            text += f"; {verdict}: {', '.join(names)}"
+            text += Sentence(f"fitting.{verdict.replace(' ', '_')}", names=names)
     return text

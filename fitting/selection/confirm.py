@@ -96,7 +96,7 @@ class Gate:
             found = worse_joint(before, trial, self._validate)
             if found is not None:
                 name = before.design.parameters.joints[found[0]]
-                reason = Sentence("fitting.makes_worse_validation_motion", name=name, found=100 * found[1])
+                reason = Sentence("fitting.makes_worse_validation_motion", joint=name, change=100 * found[1])
         reason = reason or _driving(choice.term, before, trial)
         return Answer(
             reason,
@@ -142,14 +142,14 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
     it may reject only what its rows contradict as clearly.
     """
     if held_out.confirmed <= CONFIRMED:
-        size = Sentence("fitting.log_density", confirmed=0.5 * held_out.confirmed)
+        size = Sentence("fitting.log_density", log_density=0.5 * held_out.confirmed)
         if held_out.confirmed * held_out.inflation > CONFIRMED:
             return Sentence("fitting.rows_show_times_noisy", inflation=held_out.inflation, size=size)
         if held_out.gain > CONFIRMED:
             return Sentence("fitting.blocks_left_out_fit", size=size)
         return Sentence("fitting.not_hold_blocks_left", size=size)
     if validate is not None and validate.refutes:
-        size = Sentence("fitting.log_density", confirmed=0.5 * min(validate.predicted, validate.gain))
+        size = Sentence("fitting.log_density", log_density=0.5 * min(validate.predicted, validate.gain))
         return Sentence("fitting.not_help_validation_motion", size=size)
     return ""
 
@@ -188,7 +188,7 @@ def _driving(term: Term, before: Model, trial: Model) -> str:
         return ""
     name = before.design.parameters.joints[joint]
     return Sentence(
-        "fitting.friction_would_drive_motion", name=name, speed=found.speed, force=found.force, std=found.std
+        "fitting.friction_would_drive_motion", joint=name, speed=found.speed, force=found.force, std=found.std
     )
 
 

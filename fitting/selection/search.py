@@ -68,7 +68,7 @@ def attribute(
     """
     search = Search(base, effects, validate, signals, bootstrap, known)
     for number in range(4 * priors.MOST):
-        progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
+        progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
         if not search.step() and not search.exchange():
             break
     search.settle()
@@ -414,7 +414,8 @@ class Search:
             for rival, _ in rivals:
                 named = isinstance(item.score.term.content, Effect)
                 words = Sentence(
-                    "fitting.data_cannot_tell", term=item.score.term.id if named else Sentence("fitting.unknown_effect")
+                    "fitting.data_cannot_tell",
+                    rival=item.score.term.id if named else Sentence("fitting.unknown_effect"),
                 )
                 self._note(rival.score, "indistinguishable", words)
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
@@ -427,6 +428,7 @@ class Search:
             (),
             self._open_questions(),
             places=self._places(),
+            nothing_more=self.rate_nothing() if len(self.accepted) - self.known >= priors.MOST else 1.0,
         )
 
     def _places(self) -> tuple[Place, ...]:

@@ -195,7 +195,7 @@ def asked_filter_bank(rate_hz: float, bandwidth_hz: float, longest_s: float) -> 
     """
     if not 6.0 / longest_s <= bandwidth_hz <= rate_hz / 5:
         raise InputError(
-            "fitting.bandwidth_hz_must_least", bandwidth_hz=bandwidth_hz, longest_s=6.0 / longest_s, rate_hz=rate_hz / 5
+            "fitting.bandwidth_outside", bandwidth_hz=bandwidth_hz, longest_s=6.0 / longest_s, rate_hz=rate_hz / 5
         )
     return filter_bank(rate_hz, float(bandwidth_hz))
 

@@ -173,17 +173,27 @@ def _span(values: FloatArray) -> float:
 def _line(recording: Recording, wrong: BoolArray, joints: Sequence[str], apart: float) -> str:
     parts = runs(wrong)
     times = [
-        Sentence("fitting.from_to_seconds", time=recording.time[p.start], time_2=recording.time[p.stop - 1])
+        Sentence("fitting.from_to_seconds", start=recording.time[p.start], end=recording.time[p.stop - 1])
         for p in parts[:3]
     ]
-    when = ", ".join(times) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
-    who = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
     why = (
         Sentence("fitting.cylinders_hold_move_arm")
         if recording.role == "unloaded"
-        else Sentence("fitting.piston_up_mm_where", apart=1000.0 * apart)
+        else Sentence("fitting.piston_up_mm_where", apart=1e3 * apart)
     )
     # A report may go further than the place where recordings are kept.
     return Sentence(
-        "fitting.left_out", file=Path(recording.file).name, role=recording.role, when=when, why=why, who=who
+        "fitting.left_out",
+        file=Path(recording.file).name,
+        role=recording.role,
+        times=times,
+        more=_others(len(parts)),
+        why=why,
+        joints=joints[:3],
+        others=_others(len(joints)),
     )
+
+
+def _others(count: int) -> str:
+    """Word how many more there are than the three that are named."""
+    return Sentence("fitting.and_others", count=count - 3) if count > 3 else ""

@@ -1,4 +1,4 @@
-"""Messages: English sentences that know their code and values; the oracle is `str.format` and texts made here."""
+"""Messages: sentences that keep their code and values, wherever they go, and are worded anew in other languages."""
 
 from __future__ import annotations
 
@@ -7,115 +7,99 @@ import json
 import pickle
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from daq.errors import AcquisitionError, InputError, first_line
-from daq.messages import (
-    Sentence,
-    first_of,
-    is_code,
-    listed,
-    message_from_json,
-    message_of,
-    named,
-    one_line,
-    put_together,
-    texts,
-    with_their_messages,
+from daq.errors import InputError
+from daq.messages import Sentence, message_from_json, messages_in, numerals, placeholders, with_messages
+
+RATE = Sentence(
+    "daq.time_sampled_hz_machine",
+    path="a.csv",
+    rate=49.5,
+    rate_hz=np.float64(50.0),
+    cure=Sentence("daq.if_time_counts_milliseconds"),
 )
 
-ENGLISH = {
-    "late": "{name} is {by:.2g} s late at {rate:g} Hz",
-    "of": "{name!s}: {what} ({parts:; })",
-    "kept": "{name!s} is {state}",
-    "plain": "nothing {{here}}",
-}
-GERMAN = {
-    "late": "{name} ist {by:.2g} s zu spät bei {rate:g} Hz",
-    "of": "{name!s}: {what} ({parts:; })",
-    "kept": "{name!s}: {state}",
-    "plain": "nichts {{hier}}",
-}
+
+def test_it_is_its_english_sentence_and_german_by_its_code() -> None:
+    assert RATE == (
+        "a.csv: time: sampled at 49.5 Hz, the machine file says rate_hz 50; "
+        "if time counts milliseconds call the column 'time [ms]'"
+    )
+    assert RATE.worded("de") == (
+        "a.csv: time: abgetastet mit 49,5 Hz, die Maschinendatei sagt rate_hz 50; "
+        "wenn time Millisekunden zählt, die Spalte „time [ms]“ nennen"
+    )
+    assert (RATE.worded("en"), RATE.upper()) == (RATE, str(RATE).upper())
 
 
-@pytest.fixture(autouse=True)
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A package of somebody's own, which nothing may import."""
-    folder = tmp_path / "plugin"
-    (folder / "texts").mkdir(parents=True)
-    (folder / "__init__.py").write_text("raise RuntimeError")
-    for language, messages, words in (
-        ("en", ENGLISH, {}),
-        ("de", GERMAN, {"running": "läuft", "oil level": "Ölstand"}),
-    ):
-        (folder / "texts" / f"{language}.json").write_text(json.dumps({"messages": messages, "words": words}))
-    monkeypatch.syspath_prepend(str(tmp_path))
-    texts.cache_clear()
+def test_lists_are_joined_and_names_are_no_words() -> None:
+    seen = Sentence("fitting.in_lines", file="arm 1.5.yaml", lines=["39", "43"])
+    assert (seen, seen.worded("de")) == (" in arm 1.5.yaml lines 39 and 43", " in arm 1.5.yaml, Zeilen 39 und 43")
+    named = Sentence("daq.named", name="stroke", what="stroke 2.5")
+    assert named.worded("de") == "stroke: stroke 2,5", "the name stays, a number has its sign"
 
 
-def test_a_sentence_is_its_english_text_and_is_worded_with_sign_and_words_of_a_language() -> None:
-    late = Sentence("plugin.late", name="oil_level", by=np.float64(0.5), rate=50)
-    assert late == "oil_level is 0.5 s late at 50 Hz"
-    assert late.worded("de") == "Ölstand ist 0,5 s zu spät bei 50 Hz"
-    assert Sentence("plugin.kept", name="running", state="running").worded("de") == "running: läuft"
-    assert Sentence("plugin.plain").worded("de") == "nichts {hier}"
-    assert late.worded("fr") == late
+def test_it_keeps_code_and_values_through_errors_copies_files_and_sums() -> None:
+    error = InputError("daq.time_sampled_hz_machine", **RATE.values)
+    assert str(error) == RATE and isinstance(str(error), Sentence)
+    for other in (str(error), copy.deepcopy(RATE), pickle.loads(pickle.dumps(RATE))):
+        assert (other, other.to_json()) == (RATE, RATE.to_json())
+    assert message_from_json(json.loads(json.dumps(RATE.to_json()))).worded("de") == RATE.worded("de")
+    both = "Note: " + RATE + "."
+    assert both == f"Note: {RATE}." and both.worded("de") == f"Note: {RATE.worded('de')}."
+    assert RATE + "" is RATE
 
 
-def test_values_may_be_messages_and_lists_of_them() -> None:
-    late = Sentence("plugin.late", name="a", by=1.25, rate=1e3)
-    whole = Sentence("plugin.of", name="running", what=late, parts=[late, "running", 1.0, 2.5])
-    assert whole == f"running: {late} ({late}; running; 1; 2.5)"
-    assert whole.worded("de") == f"running: {late.worded('de')} ({late.worded('de')}; läuft; 1; 2,5)"
+def test_a_plain_line_is_no_message_and_a_wrong_code_or_value_is_refused() -> None:
+    assert type(str(InputError("a.csv is no recording"))) is str
+    assert str(InputError("daq.nobody_has_this_key")) == "daq.nobody_has_this_key"
+    with pytest.raises(KeyError, match="nobody_has"):
+        Sentence("daq.nobody_has_this_key")
+    with pytest.raises(KeyError, match="cure"):
+        Sentence("daq.time_sampled_hz_machine", path="a", rate=1.0, rate_hz=1.0)
+    assert placeholders("daq.time_sampled_hz_machine") == ("path", "rate", "rate_hz", "cure")
 
 
-@pytest.mark.parametrize("again", [lambda s: pickle.loads(pickle.dumps(s)), copy.deepcopy, lambda s: message_from_json(
-    json.loads(json.dumps(s.to_json(), allow_nan=False)))])  # fmt: skip
-def test_it_travels(again: Any) -> None:
-    inner = Sentence("plugin.late", name="a", by=float("nan"), rate=7)
-    other = again(Sentence("plugin.of", name="x", what=inner, parts=[inner, 3]))
-    assert other == "x: a is nan s late at 7 Hz (a is nan s late at 7 Hz; 3)"
-    assert other.worded("de") == "x: a ist nan s zu spät bei 7 Hz (a ist nan s zu spät bei 7 Hz; 3)"
-    assert type(other) is Sentence and type(other.values["what"]) is Sentence
+def _sentences(of: st.SearchStrategy[object]) -> st.SearchStrategy[object]:
+    return st.builds(lambda name, what: Sentence("daq.named", name=name, what=what), st.text(max_size=8), of)
 
 
-def test_json_content_carries_its_messages_and_is_put_together_again() -> None:
-    late = Sentence("plugin.late", name="a", by=1, rate=2)
-    content = {"error": late, "more": [{"text": late}, "as it is", 3]}
-    sent = json.loads(json.dumps(with_their_messages(content)))
-    assert sent["messages"] == {str(late): late.to_json()}
-    got = put_together(sent)
-    assert got == content and message_of(got["more"][0]["text"]) == late.to_json()
-    assert with_their_messages({"a": "b"}) == {"a": "b"} == put_together({"a": "b"})
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(max_size=8)
+CONTENT = st.recursive(
+    LEAVES | _sentences(LEAVES | _sentences(LEAVES)),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+)
 
 
-def test_of_another_version_a_sentence_stays_what_it_is() -> None:
-    unknown = {"code": "plugin.gone", "values": {}}
-    assert put_together({"error": "old", "messages": {"old": unknown}}) == {"error": "old"}
-    with pytest.raises(KeyError):
-        message_from_json(unknown)
-    with pytest.raises(KeyError):
-        Sentence("plugin.late", name="a")
+@given(CONTENT)
+def test_messages_come_back_into_stored_content(content: object) -> None:
+    stored, messages = json.loads(json.dumps([content, messages_in(content)]))
+    back = with_messages(stored, messages)
+    assert back == stored and messages_in(back) == messages
 
 
-def test_an_error_has_its_sentence_as_text_or_whatever_it_was_given() -> None:
-    assert message_of(str(InputError("plugin.kept", name="a", state="running"))) is not None
-    assert message_of(str(InputError("plugin.plain"))) == {"code": "plugin.plain", "values": {}}
-    assert str(InputError("plugin.plain: no code")) == "plugin.plain: no code"
-    assert not is_code("nowhere.plain") and not is_code("os.path") and not is_code("a sentence.")
-    late = Sentence("plugin.plain")
-    assert message_of(first_line(AcquisitionError(late))) == late.to_json()
-    assert first_line(AcquisitionError("one\ntwo")) == "one"
+@given(st.text(max_size=30))
+def test_a_language_changes_numbers_alone(text: str) -> None:
+    assert len(numerals(text, "de")) == len(text) and numerals(text, "en") == text
+    changed = [(a, b) for a, b in zip(text, numerals(text, "de"), strict=True) if a != b]
+    assert set(changed) <= {(".", ",")}
 
 
-def test_places_lists_and_replaced_names_stay_messages() -> None:
-    late = Sentence("plugin.late", name="/tmp/x.csv", by=1, rate=2)
-    assert named("arm.yaml:3", late) == f"arm.yaml:3: {late}"
-    assert first_of([late]) is late and first_of([late, "b", "c"]) == f"{late} (and 2 more)"
-    assert listed([late]) is late and listed([late, "b"]) == f"{late}; b"
-    assert named("/tmp/x.csv", late).replace("/tmp/", "").worded("de") == "x.csv: x.csv ist 1 s zu spät bei 2 Hz"
-    assert one_line(late) is late and one_line("a\n b") == "a b"
-    assert "plugin" not in sys.modules
+def test_a_package_of_ones_own_has_its_texts_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / "hilfit_test_effects"
+    (package / "texts").mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    for language, text in (("en", "a wiper that drags by {force:.1f} N"), ("de", "Abstreifer, {force:.1f} N")):
+        content = {"messages": {"wiper": text}, "words": {}}
+        (package / "texts" / f"{language}.json").write_text(json.dumps(content))
+    monkeypatch.syspath_prepend(tmp_path)
+    title = Sentence("hilfit_test_effects.wiper", force=2.5)
+    found = messages_in([Sentence("daq.named", name="joint2", what=title), RATE])
+    assert found["joint2: a wiper that drags by 2.5 N"]["worded"] == {"de": "joint2: Abstreifer, 2,5 N"}
+    assert "worded" not in found[str(RATE)], "pages have the texts of this product"
+    monkeypatch.delitem(sys.modules, "hilfit_test_effects", raising=False)

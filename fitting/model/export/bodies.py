@@ -204,7 +204,7 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -
         lines.append("friction and inertia of motors that turn with several joints")
     for term in (own for number, own in enumerate(model.terms) if number not in _tilts(model)):
         name = term.content.title if isinstance(term.content, Effect) else "a law"
-        lines.append(Sentence("fitting.at_joint", name=name, term=model.place(term)))
+        lines.append(Sentence("fitting.at_joint", effect=name, joint=model.place(term)))
     if bodies.apart is not None:
         lines.append(
             "the model's very base parameters: no bodies have them. The links are representative of the base "

@@ -42,7 +42,7 @@ def model_card(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     errors = model.errors
     lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors)}."]
     lines += [f"{line[0].upper()}{line[1:]}." for line in narrow(model)]
-    effects = ", ".join(Sentence("fitting.at_joint", name=term.id, term=model.place(term)) for term in model.terms)
+    effects = ", ".join(Sentence("fitting.at_joint", effect=term.id, joint=model.place(term)) for term in model.terms)
     lines += [f"Effects: {effects or 'none'}."]
     lines += [f"Calibration: {made.calibration}"] if made.calibration else []
     return [*lines, *(f"Not in this file: {line}." for line in left_out)]

@@ -36,11 +36,10 @@ from fitting.residual.terms import Model, Term
 from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
 
-#: Where play or a compliance is (shape ``sensor``), by the efforts; None of all other effects.
+#: Where play or a compliance is (shape ``sensor``), by the efforts; absent of all other effects.
 _PLACES = {
-    None: "",
-    0.0: "; the efforts follow the piston's own speed, so it is between piston and joint",
-    1.0: "; the efforts follow the joint's speed, so it is between the piston and its sensor",
+    0.0: "fitting.efforts_follow_piston",
+    1.0: "fitting.efforts_follow_joint",
 }
 #: Shapes that are one of two, in words.
 _CHOICES = {
@@ -157,8 +156,12 @@ def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
         "joint": joint,
         "score": finding.score,
         "status": "accepted",
-        "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
-        f"{finding.gap_after * 1e3:.3g} mm{_PLACES[shape.get('sensor')]}",
+        "reason": Sentence(
+            "fitting.position_sensors_disagree",
+            before=1e3 * finding.gap_before,
+            after=1e3 * finding.gap_after,
+            place=Sentence(_PLACES[shape["sensor"]]) if "sensor" in shape else "",
+        ),
     }
     return Kinematic(tuple(step_to_json(step) for step in finding.steps), found, tried)
 
@@ -382,7 +385,7 @@ def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
             rivals = [r["id"] for r in entry["indistinguishable_from"]]
             return {
                 "motion": effect(entry["id"]).experiment,
-                "why": Sentence("fitting.leave_same_trace_these", entry=entry["id"], rivals=", ".join(rivals)),
+                "why": Sentence("fitting.leave_same_trace", effect=entry["id"], rivals=", ".join(rivals)),
                 "separates": [entry["id"], *rivals],
                 "joint": entry["joint"],
             }

@@ -240,6 +240,7 @@ class Report(Part):
     noise_floor_method: str | None = None
     summary: Summary | None = None
     figures: FigureData | None = None
+    messages: dict[str, MessageOf] = Field(default_factory=dict)  # of sentences in it
 
 
 def clean(value: Any) -> Any:
@@ -299,6 +300,14 @@ class Said(Part):
 
     label: str
     sentence: str
+
+
+class MessageOf(Part):
+    """Code and values of a sentence (:mod:`daq.messages`); a value may be another one, or a list."""
+
+    code: str
+    values: dict[str, Any]
+    worded: dict[str, str] | None = None  # in other languages, where a text is of another distribution
 
 
 class Summary(Said):

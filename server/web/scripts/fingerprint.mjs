@@ -11,10 +11,9 @@ const FILES = [
   "scripts/types.mjs",
   "tsconfig.json",
   "vite.config.ts",
-  // What types.mjs makes the rest of.
+  // What types.mjs makes the rest of, and texts that Python has.
   "../../docs/openapi.json",
   "../../docs/report.schema.json",
-  "../../fitting/report/languages/german.json",
   "../../daq/texts/de.json",
   "../../fitting/texts/de.json",
   "../texts/de.json",
@@ -24,7 +23,11 @@ const FILES = [
 export function fingerprint(folder) {
   const hash = createHash("sha256");
   for (const name of [...ROOTS.flatMap((root) => walk(folder, root)), ...FILES].sort()) {
-    hash.update(name).update("\0").update(readFileSync(join(folder, name))).update("\0");
+    hash
+      .update(name)
+      .update("\0")
+      .update(readFileSync(join(folder, name)))
+      .update("\0");
   }
   return hash.digest("hex");
 }

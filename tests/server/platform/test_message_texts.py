@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -46,14 +47,20 @@ def named() -> Iterator[tuple[str, int, str, frozenset[str] | None]]:
                 yield file, node.lineno, node.value, calls.get(id(node))
 
 
-def nouns() -> set[str]:
-    """Codes of things that are stored: by what one is called."""
-    keywords = (
-        keyword for _, tree in sources() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-        for keyword in node.keywords if keyword.arg == "noun"
-    )  # fmt: skip
-    found = {keyword.value.value for keyword in keywords if isinstance(keyword.value, ast.Constant)}
-    return {f"server.none_{str(noun).replace(' ', '_')}" for noun in found}
+def put_together() -> re.Pattern[str]:
+    """Codes that sources put together: ``fitting.check_{key}``; of one that is nothing but a value, see ``VALUES``."""
+    forms = (
+        "".join(re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".+" for part in node.values)
+        for _, tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+    )
+    named_by = (form for form in forms if re.match(rf"({'|'.join(PACKAGES)})\\\.\w", form) and " " not in form)
+    return re.compile("|".join(sorted(set(named_by))))
+
+
+#: Codes that are a value of the program: how a parameter is told (`fitting.regression.identifiability`).
+VALUES = {"fitting.assumed", "fitting.not_told", "fitting.poorly_told"}
 
 
 @pytest.mark.slow
@@ -80,12 +87,8 @@ def test_sources_name_no_message_that_there_is_not() -> None:
 
 @pytest.mark.slow
 def test_no_message_is_left_over() -> None:
-    used = {code for _, _, code, _ in named()} | nouns() | HOLDERS
-    assert sorted(set(codes()) - used) == []
-
-
-#: Who has no table of their own: kinds of holders of a token, machines, and the folder of results of valves.
-HOLDERS = {f"server.none_{kind}" for kind in ("device", "token", "machine", "valve")}
+    used, made = {code for _, _, code, _ in named()} | VALUES, put_together()
+    assert sorted(code for code in codes() if code not in used and not made.fullmatch(code)) == []
 
 
 def english(code: str) -> str:
@@ -94,12 +97,17 @@ def english(code: str) -> str:
     return texts(package, "en")["messages"][key]
 
 
+def numbers(text: str) -> dict[str, str]:
+    """Name the values of a text, with the formats of numbers; what joins a list is the language's own."""
+    return {name: spec if spec[-1:] in "gf%," else "" for name, spec in placeholders(text).items()}
+
+
 @pytest.mark.parametrize("package", PACKAGES)
 def test_languages_have_the_same_keys_and_values(package: str) -> None:
     for language in LANGUAGES:
         own = texts(package, language)["messages"]
         assert list(own) == sorted(texts(package, "en")["messages"])
-        off = [key for key, text in own.items() if placeholders(text) != placeholders(english(f"{package}.{key}"))]
+        off = [key for key, text in own.items() if numbers(text) != numbers(english(f"{package}.{key}"))]
         assert off == []
 
 

@@ -8,6 +8,8 @@
 export interface Message {
   code: string;
   values: Record<string, unknown>;
+  /** By language, where its text is one of another distribution. */
+  worded?: Record<string, string>;
 }
 /** Texts of a package: messages by key, and words by the English one. */
 export interface Texts {
