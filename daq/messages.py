@@ -190,10 +190,14 @@ def _of_others(value: Any) -> bool:
 
 
 def _known(text: str, messages: Mapping[str, Any]) -> str:
+    if text not in messages:
+        return text
     try:
-        return with_messages(message_from_json(messages[text]), messages) if text in messages else text
+        message = message_from_json(messages[text])
     except KeyError:  # of another version
         return text
+    others = {english: own for english, own in messages.items() if english != text}  # a list of one is its item
+    return str(with_messages(message, others))
 
 
 def _collect(content: Any, found: dict[str, Any]) -> None:

@@ -82,6 +82,12 @@ def test_json_content_carries_its_messages_and_is_put_together_again() -> None:
     assert with_their_messages({"a": "b"}) == {"a": "b"} == put_together({"a": "b"})
 
 
+def test_a_message_that_is_the_text_of_its_only_value_is_put_together_once() -> None:
+    one = Sentence("daq.listed", items=["a"])
+    again = put_together({"text": "a", "messages": {"a": one.to_json()}})
+    assert message_of(again["text"]) == one.to_json()
+
+
 def test_of_another_version_a_sentence_stays_what_it_is() -> None:
     unknown = {"code": "plugin.gone", "values": {}}
     assert put_together({"error": "old", "messages": {"old": unknown}}) == {"error": "old"}
