@@ -70,7 +70,7 @@ class Sentence(str):
         return Sentence("daq.together", first=other, second=self) if other else self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return message_from_json, (self.to_json(),)
+        return _known, (str.__str__(self), {str.__str__(self): self.to_json()})
 
     def mapped(self, change: Callable[[Any], Any]) -> Sentence:
         """Return it with changed values."""

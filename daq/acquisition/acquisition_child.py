@@ -55,10 +55,10 @@ def main(control: Connection) -> None:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
-                fatal = [problem for problem in problems if drivers.is_fatal(problem)]
+                fatal = [_line(problem) for problem in problems if drivers.is_fatal(problem)]
                 if fatal:
                     raise AcquisitionError(first_of(fatal))
-                warnings = [*problems, *([refusal] if refusal else [])]
+                warnings = [*map(_line, problems), *([refusal] if refusal else [])]
                 cycles = Cycles(
                     machine, channel_table(machine), drivers.drivers, drivers.clock(), events=drivers.events
                 )
@@ -170,6 +170,11 @@ class Drivers:
             driver.stop()
         if self._trace is not None:
             self._trace.close()
+
+
+def _line(problem: str) -> str:
+    """Return the sentence of a problem; a driver may give no more than a text."""
+    return problem.line if isinstance(problem, Problem) else problem
 
 
 def _start(driver: Driver) -> tuple[str, ...]:

@@ -114,7 +114,7 @@ function Signals({ bus, list, onChoose }: { bus: string; list: List; onChoose: (
           channels: one.channels.length === 0 ? DASH : one.channels.join(", "),
           use:
             one.source === null ? (
-              <span class="hint">{one.refusal}</span>
+              <span class="hint">{said(one.refusal ?? "", one.refusal_message)}</span>
             ) : (
               <Button label={t("canSignals.use", { signal: one.signal })} onClick={() => onChoose(one)}>
                 {t("canSignals.useShort")}
