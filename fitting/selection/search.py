@@ -7,7 +7,7 @@ in its place, beside the rest; where one is dropped or replaced, the search goes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,7 +153,7 @@ class Search:
         names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
         half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
         for first in [r for r in names if r.score.gain > half][:WIDTH]:
-            beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
+            beside = self._rated_at(joint, self.gate.with_term(self.model, first.term), scored.scores)
             other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
             second = self._at_best_shapes(self._beside(other, [*self.model.terms, first.term]))[:1]
             # Two names are not what the first leaves: that is held against the second once it is asked for.
@@ -187,14 +187,21 @@ class Search:
             rated = self.rating.rated(scores, surfaces)
         return rated
 
-    def _scores_beside(self, model: Model) -> _Scored:
-        """Score all candidates beside a model, with columns made anew of those that matter."""
+    def _rated_at(self, joint: int | None, model: Model, among: Mapping[int, Score]) -> list[Rated]:
+        """Rate what acts on a joint beside a model, without replicas; ``among`` are scores of all, of another model."""
+        asked = {n for n in among if self.candidates.terms[n].joint in (joint, None)}
+        self.scored = self._scores_beside(model, asked)
+        self.rating = Rating(self.candidates, model, self._visible(model), self._failed(), settled=self.settled)
+        return self.rating.rated(self.scored.scores, among=among)
+
+    def _scores_beside(self, model: Model, asked: Collection[int] | None = None) -> _Scored:
+        """Score candidates beside a model, all or those ``asked``, with columns made anew of those that matter."""
         self.candidates.follow(self.scored.model, model)
-        if model is self.before.model:
+        if model is self.before.model and asked is None:
             self.candidates.refresh(model, self.fresh)
             self.fresh.clear()
             return self.before
-        scores = self.candidates.scores(model)
+        scores = self.candidates.scores(model, asked)
         anew = set(self.candidates.refresh(model, {n for n, s in scores.items() if s.gain > priors.SMALLEST**2}))
         self.fresh |= anew
         return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | self.candidates.scores(model, anew))
