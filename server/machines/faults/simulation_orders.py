@@ -68,7 +68,7 @@ class FaultOrders:
         if len(self._left()) + len(script.faults) > MOST:
             raise ValueError(Sentence("server.faults_most", most=MOST))
         if any(fault.every is not None for fault in script.faults):
-            raise ValueError("faults: every is for fault files; order a fault again instead")
+            raise ValueError(Sentence("server.faults_every"))
         FaultRunner(self._simulated, self._machine, script.faults, self._log).start()
         self._running += [
             (time.monotonic() + fault.at + fault.seconds_long, _content(fault)) for fault in script.faults
