@@ -112,7 +112,7 @@ class Listener(BusDriver):
             return (Problem(self.failure, self._names),)
         return tuple(
             Problem(
-                Sentence("daq.stream_does_not_come", config=self.config.name, stream=stream.name),
+                Sentence("daq.stream_does_not_come", bus=self.config.name, stream=stream.name),
                 [self._names[position] for position in stream.positions],
             )
             for stream in self.streams

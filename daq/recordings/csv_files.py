@@ -260,7 +260,7 @@ def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
         where = _where(body, layout, lambda row: bool(row) and len(row) != expected)
         commas = layout.separator == "," and int(width[2]) > int(width[1])
         more = Sentence("daq.csv_decimal_commas") if commas else ""
-        return Sentence("daq.csv_widths_differ", width=width[1], width_2=width[2], where=where, more=more)
+        return Sentence("daq.csv_widths_differ", header=width[1], found=width[2], where=where, more=more)
     return Sentence("daq.csv_not_readable")
 
 

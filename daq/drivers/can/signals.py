@@ -130,7 +130,7 @@ class CanSignalsDriver(Listener, CanDriver):
                 if value is None:
                     self.counts["short"] += 1
                     stream.fault = Sentence(
-                        "daq.bytes_instead_right_file", stream=stream.name, count=len(data), length=message.length
+                        "daq.bytes_instead_right_file", stream=stream.name, bytes=len(data), length=message.length
                     )
                     answers.value(wanted.position, math.nan, Quality.INVALID)
                 elif received.listed.j1939 and not_available(wanted.signal, value):

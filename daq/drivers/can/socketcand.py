@@ -62,7 +62,7 @@ class SocketcandBus(can.BusABC):  # type: ignore[misc]  # python-can gives it as
         while answer not in self._rest:
             if time.monotonic() > until or len(self._rest) > _LONGEST:
                 raise OSError(
-                    Sentence("daq.answers_no_socketcand_server", value=self._rest[:40].decode("ascii", "replace"))
+                    Sentence("daq.answers_no_socketcand_server", answer=self._rest[:40].decode("ascii", "replace"))
                 )
             self._fill()
         self._rest = self._rest.partition(answer)[2]

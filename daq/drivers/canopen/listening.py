@@ -131,7 +131,7 @@ class ListeningDriver(Listener, CanDriver):
         every = self.context.period_s * NS / mean
         self._fits = abs(every / max(1, round(every)) - 1) <= RATE_TOLERANCE + STANDARD_ERRORS * error / mean
         if not self._fits:
-            self._wrong_rate = Sentence("daq.sync_no_multiple", bus=self._bus.name, ns=NS / mean)
+            self._wrong_rate = Sentence("daq.sync_no_multiple", bus=self._bus.name, rate=NS / mean)
 
     def next_sync(self, deadline_ns: int) -> int | None:
         """Return the monotonic ns of the next SYNC, or None at the deadline."""
@@ -192,7 +192,7 @@ class ListeningDriver(Listener, CanDriver):
             self.context.events.begin(
                 name,
                 "emergency",
-                Sentence("daq.bus_node_emergency", bus=self._bus.name, node=node, value=f"{code:04X}"),
+                Sentence("daq.bus_node_emergency", bus=self._bus.name, node=node, emergency=f"{code:04X}"),
             )
         elif self._emergencies.pop(node, None) is not None:
             self.context.events.end(name, "emergency")
@@ -258,7 +258,7 @@ class ListeningDriver(Listener, CanDriver):
         if len(data) == pdo.length:
             return ""
         self.counts["short"] += 1
-        return Sentence("daq.bytes_instead_other_mapping", stream=pdo.stream.name, count=len(data), length=pdo.length)
+        return Sentence("daq.bytes_instead_other_mapping", stream=pdo.stream.name, bytes=len(data), length=pdo.length)
 
     def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
         """Judge a PDO sampled at SYNC: at which, and whether in time."""

@@ -100,10 +100,10 @@ def map_node(node: int, channels: Sequence[tuple[int, Channel]], place: str) -> 
             raise MachineFileError(
                 "daq.object_two_types",
                 place=place,
-                key=f"{key[0]:04X}",
-                key_2=key[1],
-                data_type=data_type,
-                data_type_2=source.data_type,
+                index=f"{key[0]:04X}",
+                subindex=key[1],
+                one=data_type,
+                other=source.data_type,
                 channel=channel.name,
             )
         positions.append(position)

@@ -162,7 +162,7 @@ class ModbusConnection:
         registers = getattr(response, "registers", None)
         if response.isError() or registers is None or len(registers) != count:
             self.close()
-            return Answer(failure=Sentence("daq.answers_fewer_registers", count=len(registers or ()), count_2=count))
+            return Answer(failure=Sentence("daq.answers_fewer_registers", count=len(registers or ()), wanted=count))
         return Answer(registers=tuple(registers))
 
     def identity(self, unit: int) -> dict[str, str]:

@@ -50,7 +50,7 @@ class Block:
     def registers(self) -> str:
         """Name in errors."""
         return Sentence(
-            "daq.registers_from_to", table=self.table, address=self.address, address_2=self.address + self.count - 1
+            "daq.registers_from_to", table=self.table, first=self.address, last=self.address + self.count - 1
         )
 
     def parts(self) -> tuple[Block, ...]:
@@ -178,7 +178,7 @@ class Unit:
         """Word that in a line, or nothing."""
         if not self.slow:
             return ""
-        rate = Sentence("daq.times_a_second", rate_hz=rate_hz / self.cycles, rate_hz_2=rate_hz)
+        rate = Sentence("daq.times_a_second", rate=rate_hz / self.cycles, wanted=rate_hz)
         return Sentence("daq.answers_ms_values_come", place=self.place, milliseconds=self._milliseconds, rate=rate)
 
     def split(self, block: Block) -> bool:
