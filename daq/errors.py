@@ -36,8 +36,9 @@ class HilfitError(Exception):
 
 def first_line(error: Exception | None) -> str:
     """Return the first line of an error's text, or its kind; some libraries add tracebacks."""
-    line = str(error).split("\n")[0].split("Traceback (most recent")[0]
-    return line.strip() or type(error).__name__
+    text = str(error)
+    line = text.split("\n")[0].split("Traceback (most recent")[0].strip()
+    return text if line == text != "" else line or type(error).__name__
 
 
 class InputError(HilfitError):

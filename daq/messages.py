@@ -4,7 +4,8 @@ A message is an English sentence that knows what it was made of, so that no prog
 language words the same code and values. ``fitting.no_unloaded`` is ``no_unloaded`` in the texts of the package
 ``fitting``: ``fitting/texts/en.json`` and ``de.json`` beside it, with equal keys. Placeholders are those of
 ``str.format``, with these additions: a value that is a list is joined with its format (``{names:; }``; a comma without
-one), and one that is given as it is (``{name!s}``) is no word of the language.
+one), one that is given as it is (``{name!s}``) is no word of the language, and a whole number has no point without a
+format (``1.0`` is ``1``), which JSON does not keep.
 
 A package of one's own has its texts in the same place.
 """
@@ -12,16 +13,16 @@ A package of one's own has its texts in the same place.
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
-from importlib.resources import files
 from importlib.util import find_spec
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from string import Formatter
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any, SupportsIndex, TypeAlias
 
 #: Name of a value for people, if it has one.
 Naming: TypeAlias = Callable[[str], str | None]
@@ -69,7 +70,7 @@ class Sentence(str):
         return Sentence("daq.together", first=other, second=self) if other else self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return message_from_json, (self.to_json(),)
+        return _known, (str.__str__(self), {str.__str__(self): self.to_json()})
 
     def mapped(self, change: Callable[[Any], Any]) -> Sentence:
         """Return it with changed values."""
@@ -78,6 +79,10 @@ class Sentence(str):
     def to_json(self) -> dict[str, Any]:
         """Return code and values as JSON content."""
         return {"code": self.code, "values": {name: _to_json(value) for name, value in self.values.items()}}
+
+    def replace(self, old: str, new: str, /, count: SupportsIndex = -1) -> Sentence:
+        """Replace ``old`` in its values, as in the name of a file."""
+        return self.mapped(lambda value: _replaced(value, old, new))
 
     def worded(self, language: str, named: Naming | None = None) -> str:
         """Word it in one of :data:`LANGUAGES`; in English where that has no text for it.
@@ -88,6 +93,17 @@ class Sentence(str):
             return _worded(self.code, self.values, language, named)
         except KeyError:
             return str.__str__(self)
+
+
+def message_of(text: str | None) -> dict[str, Any] | None:
+    """Return code and values of a sentence as JSON content; None for another text."""
+    return text.to_json() if isinstance(text, Sentence) else None
+
+
+def one_line(text: str) -> str:
+    """Return a text without line breaks; a sentence that has none as it is."""
+    line = " ".join(text.split())
+    return text if line == text else line
 
 
 def message_from_json(content: Mapping[str, Any]) -> Sentence:
@@ -104,6 +120,38 @@ def message_from_json(content: Mapping[str, Any]) -> Sentence:
 def numerals(text: str, language: str) -> str:
     """Set a language's decimal sign in the numbers of ``text``; not in versions and names with points."""
     return text if language == ENGLISH else _DECIMAL.sub(rf"\1{_DECIMAL_SIGNS[language]}\2", text)
+
+
+def named(name: str, what: str) -> Sentence:
+    """Put a name, or a place, in front of what is wrong with it."""
+    return Sentence("daq.named", name=name, what=what)
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Put several texts into one line."""
+    return texts[0] if len(texts) == 1 else Sentence("daq.listed", items=list(texts))
+
+
+def in_a_row(texts: Sequence[str]) -> str:
+    """Put several texts behind each other, with commas."""
+    return texts[0] if len(texts) == 1 else Sentence("daq.in_a_row", items=list(texts))
+
+
+def first_of(texts: Sequence[str]) -> str:
+    """Return the first of several texts, with the number of the others."""
+    return texts[0] if len(texts) == 1 else Sentence("daq.first_of", first=texts[0], count=len(texts) - 1)
+
+
+def with_their_messages(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Add ``messages`` to JSON content that has sentences; see :func:`messages_in`."""
+    found = messages_in(content)
+    return {**content, "messages": found} if found else dict(content)
+
+
+def put_together(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Undo :func:`with_their_messages`."""
+    plain = {key: value for key, value in content.items() if key != "messages"}
+    return dict(with_messages(plain, content.get("messages") or {}))
 
 
 def messages_in(content: Any) -> dict[str, Any]:
@@ -142,10 +190,14 @@ def _of_others(value: Any) -> bool:
 
 
 def _known(text: str, messages: Mapping[str, Any]) -> str:
+    if text not in messages:
+        return text
     try:
-        return with_messages(message_from_json(messages[text]), messages) if text in messages else text
+        message = message_from_json(messages[text])
     except KeyError:  # of another version
         return text
+    others = {english: own for english, own in messages.items() if english != text}  # a list of one is its item
+    return str(with_messages(message, others))
 
 
 def _collect(content: Any, found: dict[str, Any]) -> None:
@@ -178,7 +230,15 @@ def _plain(value: Any) -> Any:
 def _to_json(value: Any) -> Any:
     if isinstance(value, Sentence):
         return value.to_json()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
     return [_to_json(one) for one in value] if isinstance(value, list) else value
+
+
+def _replaced(value: Any, old: str, new: str) -> Any:
+    if isinstance(value, list):
+        return [_replaced(one, old, new) for one in value]
+    return value.replace(old, new) if isinstance(value, str) else value
 
 
 def _from_json(value: Any) -> Any:
@@ -189,8 +249,19 @@ def _from_json(value: Any) -> Any:
 
 @cache
 def texts(package: str, language: str) -> dict[str, dict[str, str]]:
-    """Read a package's texts: ``messages`` by key and ``words`` by the English one."""
-    return dict(json.loads((files(package) / "texts" / f"{language}.json").read_text("utf-8")))
+    """Read a package's texts: ``messages`` by key and ``words`` by the English one.
+
+    Raises
+    ------
+    KeyError
+        If there is no such package, or it has none. It is not imported: a code may come from a file of somebody.
+    """
+    spec = find_spec(package) if package.isidentifier() else None
+    for place in (spec.submodule_search_locations or ()) if spec is not None else ():
+        file = Path(place, "texts", f"{language}.json")
+        if file.is_file():
+            return dict(json.loads(file.read_text("utf-8")))
+    raise KeyError(package)
 
 
 @cache
@@ -204,11 +275,9 @@ def placeholders(code: str) -> tuple[str, ...]:
 def is_code(text: str) -> bool:
     """Return whether ``text`` is the code of a message, and no sentence."""
     package, _, key = text.partition(".")
-    if not (package.isidentifier() and key.isidentifier()) or find_spec(package) is None:
-        return False
     try:
-        return key in texts(package, ENGLISH)["messages"]
-    except FileNotFoundError:
+        return key.isidentifier() and key in texts(package, ENGLISH)["messages"]
+    except KeyError:
         return False
 
 
@@ -219,7 +288,9 @@ class _Wording(Formatter):
         self._language, self._package, self._named = language, package, named
 
     def convert_field(self, value: Any, conversion: str | None) -> Any:
-        return _AsItIs(value) if conversion == "s" else super().convert_field(value, conversion)
+        if conversion != "s":
+            return super().convert_field(value, conversion)
+        return [_as_it_is(one) for one in value] if isinstance(value, list) else _as_it_is(value)
 
     def format_field(self, value: Any, format_spec: str) -> Any:
         if isinstance(value, _AsItIs):
@@ -227,7 +298,8 @@ class _Wording(Formatter):
         if isinstance(value, list):
             return (format_spec or ", ").join(self.format_field(one, "") for one in value)
         if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return format(value, format_spec).replace(".", _DECIMAL_SIGNS[self._language])
+            number = format(value, format_spec) if format_spec else str(value).removesuffix(".0")
+            return number.replace(".", _DECIMAL_SIGNS[self._language])
         if isinstance(value, Sentence):
             return value.worded(self._language, self._named)
         if not isinstance(value, str):
@@ -238,6 +310,12 @@ class _Wording(Formatter):
 
 class _AsItIs(str):
     """A name: no word of any language."""
+
+
+def _as_it_is(value: Any) -> Any:
+    if isinstance(value, Sentence):
+        return value
+    return _AsItIs(str(value).removesuffix(".0") if isinstance(value, float) else value)
 
 
 def _worded(code: str, values: Mapping[str, Any], language: str, named: Naming | None = None) -> str:

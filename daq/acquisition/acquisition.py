@@ -21,6 +21,7 @@ from daq.errors import AcquisitionError, InputError
 from daq.frames.channels import channel_table, channels_by_bus
 from daq.machine.machine_file import Machine, load_machine
 from daq.machine.machine_file_errors import did_you_mean
+from daq.messages import Sentence
 
 __all__ = ["AcquisitionProcess", "AcquisitionStatistics"]
 
@@ -136,9 +137,8 @@ class AcquisitionProcess:
             if self._failure is None and self._process is not None:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(1.0)
-                self._failure = (
-                    f"acquisition of '{self.machine.name}' ended by itself "
-                    f"(exit code {self._process.returncode}); start it again"
+                self._failure = Sentence(
+                    "daq.acquisition_ended_itself_exit", machine=self.machine.name, returncode=self._process.returncode
                 )
 
     def check(self) -> None:

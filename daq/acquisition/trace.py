@@ -131,4 +131,4 @@ def read_trace(path: Path) -> Iterator[can.Message]:
                 yield from frames
         except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
             line = first_line(error)
-            raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc, .log or .trc") from None
+            raise InputError("daq.not_a_trace", file=file, line=line) from None

@@ -25,7 +25,7 @@ from daq.commissioning.identities import identity_findings, mapping_of, scale_fi
 from daq.commissioning.rest import AtRest, at_rest
 from daq.console import ShowProgress
 from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 from daq.quality import MEASURED
 
 if TYPE_CHECKING:
@@ -143,7 +143,9 @@ def machine_check(
     notes = list(notes)
     channels = tuple(_channel(machine, index, channel, rows) for index, channel in enumerate(machine.channels))
     devices = tuple(_devices(machine, statistics, nodes))
-    findings = [f"{device.bus} {device.device}: {device.detail}" for device in devices if device.state != "running"]
+    findings: list[str] = [
+        named(f"{device.bus} {device.device}", device.detail) for device in devices if device.state != "running"
+    ]
     findings += [line for (bus, _), node in nodes.items() for line in identity_findings(machine, bus, node)]
     for channel, checked in zip(machine.channels, channels, strict=True):
         findings += _of_channel(channel, checked, depressurised)
@@ -158,7 +160,7 @@ def machine_check(
                 "daq.not_rest_channels_move",
                 count=len(moving),
                 count_2=len(channels),
-                moving=", ".join(moving[:4]),
+                moving=moving[:4],
                 more=more,
             )
         )
@@ -264,9 +266,9 @@ def _identity(node: FoundNode) -> dict[str, str]:
 def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) -> Iterator[str]:
     """Make the lines about one channel."""
     rest, name, unit = checked.rest, channel.name, channel.unit
-    others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
+    others = [Sentence("daq.count_of", count=count, what=what) for what, count in rest.others.items()]
     if math.isnan(rest.mean):
-        yield Sentence("daq.values_came", name=name, values=rest.values, others=others or "nothing else")
+        yield Sentence("daq.values_came", name=name, values=rest.values, others=others or Sentence("daq.nothing_else"))
         return
     if rest.share < LEAST_SHARE:
         yield Sentence("daq.cycles_brought_value", name=name, share=100 * rest.share, others=others)

@@ -68,14 +68,15 @@ class DriverContext:
 
 
 class Problem(str):
-    """A line about something that cannot be acquired, and the channels that it costs."""
+    """A ``line`` about something that cannot be acquired, and the channels that it costs."""
 
+    line: str
     channels: tuple[str, ...]
 
     def __new__(cls, line: str, channels: Sequence[str] = ()) -> Problem:
         """Make the line; ``channels`` are names."""
         made = super().__new__(cls, line)
-        made.channels = tuple(channels)
+        made.line, made.channels = line, tuple(channels)
         return made
 
 

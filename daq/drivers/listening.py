@@ -112,7 +112,7 @@ class Listener(BusDriver):
             return (Problem(self.failure, self._names),)
         return tuple(
             Problem(
-                f"bus '{self.config.name}': {stream.name} does not come; check the source, bitrate and cable",
+                Sentence("daq.stream_does_not_come", bus=self.config.name, stream=stream.name),
                 [self._names[position] for position in stream.positions],
             )
             for stream in self.streams
@@ -148,7 +148,7 @@ class Listener(BusDriver):
         stream.fault = ""
         if stream.arrived(at_ns):
             self.counts["two_senders"] += 1
-            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
+            stream.fault = Sentence("daq.comes_from_two", stream=stream.name)
         age_ns = self.cycle_ns - at_ns
         late = self.late(min(at_ns, self.cycle_ns) if self.led else at_ns, age_ns, LATE_PERIODS)
         self.counts["late"] += late
@@ -166,7 +166,7 @@ class Listener(BusDriver):
         """Take a frame's content: where alternate ones of many belong together, two devices send them."""
         if stream.pace.mixed([answers.raw[position] for position in stream.positions]):
             self.counts["two_senders"] += 1
-            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
+            stream.fault = Sentence("daq.comes_from_two", stream=stream.name)
             for position in stream.positions:
                 answers.value(position, math.nan, Quality.INVALID)
 

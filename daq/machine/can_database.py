@@ -18,7 +18,7 @@ from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.device_files import check_device_file
 from daq.machine.machine_file_errors import did_you_mean
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 from daq.units import conversion
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[li
 def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
     """List the same as :func:`listed_messages`, from files that are read already."""
     found: dict[tuple[str, int | None, bool], Listed] = {}
-    problems = []
+    problems: list[tuple[int, str]] = []
     for position, channel in enumerate(channels):
         source = channel.source
         assert isinstance(source, SignalSource)
@@ -119,7 +119,7 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
             message = _message(databases, source)
             j1939 = is_j1939(message, source)
         except ValueError as error:
-            problems.append((position, f"{channel.name}: {error}"))
+            problems.append((position, named(channel.name, str(error))))
             continue
         key = (message.name, source.source_address, j1939)
         listed = found.setdefault(key, Listed(message, j1939, source.source_address))
@@ -129,7 +129,7 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
 
 def unusual_units(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
     """List channels (position, line) taken as they are, although the file has another unit."""
-    unusual = []
+    unusual: list[tuple[int, str]] = []
     for wanted in (wanted for message in listed for wanted in message.wanted):
         channel, unit = channels[wanted.position], wanted.signal.unit
         source = channel.source

@@ -11,7 +11,7 @@ from daq.machine.buses import CanopenBus, CanSource, Word, object_of
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
 from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES, SENT_QUANTITIES
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 
 if TYPE_CHECKING:
     from daq.machine.machine_file import Channel, Machine
@@ -54,7 +54,7 @@ def incoherences(machine: Machine) -> list[str]:
 def _one_sync(machine: Machine) -> None:
     led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
     if len(led) > 1:
-        raise ValueError(Sentence("daq.buses_both_say_sync", led=" and ".join(led)))
+        raise ValueError(Sentence("daq.buses_both_say_sync", led=led))
 
 
 def _delayed_buses(machine: Machine) -> None:
@@ -94,7 +94,7 @@ def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
 def _known(name: str, names: Iterable[str], what: str, place: str) -> None:
     options = list(names)
     if name not in options:
-        hint = did_you_mean(name, options) or Sentence("daq.there_are", options=", ".join(options))
+        hint = did_you_mean(name, options) or Sentence("daq.there_are", options=options)
         raise ValueError(Sentence("daq.place_names_none", place=place, what=what, name=name, hint=hint))
 
 
@@ -110,7 +110,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
     try:
         machine.conversion(channel)
     except ValueError as error:
-        raise ValueError(f"{place}: {error}") from None
+        raise ValueError(named(place, str(error))) from None
     if channel.quantity == "command" and channel.joint is not None:
         _in_the_valves_unit(place, channel.unit, machine.joint(channel.joint))
     if channel.source is not None and machine.buses:

@@ -51,7 +51,7 @@ from daq.machine.joints import (
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
-from daq.messages import Sentence
+from daq.messages import Sentence, first_of
 from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
@@ -247,8 +247,7 @@ def parse_machine(text: str, name: str = "machine file", folder: Path | None = N
     """Validate the text of a machine file; ``name`` is what errors call it, ``folder`` where files it names begin."""
     machine, problems = machine_problems(text, name, folder)
     if machine is None:
-        more = Sentence("daq.and_more", count=len(problems) - 1) if len(problems) > 1 else ""
-        raise MachineFileError(problems[0].under(name) + more)
+        raise MachineFileError(first_of([problem.under(name) for problem in problems]))
     return machine
 
 

@@ -12,7 +12,7 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from daq.messages import Sentence
+from daq.messages import Sentence, named, one_line
 from daq.validation_words import in_words
 
 #: What machines, joints, channels and buses may be called.
@@ -48,9 +48,11 @@ class Problem:
 
     def under(self, name: str) -> str:
         """Return one line with the file's name in front."""
-        place = f"{name}:{self.line}" if self.line else name
-        parts = (place, "warning" if self.level == "warning" else "", self.key, self.text)
-        return " ".join(": ".join(part for part in parts if part).split()) + (f"; {self.cure}" if self.cure else "")
+        line: str = one_line(self.text)
+        line = Sentence("daq.with_cure", what=line, cure=self.cure) if self.cure else line
+        line = named(self.key, line) if self.key else line
+        line = Sentence("daq.warning", what=line) if self.level == "warning" else line
+        return named(f"{name}:{self.line}" if self.line else name, line)
 
 
 def all_problems(
@@ -89,9 +91,8 @@ def _problem(
     elif isinstance(problem.get("input"), str | int | float | bool):
         if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME_PATTERN:
             what = Sentence("daq.write_letters_digits_beginning")
-        what = Sentence(
-            "daq.with_what_was_found", lower=what[0].lower(), what=what[1:], problem=short(repr(problem["input"]))
-        )
+        what = what if isinstance(what, Sentence) else what[0].lower() + what[1:]
+        what = Sentence("daq.with_what_was_found", what=what, problem=short(repr(problem["input"])))
     begins = re.match(r"[a-z_]+(\.[a-z_]+)*", what)  # a text may say which key of the part it is about
     inside = [*location, *begins[0].split(".")] if location and begins else location
     return Problem(line_of(tree, inside or _place(what, tree)), key, what)

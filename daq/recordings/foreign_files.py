@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
+from daq.messages import Sentence, named
 from daq.recordings.recording_files import UNITS, Table, digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
@@ -97,11 +98,11 @@ def _guarded(path: Path, kind: _Kind, wanted: Wanted) -> list[_Raster]:
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != kind.package:
                 raise
-            problem = f"is {kind.what}; to read it run: pip install 'hilfit[export]', or export CSV or Parquet"
+            problem = Sentence("daq.kind_needs_extra", what=kind.what)
         except Exception:  # a library that reads any bytes as offsets raises anything
-            problem = f"is {kind.what} that cannot be read, or is damaged; export it again"
+            problem = Sentence("daq.kind_damaged", what=kind.what)
         gc.collect()
-        raise RecordingError(f"{path}: {problem}")
+        raise RecordingError(named(str(path), problem))
     finally:
         sys.unraisablehook = hook
 

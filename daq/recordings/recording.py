@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap
@@ -167,7 +168,7 @@ def read_recording(
             age[name] = _frozen(table.columns[f"{name}.age"], np.float64)
         value, wraps = unwrapped(machine, channel, value)
         if len(wraps):
-            notes = (*notes, f"{wrap_text(path, name, wraps, time)}; its turns are put back")
+            notes = (*notes, Sentence("daq.turns_put_back", path=wrap_text(path, name, wraps, time)))
         values[name] = _frozen(value, np.float64)
     utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(

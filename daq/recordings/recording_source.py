@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
-from daq.messages import Sentence
+from daq.messages import Sentence, listed
 from daq.quality import MEASURED, Quality
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap, in_channels, mapped_columns_are_there, wanted_columns
@@ -63,7 +63,7 @@ def load_table(
     for name in absent:
         filled[name] = np.full(table.rows, np.nan)
         filled[f"{name}.quality"] = np.full(table.rows, int(Quality.MISSING), dtype=np.int64)
-    note = f"{path.name}: has no {', '.join(absent)}: marked missing"
+    note = Sentence("daq.no_channels_marked", path=path.name, absent=absent)
     return Table(filled, table.metadata, table.sha256), (*notes, note)
 
 
@@ -208,17 +208,20 @@ def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> d
 
 
 def _note(path: Path, machine: Machine, done: Sequence[Resampled]) -> str:
-    rates = ", ".join(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
-    uneven = " with uneven steps" if any(part.uneven for part in done) else ""
+    rates = list(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
+    uneven = Sentence("daq.with_uneven_steps") if any(part.uneven for part in done) else ""
     slowest = min(part.rate_hz for part in done)
     kept = PASSBAND * 0.5 * min(slowest, machine.rate_hz)
-    text = Sentence("daq.resampled_hz_hz", path=path.name, rates=rates, uneven=uneven, rate_hz=machine.rate_hz)
-    if any(not checks.same_rate(part.rate_hz, machine.rate_hz) for part in done):
-        text += f" with a zero-phase low pass, flat to {kept:.3g} Hz"
+    filtered = any(not checks.same_rate(part.rate_hz, machine.rate_hz) for part in done)
+    low_pass = Sentence("daq.with_low_pass", kept=kept) if filtered else ""
+    values = {"path": path.name, "rates": rates, "uneven": uneven, "rate_hz": machine.rate_hz, "low_pass": low_pass}
+    remarks = [Sentence("daq.resampled_hz_hz", **values)]
     if slowest < machine.rate_hz and not checks.same_rate(slowest, machine.rate_hz):
-        text += Sentence("daq.file_slower_machine_nothing", slowest=0.5 * slowest)
+        remarks.append(Sentence("daq.file_slower_machine_nothing", slowest=0.5 * slowest))
     lost = max(part.gap_seconds for part in done)
-    return text + (Sentence("daq.beside_gaps_ends_left", lost=lost) if lost > 0 else "")
+    if lost > 0:
+        remarks.append(Sentence("daq.beside_gaps_ends_left", lost=lost))
+    return listed(remarks)
 
 
 def import_file(

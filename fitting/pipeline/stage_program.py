@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import HilfitError, InputError
+from daq.messages import with_their_messages
 from fitting.loop.session import Options, Request, Session
 from fitting.pipeline.stage_names import VALVE_STAGE
 from fitting.pipeline.stages import run_stage
@@ -77,7 +78,7 @@ def _one(arguments: Sequence[str], load: Callable[[Request], Session], resident:
     """Run one stage, report its progress, and return the exit code."""
 
     def send(content: dict[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
+        print(json.dumps(with_their_messages(content)), flush=True)
 
     if len(arguments) != 2:
         send({"error": "usage: python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE"})

@@ -13,7 +13,7 @@ import numpy as np
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
-from daq.messages import Sentence
+from daq.messages import Sentence, with_their_messages
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.regression.freedom import SIGMAS
@@ -117,7 +117,7 @@ def identify_valves(
         "resting": resting,
         "warnings": [Sentence("fitting.not_move_command_any", name=name) for name in resting],
     }
-    return Identified(report, models)
+    return Identified(with_their_messages(report), models)
 
 
 def _of_axis(

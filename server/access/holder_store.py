@@ -19,7 +19,7 @@ from server.platform.authorization.principals import Principal, Role
 from server.platform.database.engine import Database, as_stored
 from server.platform.database.repository import Repository
 from server.platform.database.stored import HIDDEN, Id, Kept, Stored
-from server.platform.errors import ConflictError, NotFoundError
+from server.platform.errors import ConflictError, NotFoundError, none_of
 
 PREFIX = "hilfit_"
 HolderKind = Literal["device", "key"]
@@ -120,7 +120,7 @@ class Holders(Repository[Holder]):
         """Return the device or key; NotFoundError if there is none."""
         found = self.all(principals.c.id == id, principals.c.kind == kind)
         if not found:
-            raise NotFoundError(Sentence("server.no_such", kind=kind, id=id))
+            raise NotFoundError(none_of(kind, id))
         return found[0]
 
     def remove(self, id: str, kind: HolderKind) -> None:

@@ -39,7 +39,7 @@ class Proposal(
     @model_validator(mode="after")
     def _one(self) -> Proposal:
         if (self.identification is None) == (self.valves is None):
-            raise ValueError("give identification or valves, one of both")
+            raise ValueError(Sentence("server.give_one_of_both"))
         return self
 
 

@@ -95,6 +95,7 @@ def _listed(files: SignalFiles, machine: str, only: str | None, search: str, lim
                 name=bus["name"],
                 files=[CanFile(**file, sha256=files.digest(machine, file["name"])) for file in bus["files"]],
                 problems=bus["problems"],
+                messages=bus["messages"],
                 left_out=bus["left_out"],
             )
             for bus in buses

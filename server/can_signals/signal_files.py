@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.machine.can_database import SUFFIXES
-from daq.messages import Sentence
+from daq.messages import Sentence, with_messages
 from daq.whole_files import write_whole
 from server.machines.acquisition import Acquisition
 from server.machines.machine_reader import MachineReader
@@ -150,7 +150,7 @@ class SignalFiles:
             errors = [file["error"] for file in bus["files"] if file["name"] == name and file["error"] is not None]
             worse = [line for line in bus["problems"] if line not in before]
             if errors or worse:
-                raise InvalidError((errors or worse)[0])
+                raise InvalidError(with_messages((errors or worse)[0], bus["messages"]))
 
     def _names(self, row: MachineRow) -> list[str]:
         """List DBC files that a machine's file names, each once."""

@@ -16,7 +16,7 @@ from daq import Machine, Quality, load_machine
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
-from daq.messages import Sentence
+from daq.messages import Sentence, message_of, with_their_messages
 from server.platform.errors import ConflictError, UnavailableError
 
 #: Seconds between two looks at a running acquisition.
@@ -97,7 +97,8 @@ class Supervisor:
         """Return state, restarts, the last error, and what the process counted."""
         with self._lock:
             state = self._state
-            result = {"state": state.state, "restarts": state.restarts, "error": state.error}
+            error = {"error": state.error, "error_message": message_of(state.error)}
+            result = {"state": state.state, "restarts": state.restarts, **error}
             return result if not state.last else {**result, "counts": state.last}
 
     def _set(self, **values: Any) -> None:
@@ -126,7 +127,7 @@ class Supervisor:
                 self._failed(str(error))
             except Exception as error:  # a driver may raise anything; the machine has to come back all the same
                 _log.error("acquisition_failed", machine=self._name, exc_info=error)
-                self._failed("acquisition failed unexpectedly; the log of the service says why")
+                self._failed(Sentence("server.acquisition_failed_unexpectedly"))
             if self._stop.is_set():
                 break
             failures = 1 if ran else failures + 1
@@ -153,7 +154,7 @@ class Supervisor:
     def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when ordered to stop; raise when the process has died."""
         while not self._pause(self._stop, LOOK_S):
-            self._set(last=asdict(feed.statistics()))
+            self._set(last=with_their_messages(asdict(feed.statistics())))
             if not feed.alive:
                 feed.check()
                 raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
@@ -223,8 +224,8 @@ class Acquisition:
         machine = load_machine(machine_file)
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
-            what = f"channel {silent[0]} has no source" if silent else "no buses"
-            raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=what))
+            lacking = Sentence("server.channel_no_source", channel=silent[0]) if silent else Sentence("server.no_buses")
+            raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=lacking))
         refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
@@ -258,10 +259,10 @@ class Acquisition:
         running = supervisor.running
         if running is None:
             state = supervisor.statistics()
-            reason = f" ({state['error']})" if state["error"] else ""
+            why = Sentence("server.in_brackets", what=state["error"]) if state["error"] else ""
             starts = state["state"] == "starting"  # which is no fault of the service, and soon over
             raise (ConflictError if starts else UnavailableError)(
-                f"acquisition of machine '{name}' is {state['state']}{reason}; try again",
+                Sentence("server.acquisition_of_machine_is", name=name, state=state["state"], why=why),
                 f"acquisition_{state['state']}",
                 machine=name,
             )

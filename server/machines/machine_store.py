@@ -89,8 +89,10 @@ class Machines:
         with self._database.read() as connection:
             row = connection.execute(_versions().where(machines.c.name == name, wanted)).first()
         if row is None:
-            which = f"machine '{name}'" if version is None else f"version {version} of machine '{name}'"
-            raise NotFoundError(Sentence("server.no_machine_file", machine=which), machine=name)
+            if version is None:
+                raise NotFoundError(Sentence("server.no_machine_file", machine=name), machine=name)
+            text = Sentence("server.no_machine_version", version=version, machine=name)
+            raise NotFoundError(text, machine=name)
         return MachineRow.of(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:

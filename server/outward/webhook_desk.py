@@ -155,16 +155,16 @@ class Webhooks:
         try:
             address = address_of(to, self._places, self._resolve)
             if address is None:
-                return f"{to.host} resolves to addresses that webhook_places does not let through"
+                return Sentence("server.resolves_elsewhere", host=to.host)
             signed = headers(secret, delivery.message, int(time.time()), body)
             status = post(to, address, body, signed, self._tls())
         except (OSError, http.client.HTTPException, ValueError) as error:  # ValueError: a name that cannot be one
-            return f"no answer ({' '.join(str(error).split())[:200] or type(error).__name__})"
-        return None if 200 <= status < 300 else f"the receiver answered {status}"
+            return Sentence("server.no_answer", error=" ".join(str(error).split())[:200] or type(error).__name__)
+        return None if 200 <= status < 300 else Sentence("server.receiver_answered", status=status)
 
     def _report(self) -> None:
         failing = [f"'{webhook.label}'" for webhook in self.store.failing()]
-        text = f"webhook {', '.join(failing)}: messages were given up; look at its deliveries and at its receiver"
+        text = Sentence("server.messages_given_up", webhooks=failing)
         self._alarms.report(None, "webhook_failed", text, "warning", bool(failing))
 
 

@@ -59,7 +59,7 @@ def held(lock: Path, place: str, taken: str) -> Iterator[int]:
     try:
         opened = lock.open("a")
     except OSError as error:
-        raise StartError(f"{place}: cannot be written ({error.strerror}); give another directory") from None
+        raise StartError("server.place_not_writable", place=place, reason=error.strerror) from None
     with opened as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -118,7 +118,9 @@ class DataDirectory:
 
     def without_place(self, text: str) -> str:
         """Remove the place of the directory and of its cache from a text."""
-        return re.sub(f"{re.escape(str(self.root))}/(cache/[0-9a-f]{{64}}/)?", "", text)
+        for place in re.findall(f"{re.escape(str(self.root))}/(?:cache/[0-9a-f]{{64}}/)?", text):
+            text = text.replace(place, "")
+        return text
 
     def incoming(self) -> Path:
         """Return a new name for an upload in progress."""

@@ -233,7 +233,7 @@ class Sessions:
         self._seal(id, order.path, statistics)
 
     def _recover_later(self, id: str, path: Path) -> None:
-        full = StorageError(f"{path}: what a killed server left cannot be sealed; run 'hilfit recover'", "sealing")
+        full = StorageError(Sentence("server.killed_not_sealed", path=path), "sealing")
         self._seal(id, path, self._sealed_later(path, full) | {"recovered": True})
 
     def _sealed_later(self, path: Path, error: StorageError) -> dict[str, Any]:

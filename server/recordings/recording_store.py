@@ -11,6 +11,7 @@ from daq.messages import Sentence
 from server.platform.database.repository import Repository
 from server.platform.database.stored import Id, OfMachine, Stored
 from server.platform.errors import ConflictError
+from server.platform.http.bodies import Message
 
 RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
 State = Literal["recording", "sealed", "failed"]
@@ -33,6 +34,7 @@ class RecordingRow(Stored, table="recordings", noun="recording"):
     sha256: str | None = None
     statistics: dict[str, Any] = Field(default_factory=dict)
     error: str | None = None
+    error_message: Message | None = None
 
 
 recordings = RecordingRow.table
@@ -107,7 +109,7 @@ class Recordings(Repository[RecordingRow]):
             connection.execute(recordings.delete().where(recordings.c.id == id))
 
 
-def _used_by(connection: sa.Connection, id: str) -> str | None:
+def _used_by(connection: sa.Connection, id: str) -> Sentence | None:
     """Return what was made of a recording, ``identification 'idn-1'``; None: nothing, it may go.
 
     Whatever is made of recordings has a table that refers to them, whose first key is what was made.
@@ -118,5 +120,5 @@ def _used_by(connection: sa.Connection, id: str) -> str | None:
                 made = next(iter(table.primary_key.columns))
                 found = connection.execute(sa.select(made).where(reference.parent == id)).scalar()
                 if found is not None:
-                    return f"{made.name} '{found}'"
+                    return Sentence("server.named_thing", kind=made.name, id=found)
     return None

@@ -6,7 +6,7 @@ import secrets
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 from daq import ROLES
 from daq.frames.events import events_path
@@ -156,12 +156,14 @@ class RecordingUploads:
         )
 
 
-def _same_file(other: str | None) -> list[dict[str, str | None]]:
+def _same_file(other: str | None) -> list[dict[str, Any]]:
     """Report a file that is there already, in the form of what the checks find."""
     if other is None:
         return []
-    texts = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}
-    return [{"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None, **texts}]
+    texts = {"text": Sentence("server.same_file", other=other), "cure": Sentence("server.delete_one_of_two")}
+    made_of = {f"{name}_message": text.to_json() for name, text in texts.items()}
+    place = {"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None}
+    return [place | texts | made_of]
 
 
 def _moved(incoming: Path, target: Path) -> None:

@@ -214,7 +214,7 @@ class _ModbusDriver:
         self._units = [
             Unit(
                 number,
-                f"bus '{bus.name}' unit {number} ({', '.join(c.name for _, c in members[:3])})",
+                Sentence("daq.bus_unit_named", bus=bus.name, number=number, member=[c.name for _, c in members[:3]]),
                 f"{bus.name}/unit {number}",
                 members,
                 bus.maximum_gap,
@@ -326,7 +326,7 @@ class _ModbusDriver:
             **self._counts,
         }
         down = all(unit.state == "silent" for unit in self._units)
-        line = f"bus '{self._bus.name}': no unit answers; check gateway or interface, and cable" if down else ""
+        line = Sentence("daq.no_unit_answers", bus=self._bus.name) if down else ""
         return DriverStatistics(self._bus.name, devices, counts, "down" if down else "active", line)
 
     def stop(self) -> None:

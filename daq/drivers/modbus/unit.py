@@ -49,7 +49,9 @@ class Block:
     @property
     def registers(self) -> str:
         """Name in errors."""
-        return f"{self.table} registers {self.address} to {self.address + self.count - 1}"
+        return Sentence(
+            "daq.registers_from_to", table=self.table, first=self.address, last=self.address + self.count - 1
+        )
 
     def parts(self) -> tuple[Block, ...]:
         """Split into blocks of the same channels without a register that no channel needs."""
@@ -139,7 +141,7 @@ class Unit:
 
     def learn_decimals(self, table: str, register: int, answer: Answer) -> str:
         """Take what such a register holds; a line if it is nothing that can be."""
-        what = f"{table} register {register}, decimals"
+        what = Sentence("daq.register_decimals", table=table, register=register)
         if answer.failure is not None:
             return Sentence("daq.check_power_address_cable", place=self.place, failure=answer.failure, what=what)
         if answer.exception is not None:
@@ -176,7 +178,7 @@ class Unit:
         """Word that in a line, or nothing."""
         if not self.slow:
             return ""
-        rate = f"{rate_hz / self.cycles:.3g} times a second instead of {rate_hz:g}"
+        rate = Sentence("daq.times_a_second", rate=rate_hz / self.cycles, wanted=rate_hz)
         return Sentence("daq.answers_ms_values_come", place=self.place, milliseconds=self._milliseconds, rate=rate)
 
     def split(self, block: Block) -> bool:

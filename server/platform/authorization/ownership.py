@@ -10,7 +10,7 @@ from daq.messages import Sentence
 from server.platform.authorization.named_things import Thing
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
-from server.platform.errors import NotFoundError
+from server.platform.errors import NotFoundError, none_of
 from server.platform.resource import Resource
 
 
@@ -35,7 +35,9 @@ class Ownership:
                 if not principal.may_see(self._machine_of(connection, collection, id)):
                     raise NotFoundError(
                         Sentence(
-                            "server.no_such_for", value=collection.removesuffix("s"), id=id, principal=principal.name
+                            "server.for_principal",
+                            what=none_of(collection.removesuffix("s"), id),
+                            principal=principal.name,
                         )
                     )
 

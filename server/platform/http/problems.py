@@ -18,11 +18,12 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
-from daq.messages import Sentence
+from daq.messages import Sentence, first_of, message_of, named, one_line
 from daq.validation_words import in_words
 from server.platform.database.patience import away
 from server.platform.errors import InvalidError, ServiceError, UnavailableError
 from server.platform.http.base_path import below
+from server.platform.http.bodies import Message
 
 #: Names of statuses that Python 3.13 renamed with RFC 9110; types of problems are made of them and stay what they were.
 _PHRASES = {
@@ -38,7 +39,8 @@ _log = structlog.stdlib.get_logger(__name__)
 class Problem(BaseModel):
     """A problem document: what went wrong with one request, and what to do.
 
-    ``code`` tells a program what it was, ``values`` what that is about; ``detail`` says both to a person.
+    ``code`` tells a program what it was, ``values`` what that is about; ``detail`` says both to a person, and
+    ``message`` is what it was made of, to word it in another language.
     """
 
     type: str
@@ -48,6 +50,7 @@ class Problem(BaseModel):
     instance: str
     code: str
     values: dict[str, str | int] = {}
+    message: Message | None = None
     errors: list[dict[str, Any]] | None = None
 
 
@@ -73,15 +76,16 @@ def problem(
     ``code`` is the slug where nothing more is known.
     """
     phrase = title or status_phrase(status)
-    slug = slug or phrase.lower().replace(" ", "-")
+    slug, made = slug or phrase.lower().replace(" ", "-"), message_of(detail)
     document = Problem(
         type=f"urn:hilfit:problem:{slug}",
         title=phrase,
         status=status,
-        detail=" ".join(detail.split()),  # one line, whatever the request named
+        detail=one_line(detail),  # one line, whatever the request named
         instance=below(request.scope, request.url.path),
         code=code or slug.replace("-", "_"),
         values=values or {},
+        message=None if made is None else Message(**made),
         errors=errors,
     )
     return JSONResponse(
@@ -167,13 +171,14 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     errors = [
-        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry), "code": entry["type"]}
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": text, "message": message_of(text)}
+        | {"code": entry["type"]}
         for entry in error.errors()
+        for text in [in_words(entry)]
     ]
-    first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
-    more = Sentence("server.and_more", count=len(errors) - 1) if len(errors) > 1 else ""
-    detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
-    detail = detail.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
+    line = first_of([named(own["place"], own["text"]) for own in errors])
+    shown = line.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
+    detail = line if shown == line else shown
     return problem(request, 422, detail, slug=InvalidError.slug, title=InvalidError.title, errors=errors)
 
 
