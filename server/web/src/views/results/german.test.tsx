@@ -20,6 +20,9 @@ afterEach(() => {
 async function shown(report: unknown) {
   const { FakeService } = await import("../fakes");
   const { ResultPage } = await import("./result");
+  await (
+    await import("../../texts/report")
+  ).tables;
   const fake = new FakeService("viewer");
   const identification = { id: "idn-1", machine: "arm", label: "X", job: "job-1", verdict: "effect_added", overall: 1 };
   fake.resources["/identifications/idn-1"] = identification;
