@@ -102,7 +102,7 @@ def check_files(
     recordings: list[Recording] = []
     found: list[Finding] = []
     for number, (role, path) in enumerate(files):
-        progress(0.5 * number / len(files), f"reading {path.name}")
+        progress(0.5 * number / len(files), Sentence("fitting.reading_file", file=path.name))
         read = read_leniently(path, machine, role, columns, resample=resample)
         found += read.findings
         if read.recording is not None:
