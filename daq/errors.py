@@ -17,15 +17,28 @@ The text of every one of them is a single line that names the file, key, channel
 
 from __future__ import annotations
 
+from typing import Any
+
+from daq.messages import Sentence, is_code
+
 
 class HilfitError(Exception):
-    """Anything that hilfit raises on purpose; its text is one line that a user can act on."""
+    """Anything that hilfit raises on purpose; its text is one line that a user can act on.
+
+    Parameters
+    ----------
+    text : the line; or the code of a message (see :mod:`daq.messages`), whose ``values`` follow
+    """
+
+    def __init__(self, text: str = "", /, **values: Any) -> None:
+        super().__init__(Sentence(text, **values) if values or is_code(text) else text)
 
 
 def first_line(error: Exception | None) -> str:
     """Return the first line of an error's text, or its kind; some libraries add tracebacks."""
-    line = str(error).split("\n")[0].split("Traceback (most recent")[0]
-    return line.strip() or type(error).__name__
+    text = str(error)
+    line = text.split("\n")[0].split("Traceback (most recent")[0].strip()
+    return text if line == text != "" else line or type(error).__name__
 
 
 class InputError(HilfitError):

@@ -93,7 +93,7 @@ def write_motion(path: str | Path, motion: Motion) -> None:
             path.stat()  # in a file that is taken for a folder: says so
         write_whole(path, ("\n".join(lines) + "\n").encode())  # a controller may watch the folder
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+        raise InputError("daq.not_writable_here", path=path, reason=error.strerror) from None
 
 
 def read_motion(path: str | Path, machine: Machine | None = None, *, slack: float = 1e-6) -> Motion:
@@ -112,21 +112,21 @@ def read_motion(path: str | Path, machine: Machine | None = None, *, slack: floa
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; 'hilfit excite' makes one") from None
+        raise InputError("daq.no_such_file_hilfit", path=path) from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file; give a motion file (CSV)") from None
+        raise InputError("daq.not_text_file_give", path=path) from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file (CSV)") from None
+        raise InputError("daq.cannot_read_give", path=path, reason=error.strerror) from None
     name, rods = _first_line(path, lines[0] if lines else "")
     header = lines[1].split(",") if len(lines) > 1 else []
     if header[:1] != ["time"] or len(header) < 2 or len(set(header)) != len(header):
-        raise InputError(f"{path}:2: must name 'time' and then one column per joint, each once")
+        raise InputError("daq.must_name_time_column", path=path)
     table = _numbers(path, lines[2:], header)
     suffix = _PISTON if rods == "unpinned" else ""
     joints = []
     for column in header[1:]:
         if suffix and not column.endswith(suffix):
-            raise InputError(f"{path}:2: column '{column}' must end with '{_PISTON}', because rods=unpinned")
+            raise InputError("daq.column_must_end_because", path=path, column=column, piston=_PISTON)
         joints.append(column.removesuffix(suffix))
     motion = Motion(name, rods, table[:, 0], {joint: table[:, k + 1] for k, joint in enumerate(joints)})
     if machine is not None:
@@ -139,12 +139,12 @@ def _first_line(path: Path, line: str) -> tuple[str, Rods]:
     fields = dict(word.split("=", 1) for word in words[2:] if "=" in word)
     rods = fields.get("rods")
     if words[:2] != ["#", SCHEMA] or "machine" not in fields:
-        raise InputError(f"{path}:1: not a motion file; it must start with '# {SCHEMA} machine=NAME rods=pinned'")
+        raise InputError("daq.not_motion_file", path=path, schema=SCHEMA)
     if rods == "pinned":
         return fields["machine"], "pinned"
     if rods == "unpinned":
         return fields["machine"], "unpinned"
-    raise InputError(f"{path}:1: rods is {rods!r}; it must be pinned or unpinned")
+    raise InputError("daq.motion_rods_unknown", path=path, rods=f"{rods!r}")
 
 
 def _numbers(path: Path, lines: list[str], header: list[str]) -> FloatArray:
@@ -154,32 +154,30 @@ def _numbers(path: Path, lines: list[str], header: list[str]) -> FloatArray:
         try:
             row = [float(cell) for cell in cells]
         except ValueError:
-            raise InputError(f"{path}:{number}: not numbers: '{line[:40]}'") from None
+            raise InputError("daq.not_numbers", path=path, number=number, line=line[:40]) from None
         if len(row) != len(header):
-            raise InputError(f"{path}:{number}: has {len(row)} values for {len(header)} columns")
+            raise InputError("daq.motion_columns_differ", path=path, number=number, count=len(row), count_2=len(header))
         rows.append(row)
     if len(rows) < 6:
-        raise InputError(f"{path}: has {len(rows)} rows; a motion needs six or more")
+        raise InputError("daq.motion_too_short", path=path, count=len(rows))
     table = np.array(rows)
     if not np.isfinite(table).all():
         bad = int(np.flatnonzero(~np.isfinite(table).all(axis=1))[0])
-        raise InputError(f"{path}:{bad + 3}: holds a value that is not finite")
+        raise InputError("daq.holds_value_not_finite", path=path, bad=bad + 3)
     if table[0, 0] != 0.0 or np.any(np.diff(table[:, 0]) < LEAST_STEP_S) or table[-1, 0] > LONGEST_S:
-        raise InputError(
-            f"{path}: time must start at 0, rise by a microsecond or more from row to row, and end within an hour"
-        )
+        raise InputError("daq.time_must_start_rise", path=path)
     return table
 
 
 def _fits(path: Path, motion: Motion, machine: Machine, slack: float) -> None:
     if motion.machine != machine.name:
-        raise InputError(f"{path}:1: is a motion of machine '{motion.machine}', not of '{machine.name}'")
+        raise InputError("daq.motion_machine_not", path=path, machine=motion.machine, machine_2=machine.name)
     for name, positions in motion.columns.items():
         joint = next((joint for joint in machine.joints if joint.name == name), None)
         if joint is None:
-            raise InputError(f"{path}:2: there is no joint '{name}' on {machine.name}")
+            raise InputError("daq.no_joint", path=path, name=name, machine=machine.name)
         if motion.rods == "unpinned" and joint.cylinder is None:
-            raise InputError(f"{path}:2: {name} has no cylinder, so no piston; remove the column")
+            raise InputError("daq.no_cylinder_no_piston", path=path, name=name)
         if motion.rods == "pinned" or joint.cylinder is None:
             (low, high), unit = joint.limits.position, "rad" if joint.type == "revolute" else "m"
         else:
@@ -187,6 +185,12 @@ def _fits(path: Path, motion: Motion, machine: Machine, slack: float) -> None:
         more = slack * (high - low)
         if positions.min() < low - more or positions.max() > high + more:
             raise InputError(
-                f"{path}: {name} goes from {positions.min():.4g} to {positions.max():.4g} {unit}, "
-                f"beyond its {low:.4g} to {high:.4g} {unit}; make a smaller motion"
+                "daq.goes_beyond",
+                path=path,
+                name=name,
+                positions=positions.min(),
+                positions_2=positions.max(),
+                unit=unit,
+                low=low,
+                high=high,
             )

@@ -13,6 +13,8 @@ from typing import Any
 
 import yaml
 
+from daq.messages import Sentence
+
 #: Values, keys, lists and mappings of a text, each alias counted as all that it stands for. A machine file of six
 #: joints with every channel and its source has about 1 300; one takes 6 us with libyaml, 30 us without.
 MOST_NODES = 20_000
@@ -64,37 +66,41 @@ class _Loader(yaml.composer.Composer, *_EVENTS, yaml.constructor.SafeConstructor
             found = self.anchors.get(event.anchor)
             # A list that is not whole yet has no size: it would hold itself.
             if found is not None and id(found) not in self._sizes:
-                raise yaml.composer.ComposerError(None, None, "an alias stands for what it is part of", mark)
+                raise yaml.composer.ComposerError(None, None, Sentence("daq.alias_stands_part"), mark)
             self._count(0 if found is None else self._sizes[id(found)], mark)
             return super().compose_node(parent, index)
         before = self._nodes
         self._count(1, mark)
         self._depth += 1
         if self._depth > DEEPEST:
-            raise yaml.composer.ComposerError(None, None, f"nested more than {DEEPEST} deep", mark)
+            raise yaml.composer.ComposerError(None, None, Sentence("daq.nested_more_deep", deepest=DEEPEST), mark)
         node = super().compose_node(parent, index)
         self._depth -= 1
         if node is not None:
             if node.tag not in _TAGS and node.tag != "tag:yaml.org,2002:merge":
-                raise yaml.composer.ComposerError(None, None, f"values of the kind {node.tag[-40:]} are not read", mark)
+                raise yaml.composer.ComposerError(
+                    None, None, Sentence("daq.values_kind_not_read", tag=node.tag[-40:]), mark
+                )
             self._sizes[id(node)] = self._nodes - before
         return node
 
     def _count(self, nodes: int, mark: yaml.Mark) -> None:
         self._nodes += nodes
         if self._nodes > MOST_NODES:
-            text = f"more than {MOST_NODES} values, aliases counted as what they stand for"
+            text = Sentence("daq.more_values_aliases_counted", most_nodes=MOST_NODES)
             raise yaml.composer.ComposerError(None, None, text, mark)
 
     def construct_number(self, node: yaml.Node, read: Any) -> Any:
         """Parse a number of bounded length; Python takes quadratic time for long ones, and cannot print them."""
         text = self.construct_scalar(node)  # type: ignore[arg-type]
         if len(text) > LONGEST_NUMBER or ":" in text:
-            raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark)
+            raise yaml.constructor.ConstructorError(None, None, Sentence("daq.no_number_can_read"), node.start_mark)
         try:
             return read(self, node)
         except ValueError:
-            raise yaml.constructor.ConstructorError(None, None, "no number that can be read", node.start_mark) from None
+            raise yaml.constructor.ConstructorError(
+                None, None, Sentence("daq.no_number_can_read"), node.start_mark
+            ) from None
 
 
 _INTEGER = r"[-+]?0b[01_]+|[-+]?0[0-7_]+|[-+]?(?:0|[1-9][0-9_]*)|[-+]?0x[0-9a-fA-F_]+"

@@ -73,10 +73,7 @@ class Scratch:
                 done = os.pwrite(self._handle, rest, offset)
                 rest, offset = rest[done:], offset + done
         except OSError as error:
-            raise InputError(
-                f"{tempfile.gettempdir()}: cannot hold the signals of long recordings ({error.strerror}); set TMPDIR "
-                "to a directory with 0.5 GB for every hour of recordings"
-            ) from None
+            raise InputError("daq.no_scratch_room", tempfile=tempfile.gettempdir(), reason=error.strerror) from None
 
     def read(self, place: Place, rows: slice = slice(None)) -> npt.NDArray[Any]:
         """Copy the rows of an array (without a step)."""

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.messages import Sentence
+
 SI_UNITS: dict[str, str] = {
     "joint_position": "rad",
     "joint_velocity": "rad/s",
@@ -129,7 +131,7 @@ class Conversion:
 def kept_as_sent(unit: str) -> Conversion:
     """Return the identity, of a command or a spool position; ValueError unless in :data:`AS_SENT`."""
     if unit not in AS_SENT:
-        raise ValueError(f"'{unit[:_LONGEST]}' is no unit of a command; use one of {', '.join(AS_SENT)}")
+        raise ValueError(Sentence("daq.no_unit_command", value=unit[:_LONGEST], as_sent=", ".join(AS_SENT)))
     return Conversion(factor=1.0, offset=0.0)
 
 
@@ -147,7 +149,7 @@ def conversion(unit: str, si_unit: str) -> Conversion:
     if (unit, si_unit) in USUAL:
         return Conversion(*USUAL[unit, si_unit])
     if not is_known(unit):
-        raise ValueError(f"unknown unit '{unit[:_LONGEST]}'; use one that measures {si_unit}")
+        raise ValueError(Sentence("daq.unknown_unit", unit=unit[:_LONGEST], si_unit=si_unit))
     import pint
 
     registry = _registry()
@@ -155,7 +157,7 @@ def conversion(unit: str, si_unit: str) -> Conversion:
         zero = float(registry.Quantity(0.0, unit).to(si_unit).magnitude)
         one = float(registry.Quantity(1.0, unit).to(si_unit).magnitude)
     except pint.DimensionalityError:
-        raise ValueError(f"unit '{unit}' cannot be turned into {si_unit}") from None
+        raise ValueError(Sentence("daq.unit_cannot_turned_into", unit=unit, si_unit=si_unit)) from None
     except Exception:  # its parser raises whatever Python's tokenizer or an assertion makes of the text
-        raise ValueError(f"unknown unit '{unit}'; use one that measures {si_unit}") from None
+        raise ValueError(Sentence("daq.unknown_unit", unit=unit, si_unit=si_unit)) from None
     return Conversion(factor=one - zero, offset=zero)

@@ -21,6 +21,7 @@ from daq.errors import AcquisitionError, InputError
 from daq.frames.channels import channel_table, channels_by_bus
 from daq.machine.machine_file import Machine, load_machine
 from daq.machine.machine_file_errors import did_you_mean
+from daq.messages import Sentence
 
 __all__ = ["AcquisitionProcess", "AcquisitionStatistics"]
 
@@ -85,7 +86,7 @@ class AcquisitionProcess:
         for name in names:
             if name not in known:
                 hint = did_you_mean(name, known)
-                raise InputError(f"machine '{self.machine.name}' has no channel '{name}'{hint}")
+                raise InputError("daq.machine_no_channel", machine=self.machine.name, name=name, hint=hint)
         return frozenset(names)
 
     def start(self) -> None:
@@ -113,10 +114,10 @@ class AcquisitionProcess:
             If it failed to start, in one line; or did not within :data:`START_TIMEOUT_S`.
         """
         if self._control is None:
-            raise AcquisitionError("acquisition was not started; call start()")
+            raise AcquisitionError("daq.acquisition_not_started")
         if not self._running and not self._control.poll(START_TIMEOUT_S):
             raise AcquisitionError(
-                f"acquisition of '{self.machine.name}' is not running after {START_TIMEOUT_S:g} s; check its buses"
+                "daq.acquisition_not_running_after", machine=self.machine.name, start_timeout_s=START_TIMEOUT_S
             )
         self._receive()
         self.check()
@@ -136,9 +137,8 @@ class AcquisitionProcess:
             if self._failure is None and self._process is not None:
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(1.0)
-                self._failure = (
-                    f"acquisition of '{self.machine.name}' ended by itself "
-                    f"(exit code {self._process.returncode}); start it again"
+                self._failure = Sentence(
+                    "daq.acquisition_ended_itself_exit", machine=self.machine.name, returncode=self._process.returncode
                 )
 
     def check(self) -> None:

@@ -31,6 +31,7 @@ from daq.frames.channels import channel_table, channels_by_bus
 from daq.frames.clock import Clock, NextSync, clock_for
 from daq.frames.events import EventLog
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence, first_of, one_line
 
 FIFO_PRIORITY = 20
 #: What is there has to be acquired within two seconds, whatever else is missing; libraries take some of them to load.
@@ -54,11 +55,10 @@ def main(control: Connection) -> None:
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
-                fatal = [problem for problem in problems if drivers.is_fatal(problem)]
+                fatal = [_line(problem) for problem in problems if drivers.is_fatal(problem)]
                 if fatal:
-                    more = f" (and {len(fatal) - 1} more)" if len(fatal) > 1 else ""
-                    raise AcquisitionError(fatal[0] + more)
-                warnings = [*problems, *([refusal] if refusal else [])]
+                    raise AcquisitionError(first_of(fatal))
+                warnings = [*map(_line, problems), *([refusal] if refusal else [])]
                 cycles = Cycles(
                     machine, channel_table(machine), drivers.drivers, drivers.clock(), events=drivers.events
                 )
@@ -72,7 +72,11 @@ def main(control: Connection) -> None:
     except HilfitError as error:
         _report(control, "failed", str(error))
     except Exception as error:  # the parent must not be left waiting for a process that died of a bug
-        _report(control, "failed", f"acquisition of '{machine.name}' broke: {type(error).__name__}: {error}")
+        _report(
+            control,
+            "failed",
+            Sentence("daq.acquisition_broke", machine=machine.name, name=type(error).__name__, error=error),
+        )
         raise
 
 
@@ -87,7 +91,7 @@ def _kept(machine: Machine, data_directory: Path | None) -> Iterator[Path]:
 def _report(control: Connection, what: str, text: str = "") -> None:
     """Notify the parent; one that died meanwhile is :func:`_listen`'s to notice."""
     with contextlib.suppress(OSError):
-        control.send((what, " ".join(text.split())))
+        control.send((what, one_line(text)))
 
 
 def _listen(control: Connection, stopping: threading.Event) -> None:
@@ -168,6 +172,11 @@ class Drivers:
             self._trace.close()
 
 
+def _line(problem: str) -> str:
+    """Return the sentence of a problem; a driver may give no more than a text."""
+    return problem.line if isinstance(problem, Problem) else problem
+
+
 def _start(driver: Driver) -> tuple[str, ...]:
     try:
         return driver.start()
@@ -180,10 +189,7 @@ def request_fifo() -> tuple[bool, str]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except (PermissionError, OSError) as error:
-        return False, (
-            f"no real-time scheduling ({error.strerror}): cycles may be late on a busy machine; allow SCHED_FIFO "
-            "(CAP_SYS_NICE, or rtprio in limits.conf)"
-        )
+        return False, (Sentence("daq.no_realtime_scheduling", reason=error.strerror))
     return True, ""
 
 

@@ -19,6 +19,7 @@ from daq.frames.channels import ChannelTable
 from daq.frames.clock import Clock
 from daq.frames.events import EventLog
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.quality import Quality
 
 INFO_SECONDS = 0.5
@@ -134,7 +135,7 @@ class Cycles:
         self._utc_offset_ns = offset_ns
         self._counted.utc_jumps += 1
         seconds = (offset_ns - known) / 1e9
-        text = f"the computer's clock was set by {seconds:+.3f} s; machine time goes on unchanged"
+        text = Sentence("daq.computer_clock_set", seconds=seconds)
         self.events.note("clock", "utc_jump", text)
 
     def statistics(self, state: str, *, fifo: bool, warnings: Sequence[str]) -> AcquisitionStatistics:

@@ -30,6 +30,7 @@ import pyarrow.ipc
 
 from daq.acquisition.ledger import ledger_of
 from daq.errors import DiskFullError, HilfitError, RecordingError, StorageError
+from daq.messages import Sentence
 from daq.recordings.recording_files import ARROW_STREAM_MAGIC, JOURNAL_MARK, read_table, write_table
 
 JOURNAL_SUFFIX = ".journal"
@@ -49,7 +50,7 @@ def storage_error(path: Path, operation: str, error: OSError, advice: str) -> St
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     reason = "the disk is full" if full else error.strerror or str(error)
     kind = DiskFullError if full else StorageError
-    return kind(f"{path}: {operation} failed ({reason}); {advice}", operation)
+    return kind(Sentence("daq.storage_failed", path=path, operation=operation, reason=reason, advice=advice), operation)
 
 
 class Journal:
@@ -63,7 +64,7 @@ class Journal:
 
     def __init__(self, path: Path, schema: pa.Schema, *, overwrite: bool = False) -> None:
         if path.exists() and not overwrite:
-            raise RecordingError(f"{path}: is there already; choose another name, or remove it first")
+            raise RecordingError("daq.there_already", path=path)
         self.path = path
         self.rows = 0
         self._journal = journal_path(path)
@@ -73,13 +74,10 @@ class Journal:
             self._file = self._journal.open("xb")
         except FileExistsError as error:
             if error.filename != str(self._journal):
-                raise RecordingError(f"{path}: cannot be written (not a directory); choose another place") from None
-            raise RecordingError(
-                f"{path}: its journal is there already: it is being recorded, or was left by a kill; run "
-                "'hilfit recover', or move the journal away if that leaves it"
-            ) from None
+                raise RecordingError("daq.place_no_directory", path=path) from None
+            raise RecordingError("daq.journal_there_already", path=path) from None
         except OSError as error:
-            raise RecordingError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+            raise RecordingError("daq.not_writable_here", path=path, reason=error.strerror) from None
         fcntl.flock(self._file, fcntl.LOCK_EX)
         try:
             described = schema.serialize().to_pybytes()
@@ -103,7 +101,7 @@ class Journal:
                 self._journal,
                 operation,
                 error,
-                f"free some space or choose another disk; {self.rows} rows are safe: run 'hilfit recover'",
+                Sentence("daq.rows_safe_choose_disk", rows=self.rows),
             ) from None
 
     def append(self, table: pa.Table) -> None:
@@ -142,15 +140,19 @@ class Journal:
                 found = _read(self._journal)
                 if found.table.num_rows < self.rows:
                     raise StorageError(
-                        f"{self._journal}: only {found.table.num_rows} of {self.rows} rows can be read back; the disk "
-                        "is damaged; run 'hilfit recover' to keep what there is",
+                        Sentence(
+                            "daq.rows_can_read_back",
+                            journal=self._journal,
+                            num_rows=found.table.num_rows,
+                            rows=self.rows,
+                        ),
                         "read",
                     )
                 _seal(self.path, finish(found.table), metadata or {}, self._journal)
             try:
                 self._journal.unlink()
             except OSError as error:
-                return f"{self._journal}: cannot be removed ({error.strerror}); the recording is whole, remove it"
+                return Sentence("daq.journal_not_removed", journal=self._journal, reason=error.strerror)
             return None
         finally:
             self.abandon()
@@ -163,7 +165,7 @@ class Journal:
 
 def _seal(path: Path, table: pa.Table, metadata: Mapping[str, str], journal: Path) -> None:
     described = {**(table.schema.metadata or {}), **{key.encode(): text.encode() for key, text in metadata.items()}}
-    advice = f"its rows are safe in {journal.name}: free some space and run 'hilfit recover'"
+    advice = Sentence("daq.rows_safe_in", journal=journal.name)
     try:
         write_table(path, table.replace_schema_metadata(described))
     except OSError as error:

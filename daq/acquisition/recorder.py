@@ -26,6 +26,7 @@ from daq.frames.channels import channel_table
 from daq.frames.events import RecordedEvents
 from daq.frames.frame import row_dtype
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.quality import Quality
 from daq.recordings.recording import FloatArray, recording_table
 
@@ -116,8 +117,7 @@ class Recorder:
         with RingReader(self._ring_name) as ring:
             if ring.dtype != dtype:
                 raise AcquisitionError(
-                    f"ring buffer '{self._ring_name}' is not of machine '{self._machine.name}'; give the machine file "
-                    "that acquisition runs with"
+                    "daq.ring_buffer_not_machine", ring_name=self._ring_name, machine=self._machine.name
                 )
             writer = _Writer(self._machine, self._role, self._path, table.names, self._overwrite)
             events = RecordedEvents(self._path)
@@ -128,7 +128,7 @@ class Recorder:
                 writer.journal.abandon()
                 raise
         if failure is not None:
-            raise AcquisitionError(f"{failure}; {summary.rows} rows until then are in {self._path}")
+            raise AcquisitionError("daq.rows_until_then", failure=failure, rows=summary.rows, path=self._path)
         return summary
 
     def _follow(
@@ -153,9 +153,11 @@ class Recorder:
             failure = None
             if not ended and not len(rows.rows):
                 if ring.closed or not ring.writer_alive:
-                    failure = f"acquisition of '{self._machine.name}' ended"
+                    failure = Sentence("daq.acquisition_ended", machine=self._machine.name)
                 elif now - last_frame > SILENCE_SECONDS:
-                    failure = f"acquisition of '{self._machine.name}' sends nothing for {SILENCE_SECONDS:g} s"
+                    failure = Sentence(
+                        "daq.acquisition_sends_nothing", machine=self._machine.name, silence_seconds=SILENCE_SECONDS
+                    )
             if ended or failure or now >= next_sync:
                 next_sync = now + SYNC_SECONDS
                 writer.sync()
@@ -176,7 +178,9 @@ class Recorder:
             except HilfitError as error:
                 self._error = error
             except Exception as error:  # who waits for the thread has to hear of a bug as well
-                self._error = AcquisitionError(f"{self._path}: recording broke: {type(error).__name__}: {error}")
+                self._error = AcquisitionError(
+                    "daq.recording_broke", path=self._path, name=type(error).__name__, error=error
+                )
                 raise
             finally:
                 self._ended.set()
@@ -201,7 +205,7 @@ class Recorder:
         if self._error is not None:
             raise self._error
         if self._summary is None:
-            raise AcquisitionError(f"{self._path}: recording was not started")
+            raise AcquisitionError("daq.recording_not_started", path=self._path)
         return self._summary
 
 

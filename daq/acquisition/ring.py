@@ -30,6 +30,7 @@ import orjson
 
 from daq.errors import AcquisitionError
 from daq.frames.frame import Frame, frame_from_row, row_dtype
+from daq.messages import put_together, with_their_messages
 
 MAGIC = b"hilfit/ring/2"
 INFO_BYTES = 65536
@@ -67,7 +68,7 @@ class _Ring:
         self._header: npt.NDArray[np.void] = np.ndarray((1,), dtype=_HEADER, buffer=buffer)
         if self._header["magic"][0] != MAGIC:
             self.close()
-            raise AcquisitionError(f"shared memory '{memory.name}' is no ring buffer of this version")
+            raise AcquisitionError("daq.shared_memory_no_ring", memory=memory.name)
         self._written = self._header["written"]
         self._slots = int(self._header["slots"][0])
         self.dtype = row_dtype(int(self._header["channels"][0]))
@@ -123,7 +124,7 @@ class _Ring:
             after = int(self._header["info_after"][0])
             text = bytes(_buffer(self._memory)[start : start + int(self._header["info_bytes"][0])])
             if int(self._header["info_before"][0]) == after:
-                return dict(json.loads(text)) if text else {}
+                return put_together(json.loads(text)) if text else {}
             time.sleep(0.0005)
         return {}
 
@@ -169,8 +170,9 @@ class RingWriter(_Ring):
 
     def set_info(self, info: dict[str, Any]) -> bool:
         """Publish statistics for whoever reads; False, and nothing published, if they do not fit."""
-        text = orjson.dumps(info)
-        if len(text) > INFO_BYTES:
+        texts = (orjson.dumps(content) for content in (with_their_messages(info), info))
+        text = next((text for text in texts if len(text) <= INFO_BYTES), None)
+        if text is None:
             return False
         count = int(self._header["info_before"][0]) + 1
         self._header["info_before"] = count
@@ -266,9 +268,7 @@ def ring_buffer(dtype: np.dtype[np.void], slots: int, name: str | None = None) -
     try:
         memory = shared_memory.SharedMemory(name, create=True, size=size)
     except FileExistsError:
-        raise AcquisitionError(
-            f"ring buffer '{name}' is there already: this machine is being acquired by another process; stop that one"
-        ) from None
+        raise AcquisitionError("daq.ring_buffer_there_already", name=name) from None
     try:
         header = np.ndarray((1,), dtype=_HEADER, buffer=_buffer(memory))
         header["slots"], header["channels"] = slots, dtype["values"].shape[0]
@@ -288,16 +288,14 @@ def _attach(name: str) -> shared_memory.SharedMemory:
         try:
             return shared_memory.SharedMemory(name)
         except (FileNotFoundError, ValueError):
-            raise AcquisitionError(
-                f"there is no ring buffer '{name}': acquisition is not running (or has ended); start it"
-            ) from None
+            raise AcquisitionError("daq.no_ring_buffer", name=name) from None
         finally:
             resource_tracker.register = register
 
 
 def _buffer(memory: shared_memory.SharedMemory) -> memoryview:
     if memory.buf is None:
-        raise AcquisitionError(f"ring buffer '{memory.name}' was closed")
+        raise AcquisitionError("daq.ring_buffer_closed", memory=memory.name)
     return memory.buf
 
 

@@ -22,6 +22,7 @@ from can.io.logger import SizedRotatingLogger
 from daq.drivers.can.port import CanAccess
 from daq.errors import InputError, first_line
 from daq.frames.events import EventLog
+from daq.messages import Sentence
 
 SUFFIXES = (".blf", ".asc", ".log")  # Vector binary, Vector text, candump
 FILE_BYTES = 64_000_000  # of one file; at 3000 frames per second about ten minutes of candump's text
@@ -73,7 +74,7 @@ class TraceAccess(CanAccess):
             if self._waiting.qsize() < WAITING:
                 self._waiting.put((name, message))
             else:
-                self._events.note(name, "trace_lost", f"{self._trace}: the disk is too slow for this trace")
+                self._events.note(name, "trace_lost", Sentence("daq.disk_too_slow_trace", trace=self._trace))
 
         return note
 
@@ -87,7 +88,9 @@ class TraceAccess(CanAccess):
                 self._writer(name).on_message_received(message)
             except (OSError, ValueError) as error:
                 self._failed = True
-                self._events.begin(name, "trace_failed", f"{bus_file(self._trace, name)}: cannot be written ({error})")
+                self._events.begin(
+                    name, "trace_failed", Sentence("daq.not_writable", trace=bus_file(self._trace, name), error=error)
+                )
         for writer in self._writers.values():
             with contextlib.suppress(OSError, ValueError):
                 writer.stop()
@@ -128,4 +131,4 @@ def read_trace(path: Path) -> Iterator[can.Message]:
                 yield from frames
         except Exception as error:  # python-can's readers let out whatever becomes of a file that contradicts itself
             line = first_line(error)
-            raise InputError(f"{file}: is no trace that can be read ({line}); give .blf, .asc, .log or .trc") from None
+            raise InputError("daq.not_a_trace", file=file, line=line) from None

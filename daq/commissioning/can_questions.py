@@ -65,9 +65,7 @@ def answering(link: CanLink, nodes: Sequence[int]) -> dict[int, int]:
         try:
             link.send(request)
         except (can.CanError, OSError) as error:
-            raise BusError(
-                f"bus '{link.name}': nothing can be sent ({first_line(error)}); check the interface"
-            ) from None
+            raise BusError("daq.bus_nothing_can_sent", link=link.name, error=first_line(error)) from None
         time.sleep(ASK_EVERY_S)
     time.sleep(ANSWERS_S)
     for number in nodes:

@@ -25,6 +25,7 @@ from daq.commissioning.identities import identity_findings, mapping_of, scale_fi
 from daq.commissioning.rest import AtRest, at_rest
 from daq.console import ShowProgress
 from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.messages import Sentence, named
 from daq.quality import MEASURED
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def check_machine_buses(
     found = machine_check(machine, rows, statistics, nodes, notes, depressurised=depressurised)
     delays = delays_of_frames(machine, rows)
     if len({c.bus for c in found.channels}) > 1 and not delays:
-        note = "delays between the buses are not told: that takes a motion of 15 s or more; give one with --recording"
+        note = Sentence("daq.delays_between_buses_not")
         return replace(found, notes=(*found.notes, note))
     return replace(found, delays=delays)
 
@@ -142,7 +143,9 @@ def machine_check(
     notes = list(notes)
     channels = tuple(_channel(machine, index, channel, rows) for index, channel in enumerate(machine.channels))
     devices = tuple(_devices(machine, statistics, nodes))
-    findings = [f"{device.bus} {device.device}: {device.detail}" for device in devices if device.state != "running"]
+    findings: list[str] = [
+        named(f"{device.bus} {device.device}", device.detail) for device in devices if device.state != "running"
+    ]
     findings += [line for (bus, _), node in nodes.items() for line in identity_findings(machine, bus, node)]
     for channel, checked in zip(machine.channels, channels, strict=True):
         findings += _of_channel(channel, checked, depressurised)
@@ -153,8 +156,13 @@ def machine_check(
     if moving:
         more = ", ..." if len(moving) > 4 else ""
         notes.append(
-            f"not at rest: {len(moving)} of {len(channels)} channels move ({', '.join(moving[:4])}{more}); their "
-            "values and drifts are not those of a machine that stands still"
+            Sentence(
+                "daq.not_rest_channels_move",
+                count=len(moving),
+                count_2=len(channels),
+                moving=moving[:4],
+                more=more,
+            )
         )
     return MachineCheck(
         machine.name, datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), len(rows) / machine.rate_hz, machine.rate_hz,
@@ -176,7 +184,7 @@ def _asked(machine: Machine) -> tuple[dict[tuple[str, int], FoundNode], list[str
         sources = [c.source for c in machine.channels if isinstance(c.source, CanSource)]
         wanted = sorted({source.node for source in sources if source.bus == bus.name})
         if bus.listen_only:
-            notes.append(f"bus '{bus.name}': is listen_only, so no device was asked who it is")
+            notes.append(Sentence("daq.bus_listen_only_no_device", bus=bus.name))
             continue
         scanned = scan_can(bus, seconds=bus.listen_s, ask=True, nodes=wanted)
         notes += scanned.notes
@@ -258,33 +266,40 @@ def _identity(node: FoundNode) -> dict[str, str]:
 def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) -> Iterator[str]:
     """Make the lines about one channel."""
     rest, name, unit = checked.rest, channel.name, channel.unit
-    others = ", ".join(f"{count} {what}" for what, count in rest.others.items())
+    others = [Sentence("daq.count_of", count=count, what=what) for what, count in rest.others.items()]
     if math.isnan(rest.mean):
-        yield f"{name}: only {rest.values} values came ({others or 'nothing else'}); see its device"
+        yield Sentence("daq.values_came", name=name, values=rest.values, others=others or Sentence("daq.nothing_else"))
         return
     if rest.share < LEAST_SHARE:
-        yield f"{name}: {100 * rest.share:.1f} % of the cycles brought a value ({others}); see its device"
+        yield Sentence("daq.cycles_brought_value", name=name, share=100 * rest.share, others=others)
     if channel.noise_std and rest.noise <= 0:
-        yield f"{name}: did not change once, although its noise_std is {channel.noise_std:g} {unit}"
+        yield Sentence("daq.not_change_once_although", name=name, noise_std=channel.noise_std, unit=unit)
     declared = math.hypot(channel.noise_std or 0.0, (channel.resolution or 0.0) / math.sqrt(12.0))
     if channel.noise_std and rest.noise > NOISY * declared:
         yield (
-            f"{name}: noise is {rest.noise:.3g} {unit}, {rest.noise / declared:.1f} times what noise_std and "
-            "resolution say; look at shield and earth, or correct noise_std"
+            Sentence(
+                "daq.noise_times_noise_std_resolution",
+                name=name,
+                noise=rest.noise,
+                unit=unit,
+                noise_2=rest.noise / declared,
+            )
         )
     if channel.range is not None and not channel.range[0] < rest.mean < channel.range[1]:
-        yield f"{name}: is at {rest.mean:.4g} {unit}, outside its range {list(channel.range)}"
+        yield Sentence("daq.outside_range", name=name, mean=rest.mean, unit=unit, range=list(channel.range))
     if not (rest.moved or math.isnan(rest.drift)) and abs(rest.drift) > max(DRIFTS * rest.drift_std, rest.noise):
-        yield (
-            f"{name}: drifts by {rest.drift:.3g} ± {rest.drift_std:.2g} {unit} a minute; is it warm, and does nothing "
-            "sink?"
-        )
+        yield (Sentence("daq.drifts_minute", name=name, drift=rest.drift, drift_std=rest.drift_std, unit=unit))
     span = 0.0 if channel.range is None else channel.range[1] - channel.range[0]
     zero_due = depressurised and channel.quantity in PRESSURES
     if zero_due and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
         yield (
-            f"{name}: shows {rest.mean:.4g} {unit} without pressure; if there is none, write offset: "
-            f"{channel.source.offset - rest.mean:.6g} in its source"
+            Sentence(
+                "daq.shows_without_pressure",
+                name=name,
+                mean=rest.mean,
+                unit=unit,
+                offset=channel.source.offset - rest.mean,
+            )
         )
 
 

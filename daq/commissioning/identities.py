@@ -10,6 +10,7 @@ from daq.drivers.canopen.profiles import measured
 from daq.errors import MachineFileError
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusSource
+from daq.messages import Sentence
 from daq.units import conversion
 
 SAME = 1e-3  # two scalings that differ by less are one, written with fewer digits
@@ -18,8 +19,8 @@ SAME = 1e-3  # two scalings that differ by less are one, written with fewer digi
 def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[str]:
     """Report where the node is not what the machine file declares."""
     bus = next(bus for bus in machine.buses if bus.name == bus_name)
-    place = f"bus '{bus_name}' node {node.node}"
-    lines = []
+    place = Sentence("daq.bus_node", bus_name=bus_name, node=node.node)
+    lines: list[str] = []
     for config in bus.nodes if isinstance(bus, CanopenBus) else ():
         if config.node != node.node:
             continue
@@ -27,9 +28,15 @@ def identity_findings(machine: Machine, bus_name: str, node: FoundNode) -> list[
             wanted, answered = getattr(config, key), getattr(node, key)
             if wanted is not None and wanted != answered:
                 shown = "nothing" if answered is None else f"0x{answered:08X}"
-                lines.append(f"{place}: {key} is {shown}, the machine file says 0x{wanted:08X}; which device is it?")
+                lines.append(
+                    Sentence("daq.identity_differs", place=place, key=key, shown=shown, wanted=f"{wanted:08X}")
+                )
         if config.firmware is not None and config.firmware != node.firmware:
-            lines.append(f"{place}: has firmware '{node.firmware}', the machine file says '{config.firmware}'")
+            lines.append(
+                Sentence(
+                    "daq.firmware_machine_file_says", place=place, firmware=node.firmware, firmware_2=config.firmware
+                )
+            )
     return lines
 
 
@@ -51,15 +58,19 @@ def scale_finding(machine: Machine, channel: Channel, node: FoundNode) -> str | 
         try:
             device = own.scale * conversion(own.unit, machine.si_unit(channel)).factor
         except ValueError:
-            return (
-                f"{channel.name}: node {node.node} measures in {own.unit}, the channel in {channel.unit}; correct one"
+            return Sentence(
+                "daq.node_measures_channel", channel=channel.name, node=node.node, unit=own.unit, unit_2=channel.unit
             )
         file = abs(machine.conversion(channel).factor * source.scale / 10.0**source.decimals)
         if not math.isclose(device, file, rel_tol=SAME):
             scale = device / machine.conversion(channel).factor
-            return (
-                f"{channel.name}: by its own objects node {node.node} has {device / file:.4g} times the machine file's "
-                f"scaling ({own.unit}); correct scale ({scale:.6g}) or set the device"
+            return Sentence(
+                "daq.own_objects_node_times",
+                channel=channel.name,
+                node=node.node,
+                device=device / file,
+                unit=own.unit,
+                scale=scale,
             )
     return None
 

@@ -68,14 +68,15 @@ class DriverContext:
 
 
 class Problem(str):
-    """A line about something that cannot be acquired, and the channels that it costs."""
+    """A ``line`` about something that cannot be acquired, and the channels that it costs."""
 
+    line: str
     channels: tuple[str, ...]
 
     def __new__(cls, line: str, channels: Sequence[str] = ()) -> Problem:
         """Make the line; ``channels`` are names."""
         made = super().__new__(cls, line)
-        made.channels = tuple(channels)
+        made.line, made.channels = line, tuple(channels)
         return made
 
 
@@ -249,8 +250,6 @@ def by_device(channels: Sequence[Channel], number: Callable[[Any], int]) -> dict
 def make_driver(bus: Any, channels: Sequence[Channel], context: DriverContext) -> Driver:
     """Make the driver for an entry of ``buses:``; its entry point is named after the type of bus."""
     if bus.type not in (names := DRIVERS.names()):
-        raise MachineFileError(
-            f"bus '{bus.name}': no driver for type '{bus.type}' is installed; there are {', '.join(names)}"
-        )
+        raise MachineFileError("daq.bus_no_driver_type", bus=bus.name, type=bus.type, names=", ".join(names))
     made: Driver = DRIVERS.load(bus.type)(bus, channels, context)
     return made

@@ -9,6 +9,7 @@ from daq.drivers.base import DeviceStatus, DriverContext, DriverStatistics
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, first_line
 from daq.machine.machine_file import Bus
+from daq.messages import Sentence, named
 
 REOPEN_S = 0.25  # between two attempts to open a bus: one that is refused costs nobody anything, unlike a node's
 
@@ -28,7 +29,7 @@ class Port:
     def fail(self, error: Exception) -> None:
         """Remember why the bus is unusable; the first reason counts."""
         if self.failure is None:
-            self.failure = f"{type(error).__name__}: {first_line(error)}"
+            self.failure = named(type(error).__name__, first_line(error))
 
     def received_ns(self, now_ns: int) -> int:
         """Return up to when all that came was taken: nobody is silent by what this process missed."""
@@ -102,8 +103,8 @@ class BusDriver:
 
     def _broke(self, error: Exception) -> None:
         self.counts["keeper_broke"] += 1
-        what = f"{type(error).__name__}: {first_line(error)}"
-        self.is_down(f"bus '{self.config.name}': opening it broke ({what}); it is tried again")
+        what = named(type(error).__name__, first_line(error))
+        self.is_down(Sentence("daq.bus_opening_broke", config=self.config.name, what=what))
 
     def is_down(self, line: str) -> None:
         """Note that the bus is unusable; it is opened again after a while."""
@@ -118,7 +119,7 @@ class BusDriver:
         if port is not None and port.failure is None:
             return True
         if port is not None and not self.failure:
-            self.is_down(f"bus '{self.config.name}': {port.failure}; it is opened again")
+            self.is_down(Sentence("daq.bus_opened_again", config=self.config.name, failure=port.failure))
         return False
 
     def condition(self) -> tuple[str, str]:

@@ -69,8 +69,7 @@ class FoundSetups:
                 temporary.write_text(json.dumps(_content(setup), indent=1) + "\n", encoding="utf-8")
         except OSError as error:
             raise CommissioningError(
-                f"bus '{bus}' node {node}: {path} cannot be written ({error.strerror}), so nothing was changed; give a "
-                "data directory that can"
+                "daq.found_not_kept", bus=bus, node=node, path=path, reason=error.strerror
             ) from None
 
     def leads(self, bus: str, nodes: Iterable[int]) -> None:

@@ -17,6 +17,7 @@ from daq.drivers.bus_driver import BusDriver
 from daq.drivers.pace import Pace
 from daq.frames.clock import NS
 from daq.machine.machine_file import Bus
+from daq.messages import Sentence
 from daq.quality import Quality
 
 SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
@@ -111,7 +112,7 @@ class Listener(BusDriver):
             return (Problem(self.failure, self._names),)
         return tuple(
             Problem(
-                f"bus '{self.config.name}': {stream.name} does not come; check the source, bitrate and cable",
+                Sentence("daq.stream_does_not_come", bus=self.config.name, stream=stream.name),
                 [self._names[position] for position in stream.positions],
             )
             for stream in self.streams
@@ -147,7 +148,7 @@ class Listener(BusDriver):
         stream.fault = ""
         if stream.arrived(at_ns):
             self.counts["two_senders"] += 1
-            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
+            stream.fault = Sentence("daq.comes_from_two", stream=stream.name)
         age_ns = self.cycle_ns - at_ns
         late = self.late(min(at_ns, self.cycle_ns) if self.led else at_ns, age_ns, LATE_PERIODS)
         self.counts["late"] += late
@@ -165,7 +166,7 @@ class Listener(BusDriver):
         """Take a frame's content: where alternate ones of many belong together, two devices send them."""
         if stream.pace.mixed([answers.raw[position] for position in stream.positions]):
             self.counts["two_senders"] += 1
-            stream.fault = f"{stream.name} comes from two devices; give each one an identifier of its own"
+            stream.fault = Sentence("daq.comes_from_two", stream=stream.name)
             for position in stream.positions:
                 answers.value(position, math.nan, Quality.INVALID)
 
@@ -195,7 +196,7 @@ class Listener(BusDriver):
     def _line(self, device: str) -> str:
         if device in self._silent:
             lacking = ", ".join(self._lacking(device))
-            return f"bus '{self.config.name}' {device}: {lacking} does not come; check its power, and who leads the bus"
+            return Sentence("daq.bus_not_come", config=self.config.name, device=device, lacking=lacking)
         faults = [stream.fault for stream in self.streams if stream.device == device and stream.fault]
         return faults[0] if faults else self.device_line(device)
 

@@ -37,18 +37,16 @@ def export(table: Table, target: Path, units: Mapping[str, str]) -> None:
     """
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
-        raise RecordingError(f"{target}: unknown kind of file '{suffix}'; use {', '.join(SUFFIXES)}")
+        raise RecordingError("daq.unknown_kind_of_file", target=target, suffix=suffix, suffixes=SUFFIXES)
     if suffix not in _MODULES:
         write_columns(target, table)
         return
     if "time" not in table.columns:
-        raise RecordingError(
-            f"{target}: a recording without 'time' cannot be written as {suffix}; use .parquet or .csv"
-        )
+        raise RecordingError("daq.recording_without_time", target=target, suffix=suffix)
     try:
         with replacing(target) as temporary:
             importlib.import_module(f"daq.formats.{_MODULES[suffix]}").write(table, dict(units), temporary)
     except ModuleNotFoundError as error:
-        raise InputError(f"{target}: needs {error.name}; run: pip install 'hilfit[export]'") from None
+        raise InputError("daq.export_needs", target=target, error=error.name) from None
     except OSError as error:
-        raise RecordingError(f"{target}: cannot be written ({error.strerror or error})") from None
+        raise RecordingError("daq.not_writable", trace=target, error=error.strerror or error) from None

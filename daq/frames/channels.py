@@ -107,12 +107,10 @@ def channels_by_bus(machine: Machine, name: str = "machine file") -> dict[str, t
         If there are no buses, or a channel has no source: then this file is for fitting only.
     """
     if not machine.buses:
-        raise MachineFileError(f"{name}: buses: there are none, so nothing can be acquired; add buses and sources")
+        raise MachineFileError("daq.buses_none_nothing_can", name=name)
     for channel in machine.channels:
         if channel.source is None:
-            raise MachineFileError(
-                f"{name}: channels: {channel.name} has no source; say which bus and device it comes from"
-            )
+            raise MachineFileError("daq.channels_no_source", name=name, channel=channel.name)
     grouped = {
         bus.name: tuple(c for c in machine.channels if c.source is not None and c.source.bus == bus.name)
         for bus in machine.buses

@@ -17,6 +17,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence, message_of
+
 PUBLISHED = 64
 TEXT_LENGTH = 240  # characters; with 64 of them the published list stays below a third of what the ring has room for
 MERGED_S = 1.0
@@ -35,6 +37,7 @@ class Event:
     text : one line
     seconds : how long it lasted; None for something that still lasts; 0 for a moment
     count : how often it was seen within it
+    message : code and values of the text
     """
 
     number: int
@@ -44,6 +47,7 @@ class Event:
     text: str
     seconds: float | None = 0.0
     count: int = 1
+    message: dict[str, Any] | None = None
 
 
 class EventLog:
@@ -99,6 +103,7 @@ class EventLog:
     def _add(self, device: str, what: str, text: str, seconds: float | None) -> Event:
         self._count += 1
         event = Event(self._count, self._utc_ns(), device, what, " ".join(text.split())[:TEXT_LENGTH], seconds)
+        event.message = message_of(text)
         self._events.append(event)
         if len(self._last) > 4 * PUBLISHED:
             self._last.clear()
@@ -156,4 +161,4 @@ class RecordedEvents:
             with replacing(self._path) as temporary:
                 temporary.write_text(json.dumps(self.listed, indent=1) + "\n", encoding="utf-8")
         except OSError as error:  # the recording is what matters; its metadata will have the events
-            self.warning = f"{self._path}: cannot be written ({error.strerror})"
+            self.warning = Sentence("daq.not_writable", trace=self._path, error=error.strerror)

@@ -19,6 +19,7 @@ from pydantic import (
 
 from daq.machine.bus_places import SERIAL_INTERFACES, CanInterface, Host, PortNumber, SerialPort, check_can
 from daq.machine.machine_file_errors import NAME_PATTERN, did_you_mean
+from daq.messages import Sentence
 
 Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
 DataType = Literal[
@@ -72,18 +73,18 @@ class Word(Scaled):
     @field_validator("mask", mode="before")
     @classmethod
     def _hexadecimal_mask(cls, value: Any) -> Any:
-        return _number(value, "mask; write it as 0x00FFFFFF")
+        return _number(value, Sentence("daq.mask_write_ffffff"))
 
     @model_validator(mode="after")
     def _bits_there_are(self) -> Word:
         if self.mask is None:
             return self
         if self.data_type.startswith("float"):
-            raise ValueError(f"mask is for integers, and this is {self.data_type}; remove mask")
+            raise ValueError(Sentence("daq.mask_integers", data_type=self.data_type))
         if self.mask >> (int(self.data_type.lstrip("uint"))):
-            raise ValueError(f"mask 0x{self.mask:X} has more bits than {self.data_type}; correct one")
+            raise ValueError(Sentence("daq.mask_more_bits", mask=f"{self.mask:X}", data_type=self.data_type))
         if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
-            raise ValueError(f"mask 0x{self.mask:X} has a gap; give bits that are in one piece, as in 0x0FF0")
+            raise ValueError(Sentence("daq.mask_gap", mask=f"{self.mask:X}"))
         return self
 
     @property
@@ -95,7 +96,7 @@ class Word(Scaled):
     def _decimals_from_one(self) -> Word:
         beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
         if self.asks_decimals and beside:
-            raise ValueError(f"{self.decimals_key} and {beside[0]} do not go together; keep one")
+            raise ValueError(Sentence("daq.not_go_together", decimals_key=self.decimals_key, beside=beside[0]))
         return self
 
 
@@ -105,7 +106,7 @@ def _number(value: Any, what: str) -> Any:
         try:
             return int(value, 0)
         except ValueError:
-            raise ValueError(f"'{value}' is no {what}") from None
+            raise ValueError(Sentence("daq.is_none", value=value, what=what)) from None
     return value
 
 
@@ -130,12 +131,12 @@ class CanSource(Word):
     @property
     def device(self) -> str:
         """``node 5``."""
-        return f"node {self.node}"
+        return Sentence("daq.node_number", number=self.node)
 
     @field_validator("object", mode="before")
     @classmethod
     def _hexadecimal(cls, value: Any) -> Any:
-        return _number(value, "object index; write it as 0x6004")
+        return _number(value, Sentence("daq.object_index"))
 
     @field_validator("decimals_object")
     @classmethod
@@ -144,7 +145,7 @@ class CanSource(Word):
             if value is not None:
                 object_of(value)
         except ValueError:
-            raise ValueError(f"'{value}' is no object; write it as \"0x6132:1\"") from None
+            raise ValueError(Sentence("daq.no_object", value=value)) from None
         return value
 
 
@@ -164,7 +165,7 @@ class ModbusSource(Word):
     @property
     def device(self) -> str:
         """``unit 3``."""
-        return f"unit {self.unit}"
+        return Sentence("daq.unit_number", number=self.unit)
 
 
 class SignalSource(Scaled):
@@ -182,7 +183,7 @@ class SignalSource(Scaled):
     @model_validator(mode="after")
     def _one_name(self) -> SignalSource:
         if self.message is not None and self.pgn is not None:
-            raise ValueError(f"message and pgn both say which message has signal '{self.signal}'; keep one")
+            raise ValueError(Sentence("daq.message_pgn_both_say", signal=self.signal))
         return self
 
 
@@ -216,9 +217,9 @@ class CanNode(FileModel):
             try:
                 object_of(place)
             except ValueError:
-                raise ValueError(f"'{key}' is no object; write it as \"0x6131:1\"") from None
+                raise ValueError(Sentence("daq.no_object_write", key=key)) from None
             if data_type and data_type.strip() not in get_args(DataType):
-                raise ValueError(f"'{key}': unknown data type; write it as \"0x6131:1 uint32\"")
+                raise ValueError(Sentence("daq.unknown_data_type", key=key))
         return value
 
 
@@ -276,7 +277,7 @@ class CanopenBus(_CanBus):
     @model_validator(mode="after")
     def _led_by_one(self) -> CanopenBus:
         if self.sync == "external" and not self.listen_only:
-            raise ValueError("sync: external means that another master leads; add listen_only: true")
+            raise ValueError(Sentence("daq.sync_external_means_another"))
         return self
 
 
@@ -347,7 +348,7 @@ class OtherBus(AnyBus):
         kind = value.get("type") if isinstance(value, dict) else None
         hint = did_you_mean(str(kind), BUS_TYPES)
         if hint:
-            raise ValueError(f"there is no bus type '{kind}'{hint}")
+            raise ValueError(Sentence("daq.no_bus_type", kind=kind, hint=hint))
         return value
 
     @property
@@ -367,7 +368,7 @@ class KnownDelay(FileModel):
     @model_validator(mode="after")
     def _two_buses(self) -> KnownDelay:
         if self.bus == self.behind:
-            raise ValueError(f"bus '{self.bus}' cannot be behind itself; name two buses")
+            raise ValueError(Sentence("daq.bus_cannot_behind_itself", bus=self.bus))
         return self
 
 

@@ -18,6 +18,7 @@ from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.device_files import check_device_file
 from daq.machine.machine_file_errors import did_you_mean
+from daq.messages import Sentence, named
 from daq.units import conversion
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def listed_messages(bus: CanSignalsBus, channels: Sequence[Channel]) -> tuple[li
 def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tuple[list[Listed], list[tuple[int, str]]]:
     """List the same as :func:`listed_messages`, from files that are read already."""
     found: dict[tuple[str, int | None, bool], Listed] = {}
-    problems = []
+    problems: list[tuple[int, str]] = []
     for position, channel in enumerate(channels):
         source = channel.source
         assert isinstance(source, SignalSource)
@@ -118,7 +119,7 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
             message = _message(databases, source)
             j1939 = is_j1939(message, source)
         except ValueError as error:
-            problems.append((position, f"{channel.name}: {error}"))
+            problems.append((position, named(channel.name, str(error))))
             continue
         key = (message.name, source.source_address, j1939)
         listed = found.setdefault(key, Listed(message, j1939, source.source_address))
@@ -128,7 +129,7 @@ def listed_in(databases: Sequence[Database], channels: Sequence[Channel]) -> tup
 
 def unusual_units(machine: Machine, listed: Sequence[Listed], channels: Sequence[Channel]) -> list[tuple[int, str]]:
     """List channels (position, line) taken as they are, although the file has another unit."""
-    unusual = []
+    unusual: list[tuple[int, str]] = []
     for wanted in (wanted for message in listed for wanted in message.wanted):
         channel, unit = channels[wanted.position], wanted.signal.unit
         source = channel.source
@@ -139,8 +140,14 @@ def unusual_units(machine: Machine, listed: Sequence[Listed], channels: Sequence
         except ValueError:  # a unit of another kind, or written in a way of its own: nobody knows
             continue
         if meant != machine.conversion(channel):
-            text = f"{channel.name}: the bus's file has {wanted.signal.name} in {unit}, the channel says {channel.unit}"
-            unusual.append((wanted.position, f"{text}; correct unit, or give scale and offset"))
+            text = Sentence(
+                "daq.bus_file_channel_says",
+                channel=channel.name,
+                signal=wanted.signal.name,
+                unit=unit,
+                unit_2=channel.unit,
+            )
+            unusual.append((wanted.position, Sentence("daq.correct_unit_give_scale", text=text)))
     return unusual
 
 
@@ -158,17 +165,17 @@ def read_database(path: str, bus: str) -> Database:
         from cantools.database.errors import Error
         from textparser import Error as TextError
     except ModuleNotFoundError as error:
-        raise MachineFileError(f"bus '{bus}': needs {error.name}; run: pip install 'hilfit[dbc]'") from None
-    place = f"bus '{bus}': {path}"
+        raise MachineFileError("daq.bus_needs", bus=bus, error=error.name) from None
+    place = Sentence("daq.on_bus", bus=bus, advice=path)
     check_device_file(path, SUFFIXES, place)
     try:
         made = load_file(path, strict=False)  # overlapping signals are common, and read well
     except OSError as error:
-        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
+        raise MachineFileError("daq.not_readable", place=place, reason=error.strerror) from None
     except (Error, TextError, ValueError, KeyError, IndexError, TypeError, AttributeError, SyntaxError):
-        raise MachineFileError(f"{place}: is no {Path(path).suffix[1:].upper()} file; export it again") from None
+        raise MachineFileError("daq.no_file", place=place, upper=Path(path).suffix[1:].upper()) from None
     if not isinstance(made, CanDatabase):
-        raise MachineFileError(f"{place}: describes no CAN messages; give {', '.join(SUFFIXES)}")
+        raise MachineFileError("daq.describes_no_can_messages", place=place, suffixes=", ".join(SUFFIXES))
     return made
 
 
@@ -178,17 +185,17 @@ def _message(databases: Sequence[Database], source: SignalSource) -> Message:
     named = list(_named(messages, source))
     if not named:
         if source.pgn is not None:
-            raise ValueError(f"there is no message of PGN 0x{source.pgn:04X} in the bus's files; correct pgn")
+            raise ValueError(Sentence("daq.no_message_pgn_bus", pgn=f"{source.pgn:04X}"))
         hint = did_you_mean(str(source.message), [message.name for message in messages])
-        raise ValueError(f"there is no message '{source.message}' in the bus's files{hint or '; correct message'}")
+        raise ValueError(Sentence("daq.no_message_bus_files", message=source.message, hint=hint or "; correct message"))
     found = [message for message in named if any(signal.name == source.signal for signal in message.signals)]
     if not found:
         hint = did_you_mean(source.signal, sorted({signal.name for message in named for signal in message.signals}))
-        where = "" if source.message is None and source.pgn is None else f" in message '{named[0].name}'"
-        raise ValueError(f"there is no signal '{source.signal}'{where}{hint or '; correct signal'}")
+        where = "" if source.message is None and source.pgn is None else Sentence("daq.in_message", named=named[0].name)
+        raise ValueError(Sentence("daq.no_signal", signal=source.signal, where=where, hint=hint or "; correct signal"))
     if len(found) > 1:
         names = ", ".join(message.name for message in found[:4])
-        raise ValueError(f"signal '{source.signal}' is in {len(found)} messages ({names}); add message")
+        raise ValueError(Sentence("daq.signal_messages", signal=source.signal, count=len(found), names=names))
     return found[0]
 
 
@@ -207,11 +214,8 @@ def is_j1939(message: Message, source: SignalSource) -> bool:
     """Return whether a message is taken by PGN; ValueError (one line) if a channel cannot use it."""
     asked = source.pgn is not None or source.source_address is not None
     if asked and not message.is_extended_frame:
-        raise ValueError(f"message '{message.name}' has 11 bits, so it is no J1939; remove source_address")
+        raise ValueError(Sentence("daq.message_bits_no_j", message=message.name))
     j1939 = message.is_extended_frame and (asked or message.protocol == "j1939")
     if j1939 and message.length > _CAN_BYTES:
-        raise ValueError(
-            f"message '{message.name}' has {message.length} bytes, which J1939 sends in several frames; "
-            "they are not put together: take another message"
-        )
+        raise ValueError(Sentence("daq.message_bytes_j_sends", message=message.name, length=message.length))
     return j1939

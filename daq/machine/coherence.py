@@ -11,6 +11,7 @@ from daq.machine.buses import CanopenBus, CanSource, Word, object_of
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
 from daq.machine.quantities import CYLINDER_QUANTITIES, JOINT_QUANTITIES, MOTOR_QUANTITIES, SENT_QUANTITIES
+from daq.messages import Sentence, named
 
 if TYPE_CHECKING:
     from daq.machine.machine_file import Channel, Machine
@@ -53,7 +54,7 @@ def incoherences(machine: Machine) -> list[str]:
 def _one_sync(machine: Machine) -> None:
     led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
     if len(led) > 1:
-        raise ValueError(f"buses: {' and '.join(led)} both say sync: external; one of them leads the cycle")
+        raise ValueError(Sentence("daq.buses_both_say_sync", led=led))
 
 
 def _delayed_buses(machine: Machine) -> None:
@@ -63,7 +64,7 @@ def _delayed_buses(machine: Machine) -> None:
         for name in (delay.bus, delay.behind):
             _known(name, names, "bus", f"delays[{number}]")
         if frozenset((delay.bus, delay.behind)) in known:
-            raise ValueError(f"delays[{number}]: '{delay.bus}' and '{delay.behind}' are told twice; keep one")
+            raise ValueError(Sentence("daq.delays_told_twice", number=number, bus=delay.bus, behind=delay.behind))
         known.add(frozenset((delay.bus, delay.behind)))
 
 
@@ -76,7 +77,7 @@ def _one_supply(machine: Machine) -> None:
         ("flow_limit", supply.flow_limit, hydraulics.pump_flow, "pump_flow"),
     ):
         if one is not None and other is not None and one != other:
-            raise ValueError(f"supply: {key} is {one:g} here and {other:g} as hydraulics.{name}; correct one")
+            raise ValueError(Sentence("daq.supply_here_hydraulics", key=key, one=one, other=other, name=name))
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
@@ -93,23 +94,23 @@ def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
 def _known(name: str, names: Iterable[str], what: str, place: str) -> None:
     options = list(names)
     if name not in options:
-        hint = did_you_mean(name, options) or f"; there are {', '.join(options)}"
-        raise ValueError(f"{place}: there is no {what} '{name}'{hint}")
+        hint = did_you_mean(name, options) or Sentence("daq.there_are", options=options)
+        raise ValueError(Sentence("daq.place_names_none", place=place, what=what, name=name, hint=hint))
 
 
 def _channel(machine: Machine, index: int, channel: Channel) -> None:
     place = f"channels[{index}] ({channel.name})"
     if channel.quantity in JOINT_QUANTITIES:
         if channel.joint is None:
-            raise ValueError(f"{place}: a {channel.quantity} belongs to a joint; add joint:")
+            raise ValueError(Sentence("daq.belongs_joint", place=place, quantity=channel.quantity))
         _known(channel.joint, (joint.name for joint in machine.joints), "joint", place)
         _has(place, channel.quantity, machine.joint(channel.joint))
     elif channel.joint is not None:
-        raise ValueError(f"{place}: a {channel.quantity} belongs to the machine; remove joint:")
+        raise ValueError(Sentence("daq.belongs_machine", place=place, quantity=channel.quantity))
     try:
         machine.conversion(channel)
     except ValueError as error:
-        raise ValueError(f"{place}: {error}") from None
+        raise ValueError(named(place, str(error))) from None
     if channel.quantity == "command" and channel.joint is not None:
         _in_the_valves_unit(place, channel.unit, machine.joint(channel.joint))
     if channel.source is not None and machine.buses:
@@ -117,7 +118,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
         _known(channel.source.bus, buses, "bus", place)
         bus = buses[channel.source.bus]
         if not isinstance(channel.source, bus.source):
-            raise ValueError(f"{place}: its source does not fit bus '{bus.name}' of type {bus.type}")
+            raise ValueError(Sentence("daq.source_not_fit_bus", place=place, bus=bus.name, type=bus.type))
     if channel.quantity == "joint_position" and channel.joint is not None and isinstance(channel.source, Word):
         _turns_once(place, machine.conversion(channel), channel.source, machine.joint(channel.joint))
 
@@ -131,26 +132,31 @@ def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> No
     limits = joint.limits.position
     if limits[0] < low or limits[1] > high:
         raise ValueError(
-            f"{place}: its encoder begins anew at {low:.4g} and {high:.4g}, and {joint.name} moves from {limits[0]:g} "
-            f"to {limits[1]:g}; correct modulo, scale or offset"
+            Sentence(
+                "daq.encoder_begins_anew_moves",
+                place=place,
+                low=low,
+                high=high,
+                joint=joint.name,
+                limit=limits[0],
+                limit_2=limits[1],
+            )
         )
 
 
 def _has(place: str, quantity: str, joint: Joint) -> None:
     """Check that a channel's joint has what the channel measures."""
     if quantity in MOTOR_QUANTITIES and joint.drive is None:
-        raise ValueError(f"{place}: {joint.name} has no drive, so no {quantity}; add drive: with its ratio")
+        raise ValueError(Sentence("daq.no_drive_no", place=place, joint=joint.name, quantity=quantity))
     if quantity == "motor_effort" and joint.drive is not None and joint.drive.effort == "link_side":
-        raise ValueError(
-            f"{place}: the drive of {joint.name} says effort: link_side, which is a joint_effort; correct one"
-        )
+        raise ValueError(Sentence("daq.drive_says_effort_link_side", place=place, joint=joint.name))
     if quantity in CYLINDER_QUANTITIES:
         if joint.cylinder is None:
-            raise ValueError(f"{place}: {joint.name} has no cylinder, so no {quantity}")
+            raise ValueError(Sentence("daq.no_cylinder_no", place=place, joint=joint.name, quantity=quantity))
         if joint.cylinder.vented is not None and quantity == f"{joint.cylinder.vented}_pressure":
-            raise ValueError(f"{place}: this chamber of {joint.name} is vented; remove the channel, or vented:")
+            raise ValueError(Sentence("daq.chamber_vented", place=place, joint=joint.name))
         if quantity in SENT_QUANTITIES and joint.cylinder.valve is None:
-            raise ValueError(f"{place}: {joint.name} has no valve, so no {quantity}; add cylinder.valve:")
+            raise ValueError(Sentence("daq.no_valve_no", place=place, joint=joint.name, quantity=quantity))
 
 
 def _sets_nothing(machine: Machine, channel: Channel) -> None:
@@ -163,8 +169,7 @@ def _sets_nothing(machine: Machine, channel: Channel) -> None:
             for key in node.settings if node.node == source.node else ():
                 if object_of(key.partition(" ")[0]) == (source.object, source.subindex):
                     raise ValueError(
-                        f"buses: {bus.name}: node {node.node}: settings would write {channel.name}, a valve's command; "
-                        "no command is ever sent: remove it"
+                        Sentence("daq.buses_node_settings_would", bus=bus.name, node=node.node, channel=channel.name)
                     )
 
 
@@ -173,14 +178,14 @@ def _in_the_valves_unit(place: str, unit: str, joint: Joint) -> None:
     valve = None if joint.cylinder is None else joint.cylinder.valve
     if valve is not None and hasattr(valve, "unit") and valve.unit != unit:
         raise ValueError(
-            f"{place}: is in {unit}, and the valve of {joint.name} in {valve.unit}; write both as it is sent"
+            Sentence("daq.valve_units_differ", place=place, unit=unit, joint=joint.name, unit_2=valve.unit)
         )
 
 
 def _couplings(machine: Machine, joint: Joint) -> None:
     for coupling in () if joint.drive is None else joint.drive.coupled:
         if coupling.joint == joint.name:
-            raise ValueError(f"joints.{joint.name}: drive.coupled names the joint itself; that is ratio")
+            raise ValueError(Sentence("daq.joints_drive_coupled_names", joint=joint.name))
         names = (other.name for other in machine.joints)
         _known(coupling.joint, names, "joint", f"joints.{joint.name}: drive.coupled")
 
@@ -190,44 +195,38 @@ def _measured(machine: Machine, name: str) -> None:
     present = [c.quantity for c in machine.channels if c.joint == name]
     for quantity in sorted(set(present)):
         if present.count(quantity) > 1:
-            raise ValueError(f"joints.{name}: has more than one {quantity} channel; keep one")
+            raise ValueError(Sentence("daq.joints_more_channel", name=name, quantity=quantity))
     drive, cylinder = machine.joint(name).drive, machine.joint(name).cylinder
     positions = {"joint_position", "piston_position", "motor_position"}
     if not positions & set(present):
         kinds = "joint_position or " + ("motor_position" if drive else "piston_position")
-        raise ValueError(f"joints.{name}: has no position; add a channel of quantity {kinds}")
+        raise ValueError(Sentence("daq.joints_no_position", name=name, kinds=kinds))
     pressures = {"head_pressure", "rod_pressure"} & set(present)
     if cylinder is not None and cylinder.vented is not None and pressures:
         return
     if "external_force" in present and len(pressures) < 2:
-        raise ValueError(f"joints.{name}: an external_force needs head_pressure and rod_pressure; add them")
+        raise ValueError(Sentence("daq.joints_external_force_needs_head_pressure", name=name))
     if drive is not None and "joint_effort" not in present:
         _driven(machine, name, link_side=drive.effort == "link_side")
         return
     if len(pressures) == 1 and not {"cylinder_force", "joint_effort"} & set(present):
         missing = ({"head_pressure", "rod_pressure"} - pressures).pop()
-        raise ValueError(f"joints.{name}: has no effort: one pressure is not enough; add a {missing} channel")
+        raise ValueError(Sentence("daq.joints_no_effort_pressure", name=name, missing=missing))
     if "command" in present:  # of its valve the curve and the delay can be told without any effort
         return
     if not pressures and not {"cylinder_force", "joint_effort"} & set(present):
-        raise ValueError(
-            f"joints.{name}: has no effort; add head_pressure and rod_pressure, cylinder_force, or joint_effort"
-        )
+        raise ValueError(Sentence("daq.joints_no_effort", name=name))
 
 
 def _driven(machine: Machine, name: str, *, link_side: bool) -> None:
     """Check that every motor that acts on the joint is measured."""
     if link_side:
-        raise ValueError(
-            f"joints.{name}: has no effort; its drive says effort: link_side, so add a channel of quantity joint_effort"
-        )
+        raise ValueError(Sentence("daq.joints_no_effort_drive", name=name))
     column = [joint.name for joint in machine.joints].index(name)
     for row in np.flatnonzero(machine.ratios[:, column]):
         motor = machine.joints[row].name
         if machine.channel("motor_effort", motor) is None:
-            raise ValueError(
-                f"joints.{name}: has no effort; add a channel of quantity joint_effort, or motor_effort of {motor}"
-            )
+            raise ValueError(Sentence("daq.joints_no_effort_add", name=name, motor=motor))
 
 
 def _velocities_are_measured(machine: Machine) -> None:
@@ -238,10 +237,7 @@ def _velocities_are_measured(machine: Machine) -> None:
         for other in np.flatnonzero(machine.ratios[number]):
             if other not in measured:
                 own, missing = machine.joints[number].name, machine.joints[other].name
-                raise ValueError(
-                    f"joints.{own}: its motor_velocity holds the speed of {missing} too, which nothing measures; "
-                    f"add joint_velocity or motor_velocity of {missing}, or remove this motor_velocity"
-                )
+                raise ValueError(Sentence("daq.joints_motor_velocity_holds_speed", own=own, missing=missing))
 
 
 def _motors_determine(machine: Machine) -> None:
@@ -250,6 +246,4 @@ def _motors_determine(machine: Machine) -> None:
         R = machine.ratios[np.ix_(unknown, unknown)]
         if not np.all(np.linalg.svd(R / np.diag(R)[:, None], compute_uv=False) > 1e-9):
             name = next(joint.name for joint in machine.joints if joint.drive is not None and joint.drive.coupled)
-            raise ValueError(
-                f"joints.{name}: drive: all motors together do not tell the joints' positions; correct ratio, coupled"
-            )
+            raise ValueError(Sentence("daq.joints_drive_all_motors", name=name))

@@ -7,6 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 from daq.errors import MachineFileError
+from daq.messages import Sentence
 
 if TYPE_CHECKING:
     from daq.machine.machine_file import Machine
@@ -21,7 +22,7 @@ def named_files(machine: Machine) -> Iterator[tuple[str, str]]:
             yield f"bus '{bus.name}'", path
         for node in getattr(bus, "nodes", ()):
             if node.eds is not None:
-                yield f"bus '{bus.name}' node {node.node}", node.eds
+                yield Sentence("daq.bus_node", bus_name=bus.name, node=node.node), node.eds
 
 
 def refuse_files_elsewhere(machine: Machine, name: str) -> None:
@@ -32,17 +33,14 @@ def refuse_files_elsewhere(machine: Machine, name: str) -> None:
     for place, path in named_files(machine):
         parts = PurePosixPath(path.replace("\\", "/"))
         if parts.is_absolute() or ".." in parts.parts or ":" in path:
-            raise MachineFileError(
-                f"{name}: {place}: names a file outside the machine's own folder; write its name alone, and have it "
-                "put beside the machine file in the service's data directory"
-            )
+            raise MachineFileError("daq.names_file_outside_machine", name=name, place=place)
 
 
 def check_device_file(path: str, suffixes: tuple[str, ...], place: str) -> None:
     """Raise MachineFileError, in one line that begins with ``place``, if it is no file to be read."""
     if Path(path).suffix.lower() not in suffixes:
-        raise MachineFileError(f"{place}: unknown kind of file; give {', '.join(suffixes)}")
+        raise MachineFileError("daq.unknown_kind_file", place=place, suffixes=", ".join(suffixes))
     if not Path(path).is_file():  # nor a device or a pipe, which would never end
-        raise MachineFileError(f"{place}: no such file; a path begins at the machine file's folder")
+        raise MachineFileError("daq.no_such_file", place=place)
     if Path(path).stat().st_size > LARGEST:
-        raise MachineFileError(f"{place}: is larger than {LARGEST // 1_000_000} MB; is it the right file?")
+        raise MachineFileError("daq.larger_mb", place=place, largest=LARGEST // 1000000)

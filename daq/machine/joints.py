@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from daq.machine.buses import FileModel, Name
 from daq.machine.linkages import FourBar, Linkage, Pins, ThreePin, reduced
 from daq.machine.valves import Valve
+from daq.messages import Sentence
 
 Positive = Annotated[float, Field(gt=0)]
 Interval = tuple[float, float]
@@ -25,7 +26,7 @@ Convention = Literal["standard", "modified"]
 def ordered(interval: Interval, what: str) -> Interval:
     """Return the interval; ValueError unless it goes from low to high."""
     if interval[0] >= interval[1]:
-        raise ValueError(f"{what} must go from low to high, not {interval[0]:g} to {interval[1]:g}")
+        raise ValueError(Sentence("daq.must_go_low_high", what=what, interval=interval[0], interval_2=interval[1]))
     return interval
 
 
@@ -33,7 +34,7 @@ def unique(names: list[str], what: str) -> None:
     """Refuse names of which one is there twice with a ValueError."""
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(f"{what} '{name}' is there {names.count(name)} times; names must differ")
+            raise ValueError(Sentence("daq.name_repeated", what=what, name=name, name_2=names.count(name)))
 
 
 class DenavitHartenberg(FileModel):
@@ -77,7 +78,7 @@ class Cylinder(FileModel):
     @model_validator(mode="after")
     def _rod_fits(self) -> Cylinder:
         if self.rod >= self.bore:
-            raise ValueError(f"rod {self.rod:g} m must be thinner than the bore {self.bore:g} m")
+            raise ValueError(Sentence("daq.rod_must_thinner_bore", rod=self.rod, bore=self.bore))
         return self
 
     @property
@@ -115,10 +116,10 @@ class Drive(FileModel):
     @model_validator(mode="after")
     def _turns(self) -> Drive:
         if self.ratio == 0:
-            raise ValueError("ratio must not be 0; give the motor's turns per turn of the joint")
+            raise ValueError(Sentence("daq.ratio_must_not"))
         for index, coupling in enumerate(self.coupled):
             if coupling.ratio == 0:
-                raise ValueError(f"coupled[{index}].ratio must not be 0; leave the coupling out")
+                raise ValueError(Sentence("daq.coupled_ratio_must_not", index=index))
         unique([coupling.joint for coupling in self.coupled], "coupled joint")
         return self
 
@@ -141,7 +142,7 @@ class Joint(FileModel):
     @model_validator(mode="after")
     def _one_drive(self) -> Joint:
         if self.cylinder is not None and self.drive is not None:
-            raise ValueError("has both a cylinder and a drive; remove one")
+            raise ValueError(Sentence("daq.both_cylinder_drive"))
         return self
 
     @model_validator(mode="after")
@@ -151,7 +152,7 @@ class Joint(FileModel):
             return self
         linkage = self.cylinder.linkage
         if self.type != "revolute":
-            raise ValueError(f"cylinder.linkage of type {linkage.type} needs a revolute joint; use direct, or rack")
+            raise ValueError(Sentence("daq.cylinder_linkage_type_needs", type=linkage.type))
         if linkage.angle is None:
             linkage = linkage.model_copy(update={"angle": self.dh.theta})
             cylinder = self.cylinder.model_copy(update={"linkage": linkage})
@@ -169,27 +170,34 @@ class Joint(FileModel):
         x = linkage.piston_position(q)
         if isinstance(linkage, ThreePin):
             shortest, longest = abs(linkage.a - linkage.b), linkage.a + linkage.b
-            what = "a, b, retracted" if self.cylinder.linkage is linkage else "the four points, retracted"
+            what = "a, b, retracted" if self.cylinder.linkage is linkage else Sentence("daq.four_points_retracted")
             if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
                 raise ValueError(
-                    f"cylinder.linkage cannot close: the pins are {shortest:.4g} to {longest:.4g} m apart, the "
-                    f"cylinder {linkage.retracted:.4g} to {linkage.retracted + stroke:.4g} m; check {what}"
+                    Sentence(
+                        "daq.cylinder_linkage_cannot_close",
+                        shortest=shortest,
+                        longest=longest,
+                        retracted=linkage.retracted,
+                        retracted_2=linkage.retracted + stroke,
+                        what=what,
+                    )
                 )
         if x.max() <= 0 or x.min() >= stroke:
             raise ValueError(
-                f"cylinder.linkage cannot close: within limits.position the piston would have to be at {x.min():.4g}"
-                f" to {x.max():.4g} m of a stroke of {stroke:g} m; check {_ZEROS[self.cylinder.linkage.type]}"
+                Sentence(
+                    "daq.cylinder_linkage_cannot_close_within",
+                    value=x.min(),
+                    value_2=x.max(),
+                    stroke=stroke,
+                    zero=_ZEROS[self.cylinder.linkage.type],
+                )
             )
         if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
-            raise ValueError(
-                "cylinder.linkage passes a dead centre within limits.position (the lever arm becomes zero); "
-                f"narrow the limits or correct {_TURNS[self.cylinder.linkage.type]}"
-            )
+            raise ValueError(Sentence("daq.cylinder_linkage_passes_dead", turn=_TURNS[self.cylinder.linkage.type]))
         tolerance = 1e-6 + 1e-3 * stroke
         if x.min() < -tolerance or x.max() > stroke + tolerance:
             raise ValueError(
-                f"cylinder.stroke {stroke:g} m is exceeded: limits.position needs {x.min():.4g} to {x.max():.4g} m; "
-                "narrow limits.position or correct the linkage"
+                Sentence("daq.cylinder_stroke_exceeded_limits", stroke=stroke, value=x.min(), value_2=x.max())
             )
         return self
 
@@ -225,7 +233,5 @@ def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
     reach = float(np.linalg.norm(linkage.link_pin(q)[0][worst]))
     least, most = abs(linkage.coupler_arm - linkage.coupler), linkage.coupler_arm + linkage.coupler
     raise ValueError(
-        f"cylinder.linkage cannot close: at q = {q[worst]:.4g} rad coupler_pin is {reach:.4g} m from rocker_pivot, "
-        f"coupler_arm and coupler together reach {least:.4g} to {most:.4g} m; check them and the points, or narrow "
-        "limits.position"
+        Sentence("daq.cylinder_linkage_cannot_close_rad", angle=q[worst], reach=reach, least=least, most=most)
     )

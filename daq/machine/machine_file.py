@@ -51,6 +51,7 @@ from daq.machine.joints import (
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
+from daq.messages import Sentence, first_of
 from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
@@ -105,7 +106,11 @@ class Hydraulics(FileModel):
     def _supply_above_tank(self) -> Hydraulics:
         if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
             raise ValueError(
-                f"supply_pressure {self.supply_pressure:g} Pa must be above tank_pressure {self.tank_pressure:g} Pa"
+                Sentence(
+                    "daq.supply_pressure_pa_must_above",
+                    supply_pressure=self.supply_pressure,
+                    tank_pressure=self.tank_pressure,
+                )
             )
         return self
 
@@ -226,15 +231,15 @@ def read_machine_text(path: Path) -> str:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise MachineFileError(f"{path}: no such file; give the path of a machine file (YAML)") from None
+        raise MachineFileError("daq.no_such_file_give", path=path) from None
     except IsADirectoryError:
-        raise MachineFileError(f"{path}: is a directory; give the machine file itself (YAML)") from None
+        raise MachineFileError("daq.machine_file_is_directory", path=path) from None
     except UnicodeDecodeError:
-        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)") from None
+        raise MachineFileError("daq.not_text_file", path=path) from None
     except OSError as error:
-        raise MachineFileError(f"{path}: cannot be read ({error.strerror}); give a machine file (YAML)") from None
+        raise MachineFileError("daq.cannot_read", path=path, reason=error.strerror) from None
     if "\0" in text:  # binary content may happen to be valid UTF-8
-        raise MachineFileError(f"{path}: is not a text file; give a machine file (YAML)")
+        raise MachineFileError("daq.not_text_file", path=path)
     return text
 
 
@@ -242,8 +247,7 @@ def parse_machine(text: str, name: str = "machine file", folder: Path | None = N
     """Validate the text of a machine file; ``name`` is what errors call it, ``folder`` where files it names begin."""
     machine, problems = machine_problems(text, name, folder)
     if machine is None:
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise MachineFileError(problems[0].under(name) + more)
+        raise MachineFileError(first_of([problem.under(name) for problem in problems]))
     return machine
 
 
@@ -263,14 +267,12 @@ def machine_problems(
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
         problem = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
-        raise MachineFileError(
-            f"{name}{line}: not valid YAML: {problem}; docs/machine-file.md shows a whole file"
-        ) from None
+        raise MachineFileError("daq.not_valid_yaml", name=name, line=line, problem=problem) from None
     if not isinstance(content, dict):
-        raise MachineFileError(f"{name}: not a machine file; it must start with 'schema: {SCHEMA}'")
+        raise MachineFileError("daq.not_machine_file", name=name, schema=SCHEMA)
     if content.get("schema") != SCHEMA:
         found = content.get("schema")
-        raise MachineFileError(f"{name}: schema is {short(repr(found))}; this version reads '{SCHEMA}'")
+        raise MachineFileError("daq.machine_file_schema", name=name, found=short(repr(found)), schema=SCHEMA)
     try:
         return Machine.model_validate(content, context={"folder": folder}), []
     except ValidationError as error:

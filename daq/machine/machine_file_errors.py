@@ -12,6 +12,7 @@ import yaml
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from daq.messages import Sentence, named, one_line
 from daq.validation_words import in_words
 
 #: What machines, joints, channels and buses may be called.
@@ -23,7 +24,7 @@ _SHOWN = 60
 def did_you_mean(word: str, options: Sequence[str]) -> str:
     """Return ``; did you mean '...'?`` or nothing."""
     near = difflib.get_close_matches(word, options, n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
+    return Sentence("daq.did_you_mean", near=near[0]) if near else ""
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,11 @@ class Problem:
 
     def under(self, name: str) -> str:
         """Return one line with the file's name in front."""
-        place = f"{name}:{self.line}" if self.line else name
-        parts = (place, "warning" if self.level == "warning" else "", self.key, self.text)
-        return " ".join(": ".join(part for part in parts if part).split()) + (f"; {self.cure}" if self.cure else "")
+        line: str = one_line(self.text)
+        line = Sentence("daq.with_cure", what=line, cure=self.cure) if self.cure else line
+        line = named(self.key, line) if self.key else line
+        line = Sentence("daq.warning", what=line) if self.level == "warning" else line
+        return named(f"{name}:{self.line}" if self.line else name, line)
 
 
 def all_problems(
@@ -82,13 +85,14 @@ def _problem(
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if problem["type"] == "extra_forbidden":
         hint = did_you_mean(str(location[-1]), keys)
-        what = f"unknown key{hint}" if hint else "unknown key; remove it"
+        what = Sentence("daq.unknown_key", hint=hint) if hint else Sentence("daq.unknown_key_remove")
     elif problem["type"] == "missing":
-        what = "this key is missing"
+        what = Sentence("daq.key_missing")
     elif isinstance(problem.get("input"), str | int | float | bool):
         if problem["type"] == "string_pattern_mismatch" and problem["ctx"]["pattern"] == NAME_PATTERN:
-            what = "write letters, digits, '_', '-' and '.', beginning with a letter or '_'"
-        what = f"{what[0].lower()}{what[1:]} (found {short(repr(problem['input']))})"
+            what = Sentence("daq.write_letters_digits_beginning")
+        what = what if isinstance(what, Sentence) else what[0].lower() + what[1:]
+        what = Sentence("daq.with_what_was_found", what=what, problem=short(repr(problem["input"])))
     begins = re.match(r"[a-z_]+(\.[a-z_]+)*", what)  # a text may say which key of the part it is about
     inside = [*location, *begins[0].split(".")] if location and begins else location
     return Problem(line_of(tree, inside or _place(what, tree)), key, what)

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from daq.machine.joints import Joint
 from daq.machine.machine_file import Machine
 from daq.machine.travel import Travel, travel_of
+from daq.messages import Sentence
 from daq.units import SI_UNITS, conversion, si_unit
 
 Place = tuple[str | int, ...]
@@ -48,12 +49,14 @@ class Usual:
         """Yield a remark if there is a value outside."""
         if value is None or self.low <= (size := abs(value)) <= self.high:
             return
-        usual = f"{what} {value:g} {self.unit} is outside the usual {self.low:g} to {self.high:g} {self.unit}".strip()
+        usual = Sentence(
+            "daq.outside_usual", what=what, value=value, unit=self.unit, low=self.low, high=self.high
+        ).strip()
         for unit, factor in self.others.items():
             if self.low <= size * factor <= self.high:
-                yield Unusual(place, usual, f"if it is in {unit}, write {value * factor:.6g} ({self.unit})")
+                yield Unusual(place, usual, Sentence("daq.if_write", unit=unit, value=value * factor, unit_2=self.unit))
                 return
-        yield Unusual(place, usual, "correct it, or leave it if it is right")
+        yield Unusual(place, usual, Sentence("daq.correct_leave_if_right"))
 
 
 _MM = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
@@ -118,26 +121,29 @@ def _numbers(count: int, tree: object, *keys: str) -> list[float] | None:
 def _of_the_machine(content: Mapping[str, Any]) -> Iterator[Unusual]:
     rate = _number(content, "rate_hz")
     if rate is not None and rate > 0 and not 5.0 <= rate <= 5000.0:
-        yield Unusual(("rate_hz",), f"a rate of {rate:g} Hz is unusual", "write samples per second (50 is usual)")
+        yield Unusual(
+            ("rate_hz",), Sentence("daq.rate_hz_unusual", rate=rate), Sentence("daq.write_samples_per_second")
+        )
     gravity = _numbers(3, content, "gravity")
     if gravity is not None:
         size = float(np.linalg.norm(gravity))
         if size > 0 and not any(abs(size - known) <= 0.01 * known for known in _GRAVITIES.values()):
             yield Unusual(
                 ("gravity",),
-                f"has a magnitude of {size:.4g} m/s^2, on Earth it is 9.81",
-                "write the acceleration of gravity in the base frame in m/s^2, as in [0.0, -9.81, 0.0]; zeros if every "
-                "axis is vertical",
+                Sentence("daq.magnitude_earth", size=size),
+                Sentence("daq.write_acceleration_gravity_base"),
             )
     for key, pressure, limit in (("hydraulics", "supply_pressure", "pump_flow"), ("supply", "pressure", "flow_limit")):
-        yield from _PRESSURE.check((key, pressure), _number(content, key, pressure), "a supply pressure of")
-        yield from _FLOW.check((key, limit), _number(content, key, limit), "a flow of")
+        yield from _PRESSURE.check(
+            (key, pressure), _number(content, key, pressure), Sentence("daq.what_supply_pressure")
+        )
+        yield from _FLOW.check((key, limit), _number(content, key, limit), Sentence("daq.what_flow"))
 
 
 def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Unusual]:
     revolute = joint.get("type", "revolute") == "revolute"
     for key in ("a", "d"):
-        yield from _LINK.check((*place, "dh", key), _number(joint, "dh", key), "a length of")
+        yield from _LINK.check((*place, "dh", key), _number(joint, "dh", key), Sentence("daq.what_length"))
     for key in ("alpha", "theta"):
         value = _number(joint, "dh", key)
         yield from _turn((*place, "dh", key), value)
@@ -149,8 +155,8 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Unusual]:
     cylinder = joint.get("cylinder")
     turning = _DRIVEN_SPEED if isinstance(cylinder, dict) else _TURN_SPEED
     for key, usual, what in (
-        ("velocity", turning if revolute else _SLIDE_SPEED, "a speed of"),
-        ("acceleration", _TURN_RATE if revolute else _SLIDE_RATE, "an acceleration of"),
+        ("velocity", turning if revolute else _SLIDE_SPEED, Sentence("daq.what_speed")),
+        ("acceleration", _TURN_RATE if revolute else _SLIDE_RATE, Sentence("daq.what_acceleration")),
     ):
         if (value := _number(joint, "limits", key)) is not None and value > 0:
             yield from usual.check((*place, "limits", key), value, what)
@@ -165,8 +171,8 @@ def _of_a_joint(place: Place, joint: Mapping[str, Any]) -> Iterator[Unusual]:
 
 def _turn(place: Place, value: float | None) -> Iterator[Unusual]:
     if value is not None and abs(value) > 2 * np.pi:
-        cure = f"if it is in degrees, write {np.radians(value):.7g} (rad)"
-        yield Unusual(place, f"an angle of {value:g} rad is more than a turn", cure)
+        cure = Sentence("daq.if_degrees_write_rad", value=np.radians(value))
+        yield Unusual(place, Sentence("daq.angle_rad_more_turn", value=value), cure)
 
 
 def _angle(place: Place, value: float) -> Iterator[Unusual]:
@@ -175,8 +181,8 @@ def _angle(place: Place, value: float) -> Iterator[Unusual]:
         quarter = float(np.round(value / (np.pi / 2)) * (np.pi / 2))
         yield Unusual(
             place,
-            f"is {off:.1e} rad from a quarter turn, which makes parameters formally independent that nothing can tell",
-            f"write {quarter:.7f} if that is meant",
+            Sentence("daq.rad_quarter_turn_makes", off=f"{off:.1e}"),
+            Sentence("daq.write_if_meant", quarter=quarter),
             slight=True,
         )
 
@@ -187,37 +193,41 @@ def _limits(place: Place, limits: Sequence[float], revolute: bool) -> Iterator[U
     if revolute and most > 2 * np.pi:
         yield Unusual(
             place,
-            f"{low:g} to {high:g} rad is more than a turn to one side",
-            f"if they are in degrees, write [{np.radians(low):.5g}, {np.radians(high):.5g}]",
+            Sentence("daq.rad_more_turn_side", low=low, high=high),
+            Sentence("daq.if_they_degrees_write", low=np.radians(low), high=np.radians(high)),
         )
     elif not revolute and most > 20.0:
         yield Unusual(
-            place, f"{low:g} to {high:g} m is long", f"if they are in mm, write [{low / 1e3:g}, {high / 1e3:g}]"
+            place,
+            Sentence("daq.limits_long", low=low, high=high),
+            Sentence("daq.if_they_mm_write", low=low / 1000.0, high=high / 1000.0),
         )
     if 0 < width < (0.02 if revolute else 0.002):
         unit = "rad" if revolute else "m"
-        yield Unusual(place, f"the joint moves by {width:.3g} {unit} only", f"write its whole range in {unit}")
+        yield Unusual(
+            place, Sentence("daq.joint_moves", width=width, unit=unit), Sentence("daq.write_whole_range", unit=unit)
+        )
 
 
 def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Unusual]:
     bore, rod, stroke = (_number(cylinder, key) for key in ("bore", "rod", "stroke"))
     if bore is not None and bore > 0:
-        if odd := list(_BORE.check((*place, "bore"), bore, "a bore of")):
+        if odd := list(_BORE.check((*place, "bore"), bore, Sentence("daq.what_bore"))):
             yield from odd
             bore = None  # no proportion is judged by it
         elif rod is not None and 0 <= rod < bore and not 0.2 <= rod / bore <= 0.95:
             yield Unusual(
                 (*place, "rod"),
-                f"the rod is {rod / bore:.3g} of the bore; cylinders are built with 0.2 to 0.95",
-                "correct rod or bore (diameters, in m)",
+                Sentence("daq.rod_bore", rod=rod / bore),
+                Sentence("daq.correct_rod_bore_diameters"),
             )
     if stroke is not None and stroke > 0:
-        yield from _STROKE.check((*place, "stroke"), stroke, "a stroke of")
+        yield from _STROKE.check((*place, "stroke"), stroke, Sentence("daq.what_stroke"))
         if bore is not None and bore > 0 and not 0.2 <= stroke / bore <= 60:
             yield Unusual(
                 (*place, "stroke"),
-                f"the stroke is {stroke / bore:.3g} bores; 0.2 to 60 are built",
-                "correct stroke or bore (in m)",
+                Sentence("daq.stroke_bores", stroke=stroke / bore),
+                Sentence("daq.correct_stroke_bore"),
             )
     mass = _number(cylinder, "moving_mass")
     if mass is not None and mass > 0 and bore and rod is not None and stroke:
@@ -225,26 +235,26 @@ def _of_a_cylinder(place: Place, cylinder: Mapping[str, Any]) -> Iterator[Unusua
         if not 0.05 <= mass / steel <= 20:
             yield Unusual(
                 (*place, "moving_mass"),
-                f"{mass:g} kg is {mass / steel:.2g} times a steel rod and piston of this size",
-                "correct it, or leave it out: it is then identified",
+                Sentence("daq.kg_times_steel_rod", mass=mass, mass_2=mass / steel),
+                Sentence("daq.correct_leave_out_identified"),
             )
     linkage = cylinder.get("linkage")
     if not isinstance(linkage, dict):
         return
     for key in ("a", "b", "retracted", "rod_arm", "coupler_arm", "coupler", "radius"):
-        yield from _PIN.check((*place, "linkage", key), _number(linkage, key) or None, "a length of")
+        yield from _PIN.check((*place, "linkage", key), _number(linkage, key) or None, Sentence("daq.what_length"))
     for key in ("base_pin", "base_pivot", "rod_pin", "link_pivot", "rocker_pivot", "coupler_pin"):
         point = _numbers(2, linkage, key)
         if point is not None:
-            yield from _LINK.check((*place, "linkage", key), max(point, key=abs), "a coordinate of")
+            yield from _LINK.check((*place, "linkage", key), max(point, key=abs), Sentence("daq.what_coordinate"))
     for key in ("offset", "angle", "arms_angle", "zero"):
         yield from _turn((*place, "linkage", key), _number(linkage, key))
     retracted = _number(linkage, "retracted")
     if retracted is not None and stroke is not None and 0 < retracted < _LEAST_RETRACTED * stroke:
         yield Unusual(
             (*place, "linkage", "retracted"),
-            f"pin to pin {retracted:g} m with the piston in, for a stroke of {stroke:g} m",
-            "write the distance of the pins with the piston fully in, in m",
+            Sentence("daq.pin_pin_piston_stroke", retracted=retracted, stroke=stroke),
+            Sentence("daq.write_distance_pins_piston"),
         )
 
 
@@ -256,40 +266,40 @@ def _of_its_travel(place: Place, travel: Travel) -> Iterator[Unusual]:
     if used < _LEAST_STROKE_USE:
         yield Unusual(
             (*place, "limits", "position"),
-            f"moves the piston over {100 * used:.2g} % of its stroke only",
-            "correct the limits, the stroke or the linkage's lengths",
+            Sentence("daq.moves_piston_over_stroke", used=100 * used),
+            Sentence("daq.correct_limits_stroke_linkage"),
         )
     if not travel.revolute:
         if cylinder.linkage.type in ("three_pin", "rack"):
             yield Unusual(
                 (*place, "cylinder", "linkage"),
-                f"a {cylinder.linkage.type} linkage turns a joint, and this one slides",
-                "use type: direct",
+                Sentence("daq.linkage_turns_joint_slides", type=cylinder.linkage.type),
+                Sentence("daq.use_type_direct"),
             )
         return
     if cylinder.linkage.type == "direct":
         yield Unusual(
             (*place, "cylinder", "linkage"),
-            "a direct cylinder moves a sliding joint, and this one turns",
-            "use three_pin, pins, four_bar or rack",
+            Sentence("daq.direct_cylinder_moves_sliding"),
+            Sentence("daq.use_three_pin_pins_four_bar"),
         )
     lever = np.abs(r)
     most = float(lever.max())
-    odd = list(_LEVER.check((*place, "cylinder", "linkage"), most, "a lever arm of"))
+    odd = list(_LEVER.check((*place, "cylinder", "linkage"), most, Sentence("daq.what_lever_arm")))
     yield from odd
     least = float(lever.min())
     if not odd and least < _LEAST_LEVER_SHARE * most:
         yield Unusual(
             (*place, "limits", "position"),
-            f"comes near a dead centre: the lever arm falls to {1e3 * least:.2g} mm of {1e3 * most:.4g} mm",
-            "narrow the limits, or correct the linkage",
+            Sentence("daq.comes_near_dead_centre", least=1000.0 * least, most=1000.0 * most),
+            Sentence("daq.narrow_limits_correct_linkage"),
         )
     speed = most * travel.joint.limits.velocity
     if speed > _MOST_PISTON_SPEED:
         yield Unusual(
             (*place, "limits", "velocity"),
-            f"moves the piston at {speed:.3g} m/s; seals are made for 0.5 to 1 m/s",
-            "correct it (rad/s), or the linkage's lengths",
+            Sentence("daq.moves_piston", speed=speed),
+            Sentence("daq.correct_rad_linkage_lengths"),
         )
 
 
@@ -304,8 +314,8 @@ def _among_joints(joints: Sequence[Any]) -> Iterator[Unusual]:
         if factor > _SLIP or factor < 1 / _SLIP:
             yield Unusual(
                 ("joints", index, "cylinder", "bore"),
-                f"{bore:g} m is {factor:.2g} times the other cylinders' bore",
-                "look for a slipped decimal point",
+                Sentence("daq.times_other_cylinders_bore", bore=bore, factor=factor),
+                Sentence("daq.look_slipped_decimal_point"),
             )
 
 
@@ -322,8 +332,8 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     if bounds is not None and noise is not None and noise > 0.1 * (bounds[1] - bounds[0]) > 0:
         yield Unusual(
             (*place, "noise_std"),
-            f"noise of {noise:g} {unit} is more than a tenth of the range",
-            f"write the standard deviation in {unit}",
+            Sentence("daq.noise_more_tenth_range", noise=noise, unit=unit),
+            Sentence("daq.write_standard_deviation", unit=unit),
         )
     if bounds is None:
         return
@@ -332,8 +342,8 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
     if high_pressure and not 5e5 <= high <= 1.5e8:
         yield Unusual(
             (*place, "range"),
-            f"ends at {high / 1e5:.4g} bar; hydraulic transducers end between 5 and 1500",
-            f"write the range in {unit}, or correct the unit",
+            Sentence("daq.ends_bar", high=high / 100000.0),
+            Sentence("daq.write_range_correct_unit", unit=unit),
         )
     limits = _numbers(2, joint, "limits", "position")
     if quantity == "joint_position" and limits is not None and limits[0] < limits[1]:
@@ -341,9 +351,8 @@ def _of_a_channel(place: Place, channel: Mapping[str, Any], joints: Sequence[Any
         if shared < 0.5 * (limits[1] - limits[0]):
             yield Unusual(
                 (*place, "range"),
-                f"covers {100 * max(shared, 0.0) / (limits[1] - limits[0]):.0f} % of the joint's limits: every value "
-                "beyond it counts as saturated",
-                f"write the range in {unit}, or correct the unit",
+                Sentence("daq.covers_joint_limits_every", shared=100 * max(shared, 0.0) / (limits[1] - limits[0])),
+                Sentence("daq.write_range_correct_unit", unit=unit),
             )
 
 
@@ -357,23 +366,21 @@ def unusual_valves(machine: Machine) -> Iterator[Unusual]:
         if machine.channel("command", joint.name) is None:
             yield Unusual(
                 place,
-                "no channel shows what this valve is told, so nothing of it can be identified",
-                f"add a channel of quantity command, joint {joint.name}, in {joint.cylinder.valve.unit}",
+                Sentence("daq.no_channel_shows_valve"),
+                Sentence("daq.add_channel_quantity_command", joint=joint.name, unit=joint.cylinder.valve.unit),
                 slight=True,
             )
         elif not all(pressures):
             yield Unusual(
                 place,
-                "without both chamber pressures only the curve and the delay can be told: speeds at another load are "
-                "predicted worse",
-                "add head_pressure and rod_pressure",
+                Sentence("daq.without_both_chamber_pressures"),
+                Sentence("daq.add_head_pressure_rod_pressure"),
                 slight=True,
             )
         elif machine.supplied_at is None and machine.channel("supply_pressure") is None:
             yield Unusual(
                 place,
-                "nothing tells the supply pressure: an orifice that feeds the cylinder cannot be told from a "
-                "compensated valve, and speeds at another load are predicted worse",
+                Sentence("daq.nothing_tells_supply_pressure"),
                 "add a supply_pressure channel, or supply: {pressure: ...} in Pa",
                 slight=True,
             )

@@ -26,6 +26,7 @@ from daq import safe_yaml
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Channel, Machine
 from daq.machine.machine_file_errors import short
+from daq.messages import named
 from daq.recordings.recording_files import UNITS, Table
 from daq.recordings.time_columns import seconds
 from daq.units import conversion
@@ -78,38 +79,38 @@ def load_map(path: str | Path, machine: Machine, name: str | None = None) -> Col
         content = path.read_bytes()[: MAXIMUM_MAP + 1]
         text = content.decode("utf-8-sig")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the map of columns (YAML) that --map names") from None
+        raise InputError("daq.no_such_file_give_map", path=path) from None
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file; give a map of columns (YAML)") from None
+        raise InputError("daq.not_text_file_give_map", path=path) from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a map of columns (YAML)") from None
+        raise InputError("daq.cannot_read_give_map", path=path, reason=error.strerror) from None
     return parse_map(text, machine, name or str(path))
 
 
 def parse_map(text: str, machine: Machine, name: str = "map") -> ColumnMap:
     """Parse a map from its text (errors as :func:`load_map`)."""
     if len(text) > MAXIMUM_MAP:
-        raise InputError(f"{name}: is longer than a map of columns can be; write 'channel: column' lines")
+        raise InputError("daq.map_too_long", name=name)
     try:
         _, content = safe_yaml.read(text)
     except (yaml.YAMLError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark is not None else ""
-        raise InputError(f"{name}{line}: not valid YAML; write 'channel: column' lines") from None
+        raise InputError("daq.map_no_yaml", name=name, line=line) from None
     if not isinstance(content, dict) or not content:
-        raise InputError(f"{name}: not a map of columns; write 'channel: column' lines")
+        raise InputError("daq.not_a_map", name=name)
     known = {"time", *(channel.name for channel in machine.channels)}
     sources: dict[str, Source] = {}
     taken: dict[str, str] = {}
     for channel, entry in content.items():
         if channel not in known:
             raise InputError(
-                f"{name}: {channel}: '{machine.name}' has no such channel; it has {', '.join(sorted(known))}"
+                "daq.map_no_such_channel", name=name, channel=channel, machine=machine.name, known=sorted(known)
             )
         source = _source(name, str(channel), entry)
         if source.column in taken:
             raise InputError(
-                f"{name}: {channel}: column '{source.column}' is that of {taken[source.column]} already; correct one"
+                "daq.map_column_taken", name=name, channel=channel, column=source.column, taken=taken[source.column]
             )
         taken[source.column] = sources_name = str(channel)
         sources[sources_name] = source
@@ -120,15 +121,15 @@ def _source(name: str, channel: str, entry: Any) -> Source:
     if isinstance(entry, str):
         entry = {"column": entry}
     if not isinstance(entry, dict):
-        raise InputError(f"{name}: {channel}: give a column's name, or column:, unit:, scale:, offset:")
+        raise InputError("daq.map_give_column", name=name, channel=channel)
     try:
         given = Source.model_validate(entry)
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{name}: {channel}: {place}: {in_words(first)}; correct it") from None
+        raise InputError("daq.map_correct_it", name=name, channel=channel, place=place, first=in_words(first)) from None
     if given.scale == 0:
-        raise InputError(f"{name}: {channel}: scale is 0, so every value would be alike; correct it")
+        raise InputError("daq.map_scale_zero", name=name, channel=channel)
     return given
 
 
@@ -199,7 +200,7 @@ def in_channels(
             try:
                 result["time"] = seconds(np.asarray(values), _fits(path, column, unit, "s"))
             except ValueError as error:
-                raise RecordingError(f"{path}: {column}: {error}") from None
+                raise RecordingError(named(str(path), named(column, str(error)))) from None
             continue
         result[channel] = values
         if unit is not None:
@@ -251,7 +252,12 @@ def _mapped_column(
         return bare[0], _split(bare[0])[1]
     shown = ", ".join(names[:6]) + (", ..." if len(names) > 6 else "")
     raise RecordingError(
-        f"{path}: has no column '{short(source.column)}', which {map_name} gives for {channel}; its columns are {shown}"
+        "daq.map_no_such_column",
+        path=path,
+        column=short(source.column),
+        map_name=map_name,
+        channel=channel,
+        shown=shown,
     )
 
 
@@ -278,9 +284,7 @@ def _found(path: Path, names: Sequence[str], machine: Machine, own: set[str], as
     for channel, several in found.items():
         if len(several) > 1:
             listed = " and ".join(f"'{column}'" for column, _ in several)
-            raise RecordingError(
-                f"{path}: {channel}: columns {listed} may both be it; remove one, or say which with --map"
-            )
+            raise RecordingError("daq.several_columns", path=path, channel=channel, listed=listed)
     return {channel: several[0] for channel, several in found.items()}
 
 
@@ -327,11 +331,11 @@ def _unit(path: Path, column: str, unit: str) -> str:
     text = _spelt(unit)
     if text.casefold() in _TWO_MEANINGS:
         raise RecordingError(
-            f"{path}: {column}: unit '{unit}' has two meanings; write {_TWO_MEANINGS[text.casefold()]}"
+            "daq.unit_two_meanings", path=path, column=column, unit=unit, two_meaning=_TWO_MEANINGS[text.casefold()]
         )
     # pint multiplies powers out: a header is no place for large ones.
     if len(text) > 24 or "**" in text or len(re.findall(r"\d", text)) > 3 or re.search(r"\d\d", text):
-        raise RecordingError(f"{path}: {column}: '{unit[:40]}' is no unit; correct the header, or say it with --map")
+        raise RecordingError("daq.column_no_unit", path=path, column=column, unit=unit[:40])
     return text
 
 
@@ -343,8 +347,5 @@ def _fits(path: Path, column: str, unit: str | None, si: str, channel: Channel |
         conversion(unit, si)
     except ValueError:
         what = "time" if channel is None else f"{channel.name}, a {channel.quantity.replace('_', ' ')}"
-        raise RecordingError(
-            f"{path}: {column}: '{unit}' is no unit of {what} ({si}); correct the header, or give column and unit "
-            "with --map"
-        ) from None
+        raise RecordingError("daq.column_other_unit", path=path, column=column, unit=unit, what=what, si=si) from None
     return unit

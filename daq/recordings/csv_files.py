@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from daq.errors import RecordingError
+from daq.messages import Sentence, named
 from daq.recordings.time_columns import looks_like_moment
 
 #: Bytes of a text that is read at once; more is for Parquet.
@@ -26,7 +27,7 @@ MAXIMUM_TEXT = 1 << 30
 _PREAMBLE_LINES = 64
 _SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas"}
 _LOOKED_AT = 40  # lines that have to agree with the header about the separator
-_NO_TABLE = "is not a table; a recording is Parquet, or CSV with a header line 'time,<channel>,...'"
+_NO_TABLE = Sentence("daq.not_a_table")
 
 #: A comma that cannot separate thousands: after a lone 0 or four digits, or before other than three digits.
 _SURE_COMMA = re.compile(rb"(?<![\d.,])[-+]?(?:0|\d{4,}),\d|(?<![\d,])[-+]?\d+,(?:\d{1,2}|\d{4,})(?![\d,])")
@@ -71,7 +72,7 @@ def read_csv(path: Path, head: bytes) -> tuple[pa.Table, dict[str, str]]:
     """
     plain = _is_plain(head)
     long = path.stat().st_size > MAXIMUM_TEXT
-    too_long = f"{path}: is a text of more than {MAXIMUM_TEXT >> 30} GB; export it as Parquet"
+    too_long = Sentence("daq.text_too_large", path=path, maximum_text=MAXIMUM_TEXT >> 30)
     if long and not plain:
         raise RecordingError(too_long)
     content = path.read_bytes() if not plain else b""
@@ -115,7 +116,7 @@ def _decoded(path: Path, content: bytes) -> bytes:
         sample = content[:4096]
         low, high = sample[1::2].count(0), sample[0::2].count(0)
         if min(low, high) > 0.02 * len(sample) or max(low, high) < 0.45 * len(sample):
-            raise RecordingError(f"{path}: {_NO_TABLE}")
+            raise RecordingError(named(str(path), _NO_TABLE))
         encodings = ["utf-16-le" if low > high else "utf-16-be"]
     else:
         encodings = ["utf-8", "cp1252"]
@@ -126,13 +127,13 @@ def _decoded(path: Path, content: bytes) -> bytes:
             continue
         if "\0" not in text and not re.search(r"[\x01-\x08\x0e-\x1f]", text[:4096]):
             return text.encode("utf-8")
-    raise RecordingError(f"{path}: {_NO_TABLE}")
+    raise RecordingError(named(str(path), _NO_TABLE))
 
 
 def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
     lines = head[: 1 << 16].decode("utf-8", errors="replace").splitlines()
     if lines and lines[0].startswith("# hilfit/motion"):
-        raise RecordingError(f"{path}: is a motion file, not a recording; give what was recorded while it moved")
+        raise RecordingError("daq.motion_file_not_recording", path=path)
     first, declared, commented = 0, "", ""
     while first < min(len(lines), _PREAMBLE_LINES):
         line = lines[first].strip()
@@ -145,20 +146,20 @@ def _layout(path: Path, head: bytes, body: bytes) -> _Layout:
             break
         first += 1
     else:
-        raise RecordingError(f"{path}: {_NO_TABLE}")
+        raise RecordingError(named(str(path), _NO_TABLE))
     header = lines[first]
     if "\0" in header or "\ufffd" in header:
-        raise RecordingError(f"{path}: {_NO_TABLE}")
+        raise RecordingError(named(str(path), _NO_TABLE))
     separator = declared or _separator(path, header, lines[first + 1 : first + 1 + _LOOKED_AT])
     names = _cells(header, separator)
     skipped = first + 1
     if all(_is_number(name) for name in names):
         under = _cells(commented, separator)
         if len(under) != len(names) or any(_is_number(name) for name in under):
-            raise RecordingError(f"{path}: {_NO_TABLE}")
+            raise RecordingError(named(str(path), _NO_TABLE))
         names, skipped = under, first  # what some programs do: the header as a comment
     if len(names) < 2 or any(_is_number(name) for name in names):
-        raise RecordingError(f"{path}: {_NO_TABLE}")
+        raise RecordingError(named(str(path), _NO_TABLE))
     row = _cells(lines[skipped], separator) if skipped < len(lines) else []
     units: tuple[str, ...] = ()
     valued = any(_is_number(cell.replace(",", ".")) or looks_like_moment(cell) for cell in row)
@@ -180,7 +181,7 @@ def _separator(path: Path, header: str, rows: list[str]) -> str:
             found.append(separator)
     if len(found) > 1:
         names = " or ".join(_SEPARATORS[separator] for separator in found)
-        raise RecordingError(f"{path}: line 1: columns are separated by {names}, both fit; export with tabs")
+        raise RecordingError("daq.line_columns_separated_both", path=path, names=names)
     # Where no sign fits all rows the usual ones are tried in turn, so that the row that does not fit is named.
     return found[0] if found else next((s for s in _SEPARATORS if s in header), ",")
 
@@ -196,23 +197,16 @@ def _decimal(path: Path, numbers: bytes, separator: str, moments: bool) -> str:
         numbers = re.sub(rb"\d{4}-\d\d-\d\d[T ][\d:]+(?:[.,]\d+)?", b"", numbers)
     grouped = _THOUSANDS.search(numbers)
     if grouped is not None:
-        raise RecordingError(
-            f"{path}: '{grouped[0].decode()}' has signs between thousands; export numbers without them"
-        )
+        raise RecordingError("daq.signs_between_thousands", path=path, decode=grouped[0].decode())
     comma = _ANY_COMMA.search(numbers)
     if comma is None:
         return "."
     if re.search(rb"\d\.\d", numbers):
-        raise RecordingError(
-            f"{path}: some numbers have a decimal point and some a decimal comma; export all with points"
-        )
+        raise RecordingError("daq.some_numbers_decimal_point", path=path)
     if _SURE_COMMA.search(numbers) is None:
         first = re.search(rb"[-+]?\d+,\d+", numbers)
         shown = "1,234" if first is None else first[0].decode()
-        raise RecordingError(
-            f"{path}: '{shown}' may be a decimal comma or thousands, and no number in the file tells; export with "
-            "decimal points"
-        )
+        raise RecordingError("daq.may_decimal_comma_thousands", path=path, shown=shown)
     return ","
 
 
@@ -223,7 +217,7 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
         names[-1] = "\0"  # a separator at the end of every line
     if any(not name for name in names):
         number = names.index("") + 1
-        raise RecordingError(f"{path}: column {number} of the header has no name; name it, or remove the column")
+        raise RecordingError("daq.column_header_no_name", path=path, number=number)
     names_differ(path, names)
     counted = {name: pa.int64() if name in ("cycle", "utc_ns") else pa.float64() for name in names}
     types = counted | {names[number]: pa.string() for number in layout.moments}
@@ -242,7 +236,7 @@ def _parsed(path: Path, source: Path | pa.BufferReader, layout: _Layout, body: b
         empty = not any(line.strip() for line in body.splitlines()[layout.skipped :])
         if "Empty CSV file" in str(error) or ("CSV parse error: Expected" not in str(error) and empty):
             return pa.table({name: pa.array([], type=kind) for name, kind in types.items() if name != "\0"})
-        raise RecordingError(f"{path}: {_problem(str(error), names, layout, body)}") from None
+        raise RecordingError(named(str(path), _problem(str(error), names, layout, body))) from None
     return table.drop_columns(["\0"]) if dropped else table
 
 
@@ -250,7 +244,7 @@ def names_differ(path: Path, names: list[str]) -> None:
     """Refuse a table in which two columns have one name."""
     for name in names:
         if names.count(name) > 1:
-            raise RecordingError(f"{path}: column '{name}' is there {names.count(name)} times; names must differ")
+            raise RecordingError("daq.column_times", path=path, name=name, name_2=names.count(name))
 
 
 def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
@@ -259,15 +253,15 @@ def _problem(text: str, names: list[str], layout: _Layout, body: bytes) -> str:
     if bad is not None and int(bad[1]) < len(names):
         column, value = int(bad[1]), bad[2]
         where = _where(body, layout, lambda row: column < len(row) and row[column].strip() == value.strip())
-        return f"{names[column]}: '{value[:40]}'{where} is no number; columns have to be numeric"
+        return Sentence("daq.csv_no_number", name=names[column], value=value[:40], where=where)
     width = re.search(r"Expected (\d+) columns, got (\d+)", text)
     if width is not None:
         expected = int(width[1])
         where = _where(body, layout, lambda row: bool(row) and len(row) != expected)
         commas = layout.separator == "," and int(width[2]) > int(width[1])
-        more = "; numbers with a decimal comma need semicolons or tabs between columns" if commas else ""
-        return f"is not a table: {width[1]} columns in the header, {width[2]}{where}; every row needs all columns{more}"
-    return "is not a table that can be read; write CSV with a header line, commas and points"
+        more = Sentence("daq.csv_decimal_commas") if commas else ""
+        return Sentence("daq.csv_widths_differ", header=width[1], found=width[2], where=where, more=more)
+    return Sentence("daq.csv_not_readable")
 
 
 def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> str:
@@ -276,7 +270,7 @@ def _where(body: bytes, layout: _Layout, wrong: Callable[[list[str]], bool]) -> 
     with contextlib.suppress(csv.Error):  # an unclosed quote or the like
         for row in reader:
             if reader.line_num > layout.skipped and wrong(row):
-                return f" in line {reader.line_num}"
+                return Sentence("daq.csv_in_line", line_num=reader.line_num)
     return ""
 
 

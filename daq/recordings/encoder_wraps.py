@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Channel, Machine
+from daq.messages import Sentence
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -50,4 +51,6 @@ def unwrapped(machine: Machine, channel: Channel, values: FloatArray) -> tuple[F
 def wrap_text(path: str | Path, channel: str, rows: IntArray, time: FloatArray) -> str:
     """Word the wraps: file, channel, how often, and the first row (counted from 1)."""
     row, seconds = int(rows[0]), float(time[rows[0]])
-    return f"{path}: {channel}: the encoder wraps {len(rows)} times, the first at row {row + 1} ({seconds:.6g} s)"
+    return Sentence(
+        "daq.encoder_wraps_times_first", path=path, channel=channel, count=len(rows), row=row + 1, seconds=seconds
+    )

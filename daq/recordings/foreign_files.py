@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.errors import RecordingError
+from daq.messages import Sentence, named
 from daq.recordings.recording_files import UNITS, Table, digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
@@ -60,7 +61,7 @@ def read_rasters(path: Path, wanted: Wanted) -> list[Table]:
     """
     kind = _kind(path)
     if kind is None:
-        raise RecordingError(f"{path}: is none of MDF4, MAT and a ROS 2 bag; give one of them")
+        raise RecordingError("daq.none_mdf_mat_ros", path=path)
     rasters = _guarded(path, kind, wanted)
     digest = digest_of(path) if path.is_file() else _digest_of_folder(path)
     return [_table(path, columns, units, digest) for columns, units in rasters]
@@ -97,18 +98,18 @@ def _guarded(path: Path, kind: _Kind, wanted: Wanted) -> list[_Raster]:
         except ModuleNotFoundError as error:
             if (error.name or "").partition(".")[0] != kind.package:
                 raise
-            problem = f"is {kind.what}; to read it run: pip install 'hilfit[export]', or export CSV or Parquet"
+            problem = Sentence("daq.kind_needs_extra", what=kind.what)
         except Exception:  # a library that reads any bytes as offsets raises anything
-            problem = f"is {kind.what} that cannot be read, or is damaged; export it again"
+            problem = Sentence("daq.kind_damaged", what=kind.what)
         gc.collect()
-        raise RecordingError(f"{path}: {problem}")
+        raise RecordingError(named(str(path), problem))
     finally:
         sys.unraisablehook = hook
 
 
 def _table(path: Path, columns: dict[str, Any], units: dict[str, str], digest: str) -> Table:
     if sum(len(values) for values in columns.values()) > MAXIMUM_VALUES:
-        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; export the channels as Parquet")
+        raise RecordingError("daq.holds_more_values", path=path, maximum_values=MAXIMUM_VALUES)
     return Table(columns, {UNITS: json.dumps(units)}, digest)
 
 
@@ -123,9 +124,7 @@ def _mdf(path: Path, wanted: Wanted) -> list[_Raster]:
             if name == "time" or not wanted(name):
                 continue
             if len(places) > 1:
-                raise RecordingError(
-                    f"{path}: {name}: is there {len(places)} times; export one of them, or rename the others"
-                )
+                raise RecordingError("daq.channel_repeated", path=path, name=name, count=len(places))
             signal = file.get(name, ignore_invalidation_bits=True)
             _numbers_only(path, name, signal.samples)
             stamps = np.asarray(signal.timestamps, dtype=np.float64)
@@ -143,26 +142,24 @@ def _mdf(path: Path, wanted: Wanted) -> list[_Raster]:
 def _numbers_only(path: Path, name: str, samples: Any) -> None:
     samples = np.asarray(samples)
     if samples.ndim != 1 or samples.dtype.kind not in "iufb":
-        raise RecordingError(f"{path}: {name}: is no channel of numbers; export the measured values")
+        raise RecordingError("daq.no_channel_numbers", path=path, name=name)
 
 
 def _mat(path: Path, wanted: Wanted) -> list[_Raster]:
     """Read a MAT file's vectors (also in structures, ``data.q``, and matrix columns, ``q(:,1)``)."""
     with path.open("rb") as file:
         if file.read(len(_MAT_73)) == _MAT_73:
-            raise RecordingError(
-                f"{path}: is a MAT file of version 7.3; save it in MATLAB with save(..., '-v7'), or export CSV"
-            )
+            raise RecordingError("daq.mat_file_version", path=path)
     from scipy.io import loadmat, whosmat
 
     if sum(math.prod(shape) for _, shape, _ in whosmat(path)) > MAXIMUM_VALUES:  # known before a byte is unpacked
-        raise RecordingError(f"{path}: holds more than {MAXIMUM_VALUES:,} values; save the channels as Parquet or CSV")
+        raise RecordingError("daq.holds_more_values_save", path=path, maximum_values=MAXIMUM_VALUES)
     content = loadmat(path, simplify_cells=True)
     columns = {name: values for name, values in _vectors(content, "") if wanted(name)}
     lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
         listed = ", ".join(f"{name} ({len(values)})" for name, values in list(columns.items())[:4])
-        raise RecordingError(f"{path}: vectors differ in length: {listed}; save them on one time base")
+        raise RecordingError("daq.vectors_differ_length", path=path, listed=listed)
     return [(columns, {})] if columns else []
 
 
@@ -222,7 +219,7 @@ def _bag_topics(path: Path, wanted: Wanted) -> dict[str, tuple[list[int], dict[s
                 column.extend([np.nan] * (len(times) - len(column)))
             count += len(values)
             if count > MAXIMUM_VALUES:
-                raise RecordingError(f"{path}: holds too many messages; cut the bag, or export CSV")
+                raise RecordingError("daq.holds_too_many_messages", path=path)
     return found
 
 

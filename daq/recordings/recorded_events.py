@@ -6,9 +6,12 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from daq.messages import message_from_json
 
 MOST = 200  # events of a file that are taken; more is a storm, which its counts tell as well
 TEXT_LENGTH = 240
@@ -64,10 +67,20 @@ def _event(entry: object, first_ns: int | None) -> RecordedEvent | None:
         if not all(math.isfinite(number) for number in (seconds, began) if number is not None):
             return None
         return RecordedEvent(
-            began, _line(entry["device"]), _line(entry["what"]), _line(entry["text"]), seconds, int(entry["count"])
+            began, _line(entry["device"]), _line(entry["what"]), _text(entry), seconds, int(entry["count"])
         )
     except (KeyError, TypeError, ValueError, OverflowError):
         return None
+
+
+def _text(entry: Mapping[str, Any]) -> str:
+    """Return the text as a sentence if it is the one that its message makes; a file may hold anything."""
+    text = _line(entry["text"])
+    try:
+        sentence = message_from_json(entry["message"])
+        return sentence if sentence == text else text
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError):
+        return text
 
 
 def _line(text: object) -> str:

@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap
@@ -151,7 +152,7 @@ def read_recording(
     _known_role(role)
     table, notes = load_table(path, machine, columns, resampled=resample, role=role)
     if table.rows == 0:
-        raise RecordingError(f"{path}: has a header but no rows; record at least {minimum_seconds:g} s")
+        raise RecordingError("daq.header_but_no_rows", path=path, minimum_seconds=minimum_seconds)
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
     values: MutableMapping[str, FloatArray] = _shelf(table)
@@ -167,7 +168,7 @@ def read_recording(
             age[name] = _frozen(table.columns[f"{name}.age"], np.float64)
         value, wraps = unwrapped(machine, channel, value)
         if len(wraps):
-            notes = (*notes, f"{wrap_text(path, name, wraps, time)}; its turns are put back")
+            notes = (*notes, Sentence("daq.turns_put_back", path=wrap_text(path, name, wraps, time)))
         values[name] = _frozen(value, np.float64)
     utc_ns = _integers(path, "utc_ns", table)
     recording = Recording(
@@ -247,7 +248,7 @@ def recording_table(
     for given in (values_si, age or {}, quality or {}):
         for key in given:
             if key not in names:
-                raise RecordingError(f"{name}: {key}: machine '{machine.name}' has no such channel")
+                raise RecordingError("daq.machine_no_such_channel", name=name, key=key, machine=machine.name)
     arrays: dict[str, npt.NDArray[np.generic]] = {"time": np.asarray(time, dtype=np.float64)}
     if cycle is not None:
         arrays["cycle"] = np.asarray(cycle, dtype=np.int64)
@@ -255,7 +256,7 @@ def recording_table(
         arrays["utc_ns"] = np.asarray(utc_ns, dtype=np.int64)
     for channel in machine.channels:
         if channel.name not in values_si:
-            raise RecordingError(f"{name}: {channel.name}: no values given for this channel")
+            raise RecordingError("daq.no_values_given_channel", name=name, channel=channel.name)
         arrays[channel.name] = machine.conversion(channel).from_si(values_si[channel.name])
     for key, flags in (quality or {}).items():
         arrays[f"{key}.quality"] = np.asarray(flags, dtype=np.uint8)
@@ -263,7 +264,7 @@ def recording_table(
         arrays[f"{key}.age"] = np.asarray(ages, dtype=np.float64)
     for key, array in arrays.items():
         if array.shape != arrays["time"].shape:
-            raise RecordingError(f"{name}: {key}: has shape {array.shape}, time has {arrays['time'].shape}")
+            raise RecordingError("daq.shape_time", name=name, key=key, shape=array.shape, shape_2=arrays["time"].shape)
     return pa.table(arrays).replace_schema_metadata(recording_metadata(machine, role))
 
 
@@ -281,7 +282,7 @@ def _cut(columns: Mapping[str, npt.NDArray[_Kind]], part: slice) -> Mapping[str,
 
 def _known_role(role: str) -> None:
     if role not in ROLES:
-        raise RecordingError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
+        raise RecordingError("daq.role_unknown", role=role, roles=", ".join(ROLES))
 
 
 def _integers(path: Path, name: str, table: Table) -> IntArray | None:
@@ -289,7 +290,7 @@ def _integers(path: Path, name: str, table: Table) -> IntArray | None:
     if column is None:
         return None
     if not np.all(np.isfinite(column)):
-        raise RecordingError(f"{path}: {name}: has rows without a number; export it again")
+        raise RecordingError("daq.rows_without_number", path=path, name=name)
     return _frozen(column, np.int64)
 
 

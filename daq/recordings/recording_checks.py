@@ -15,6 +15,7 @@ import numpy.typing as npt
 from daq.errors import RecordingError
 from daq.machine.machine_file import JOINT_QUANTITIES, Channel, Machine
 from daq.machine.quantities import SENT_QUANTITIES
+from daq.messages import Sentence
 from daq.quality import Quality
 from daq.recordings.map_draft import UnknownColumnsError
 from daq.recordings.recording_files import Table
@@ -87,17 +88,13 @@ def metadata_fits(path: Path, metadata: Mapping[str, str], machine: Machine, rol
     if schema is None:
         return
     if schema != "hilfit/recording/1":
-        raise RecordingError(f"{path}: schema is '{schema}'; this version reads 'hilfit/recording/1'")
+        raise RecordingError("daq.recording_schema", path=path, schema=schema)
     owner = metadata.get("hilfit.machine", machine.name)
     if owner != machine.name:
-        raise RecordingError(
-            f"{path}: is a recording of machine '{owner}', not of '{machine.name}'; give the machine file of '{owner}'"
-        )
+        raise RecordingError("daq.recording_machine_not", path=path, owner=owner, machine=machine.name)
     recorded = metadata.get("hilfit.role", role)
     if (recorded == "unloaded") != (role == "unloaded"):
-        raise RecordingError(
-            f"{path}: was recorded as '{recorded}' and cannot serve as '{role}'; give it as {recorded}"
-        )
+        raise RecordingError("daq.recorded_cannot_serve", path=path, recorded=recorded, role=role)
 
 
 def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] = ()) -> None:
@@ -115,29 +112,30 @@ def columns_fit(path: Path, table: Table, machine: Machine, seen: Sequence[str] 
         columns = seen or found
         shown = ", ".join(columns[:12]) + (", ..." if len(columns) > 12 else "")
         raise UnknownColumnsError(
-            f"{path}: its columns ({shown}) do not tell which channels of '{machine.name}' ({_some(names)}) they are; "
-            "say it with --map",
+            Sentence("daq.columns_not_tell_channels", path=path, shown=shown, machine=machine.name, names=_some(names)),
             path,
             columns,
         )
     if "time" not in table.columns:
         near = _near("time", extra)
-        raise RecordingError(f"{path}: has no column 'time' (s){near}; add it as the first column")
+        raise RecordingError("daq.no_column_time", path=path, near=near)
     if missing and extra and len(missing) > len(names) / 2:
         raise RecordingError(
-            f"{path}: has another machine's channels ({_some(extra)}); '{machine.name}' has {_some(names)}; "
-            "give the machine file that it was recorded with"
+            "daq.another_machine_channels", path=path, extra=_some(extra), machine=machine.name, names=_some(names)
         )
     if missing:
         near = _near(missing[0], extra)
         raise RecordingError(
-            f"{path}: {missing[0]}: this channel is missing{_more(missing)}{near}; record all channels of "
-            f"'{machine.name}', or remove it from the machine file"
+            "daq.channel_missing",
+            path=path,
+            missing=missing[0],
+            missing_2=_more(missing),
+            near=near,
+            machine=machine.name,
         )
     if extra:
         raise RecordingError(
-            f"{path}: {extra[0]}: '{machine.name}' has no such channel{_more(extra)}; remove the column, or add the "
-            "channel to the machine file"
+            "daq.no_such_channel", path=path, extra=extra[0], machine=machine.name, extra_2=_more(extra)
         )
 
 
@@ -156,14 +154,11 @@ def time_increases(path: Path, time: FloatArray) -> None:
     """Check that time is finite and increases strictly."""
     if not np.all(np.isfinite(time)):
         row = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise RecordingError(f"{path}: time: row {row + 1} is not a number; cut the row out")
+        raise RecordingError("daq.time_row_not_number", path=path, row=row + 1)
     steps = np.diff(time)
     if np.any(steps <= 0):
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
-        raise RecordingError(
-            f"{path}: time: does not increase at row {row + 1} ({time[row]:.6g} s after {time[row - 1]:.6g} s); "
-            "sort the rows, or split the file there"
-        )
+        raise RecordingError("daq.time_not_increase_row", path=path, row=row + 1, time=time[row], time_2=time[row - 1])
 
 
 def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
@@ -175,21 +170,20 @@ def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
     rate = 1.0 / float(np.median(steps))
     if not same_rate(rate, rate_hz):
         thousand = same_rate(1e3 * rate, rate_hz)
-        cure = (
-            "if time counts milliseconds call the column 'time [ms]'"
-            if thousand
-            else "give --resample to bring it to that rate, or correct rate_hz"
-        )
-        raise RecordingError(
-            f"{path}: time: sampled at {rate:.6g} Hz, the machine file says rate_hz {rate_hz:g}; {cure}"
-        )
+        cure = Sentence("daq.if_time_counts_milliseconds") if thousand else Sentence("daq.give_resample_bring_rate")
+        raise RecordingError("daq.time_sampled_hz_machine", path=path, rate=rate, rate_hz=rate_hz, cure=cure)
     irregular = uneven_steps(time, rate_hz)
     if len(irregular):
         row = int(irregular[0])
         raise RecordingError(
-            f"{path}: time: {len(irregular)} of {len(steps)} steps are not 1/{rate_hz:g} s, the first after row "
-            f"{row + 1} ({time[row]:.6g} s to {time[row + 1]:.6g} s); add the lost rows marked missing, split the "
-            "file, or give --resample if the logger's clock is uneven"
+            "daq.time_steps_not_first",
+            path=path,
+            count=len(irregular),
+            count_2=len(steps),
+            rate_hz=rate_hz,
+            row=row + 1,
+            time=time[row],
+            time_2=time[row + 1],
         )
 
 
@@ -198,9 +192,7 @@ def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> 
     steps = np.diff(cycle)
     if np.any(steps <= 0):
         row = int(np.flatnonzero(steps <= 0)[0]) + 1
-        raise RecordingError(
-            f"{path}: cycle: does not increase at row {row + 1} ({time[row]:.6g} s); rows of two recordings were mixed"
-        )
+        raise RecordingError("daq.cycle_not_increase_row", path=path, row=row + 1, time=time[row])
 
 
 def values_are_numbers(
@@ -209,10 +201,7 @@ def values_are_numbers(
     """Check that every value is finite unless its quality marks it as unmeasured."""
     if np.any(np.isinf(values)):
         row = int(np.flatnonzero(np.isinf(values))[0])
-        raise RecordingError(
-            f"{path}: {name}: infinite at row {row + 1} ({time[row]:.6g} s); a channel error of the device: cut it out "
-            "or mark it missing"
-        )
+        raise RecordingError("daq.infinite_row", path=path, name=name, row=row + 1, time=time[row])
     unmarked = np.isnan(values)
     if quality is not None:
         unmarked &= quality == Quality.FRESH
@@ -220,9 +209,15 @@ def values_are_numbers(
         first = runs(unmarked)[0]
         last = min(first.stop, len(time)) - 1
         raise RecordingError(
-            f"{path}: {name}: {int(unmarked.sum())} rows are NaN without being marked missing, the first run is rows "
-            f"{first.start + 1} to {last + 1} ({time[first.start]:.6g} to {time[last]:.6g} s); add a column "
-            f"'{name}.quality' ({int(Quality.MISSING)} = missing), or cut the rows out"
+            "daq.rows_nan_without_being",
+            path=path,
+            name=name,
+            unmarked=int(unmarked.sum()),
+            start=first.start + 1,
+            last=last + 1,
+            time=time[first.start],
+            time_2=time[last],
+            missing=int(Quality.MISSING),
         )
 
 
@@ -231,8 +226,11 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
     rows = len(next(iter(values.values())))
     if rows < minimum_seconds * machine.rate_hz:
         raise RecordingError(
-            f"{path}: is too short: {rows} rows are {rows / machine.rate_hz:.3g} s, at least {minimum_seconds:g} s are "
-            "needed; record longer"
+            "daq.too_short_rows_least",
+            path=path,
+            rows=rows,
+            rows_2=rows / machine.rate_hz,
+            minimum_seconds=minimum_seconds,
         )
     complete = np.ones(rows, dtype=bool)
     worst, fewest = "", rows + 1
@@ -244,8 +242,11 @@ def long_enough(path: Path, values: Mapping[str, FloatArray], machine: Machine, 
                 worst, fewest = channel.name, int(present.sum())
     if complete.sum() < minimum_seconds * machine.rate_hz:
         raise RecordingError(
-            f"{path}: {worst}: too little was measured: all joints together in {complete.sum() / machine.rate_hz:.3g} "
-            f"s, at least {minimum_seconds:g} s are needed; look after this device and record again"
+            "daq.too_little_measured_all",
+            path=path,
+            worst=worst,
+            complete=complete.sum() / machine.rate_hz,
+            minimum_seconds=minimum_seconds,
         )
 
 
@@ -281,7 +282,7 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
         noisy = np.any(elsewhere) and repeats < REPEATS and noise_covers_steps(values[known])
         clipped = at.sum() >= enough and piled_up(values[known], extreme)
         if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
-            raise RecordingError(_saturated(path, channel, time, longest, "one exact value"))
+            raise RecordingError(_saturated(path, channel, time, longest, Sentence("daq.exact_value")))
 
 
 def _repeats(values: FloatArray) -> float:
@@ -324,9 +325,15 @@ def piled_up(values: FloatArray, extreme: float) -> int:
 
 
 def _saturated(path: Path, channel: Channel, time: FloatArray, run: slice, at: str) -> str:
-    return (
-        f"{path}: {channel.name}: saturated: at the end of {at} in rows {run.start + 1} to {run.stop} "
-        f"({time[run.start]:.6g} to {time[run.stop - 1]:.6g} s); use a sensor of wider range or a gentler motion"
+    return Sentence(
+        "daq.saturated_end_rows",
+        path=path,
+        channel=channel.name,
+        at=at,
+        start=run.start + 1,
+        stop=run.stop,
+        time=time[run.start],
+        time_2=time[run.stop - 1],
     )
 
 
@@ -352,8 +359,7 @@ def nothing_constant(path: Path, machine: Machine, role: str, values: Mapping[st
         known = values[channel.name][np.isfinite(values[channel.name])]
         value = float(machine.conversion(channel).from_si(known[0]))
         raise RecordingError(
-            f"{path}: {channel.name}: constant ({value:.6g} {channel.unit}) over the whole recording; check the sensor "
-            "and its wiring, or move this joint"
+            "daq.constant_over_whole_recording", path=path, channel=channel.name, value=value, unit=channel.unit
         )
 
 
@@ -388,8 +394,12 @@ def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str
         stroke = joint.cylinder.stroke
         if np.isfinite(x).any() and (np.nanmin(x) < -0.5 * stroke or np.nanmax(x) > 1.5 * stroke):
             raise RecordingError(
-                f"{path}: {piston.name}: reaches {np.nanmin(x):.4g} to {np.nanmax(x):.4g} m with a stroke of "
-                f"{stroke:g} m; check the channel's unit, and whether the recording is of this machine"
+                "daq.reaches_stroke",
+                path=path,
+                piston=piston.name,
+                value=np.nanmin(x),
+                value_2=np.nanmax(x),
+                stroke=stroke,
             )
         if role == "unloaded" or angle is None:
             continue
@@ -399,19 +409,21 @@ def positions_agree(path: Path, machine: Machine, role: str, values: Mapping[str
         off = x[both] - joint.cylinder.linkage.piston_position(values[angle.name][both])
         if np.median(np.abs(off)) > MISMATCH * stroke:
             raise RecordingError(
-                f"{path}: {piston.name}: is {1e3 * float(np.median(off)):+.0f} mm from where {angle.name} and the "
-                "linkage put it; check whether the recording is of this machine, then the linkage and the channel's "
-                "unit"
+                "daq.mm_where_linkage_put",
+                path=path,
+                piston=piston.name,
+                off=1000.0 * float(np.median(off)),
+                angle=angle.name,
             )
 
 
 def _near(word: str, options: list[str]) -> str:
     near = difflib.get_close_matches(word, options, n=1)
-    return f" (there is '{near[0]}')" if near else ""
+    return Sentence("daq.there_is", near=near[0]) if near else ""
 
 
 def _more(names: list[str]) -> str:
-    return f" (and {len(names) - 1} more: {_some(names[1:])})" if len(names) > 1 else ""
+    return Sentence("daq.and_more_named", count=len(names) - 1, name=_some(names[1:])) if len(names) > 1 else ""
 
 
 def _some(names: list[str]) -> str:

@@ -71,19 +71,19 @@ def read_table(path: Path) -> Table:
         If the file is absent, empty, torn, no table, or has a column that is not numeric.
     """
     if path.is_dir():
-        raise RecordingError(f"{path}: is a directory; give one recording (.parquet or .csv)")
+        raise RecordingError("daq.recording_is_directory", path=path)
     try:
         with path.open("rb") as file:
             head = file.read(4096)
         digest = digest_of(path)
     except FileNotFoundError:
-        raise RecordingError(f"{path}: no such file; give the path of a recording (.parquet or .csv)") from None
+        raise RecordingError("daq.no_such_file_give_path", path=path) from None
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror})") from None
+        raise RecordingError("daq.not_readable", place=path, reason=error.strerror) from None
     if not head:
-        raise RecordingError(f"{path}: is empty; record it again")
+        raise RecordingError("daq.recording_empty", path=path)
     if head.startswith((ARROW_STREAM_MAGIC, JOURNAL_MARK)):
-        raise RecordingError(f"{path}: is the journal of an unfinished recording; seal it with 'hilfit recover'")
+        raise RecordingError("daq.journal_unfinished_recording", path=path)
     if head.startswith(PARQUET_MAGIC):
         with _whole_parquet(path):
             file = pa.parquet.ParquetFile(path, buffer_size=_BUFFER)
@@ -96,7 +96,7 @@ def read_table(path: Path) -> Table:
         with _whole_parquet(path):
             table = _moments_counted(file.read())  # one file: read_table would merge a directory's partitions
     elif path.suffix.lower() == ".parquet":
-        raise RecordingError(f"{path}: is not a Parquet file although its name says so; export it again")
+        raise RecordingError("daq.not_parquet_file_although", path=path)
     else:
         table, units = read_csv(path, head)
         metadata = {UNITS: json.dumps(units)} if units else {}
@@ -140,9 +140,7 @@ def _whole_parquet(path: Path) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError):
-        raise RecordingError(
-            f"{path}: is a Parquet file that is cut short or damaged; copy it again from where it was recorded"
-        ) from None
+        raise RecordingError("daq.parquet_file_cut_short", path=path) from None
 
 
 def _read_long(path: Path, file: pa.parquet.ParquetFile, digest: str) -> Table:
@@ -182,7 +180,7 @@ def _nulls(metadata: pa.parquet.FileMetaData, column: int) -> bool:
 def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:
     """Return True for whole numbers, False for others; refuse what holds no numbers."""
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind)):
-        raise RecordingError(f"{path}: {name}: holds {kind}, not numbers; remove the column or export numbers")
+        raise RecordingError("daq.holds_not_numbers", path=path, name=name, kind=kind)
     return bool(pa.types.is_integer(kind))
 
 
@@ -227,7 +225,7 @@ def write_table(path: Path, table: pa.Table) -> None:
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        raise RecordingError(f"{path}: unknown kind of file '{suffix}'; use .parquet or .csv")
+        raise RecordingError("daq.unknown_kind_file_use", path=path, suffix=suffix)
     try:
         with replacing(path) as temporary:
             if suffix == ".csv":
@@ -235,7 +233,7 @@ def write_table(path: Path, table: pa.Table) -> None:
             else:
                 pa.parquet.write_table(table, temporary, compression="zstd")
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be written ({error.strerror or error})") from None
+        raise RecordingError("daq.not_writable", trace=path, error=error.strerror or error) from None
 
 
 def write_columns(path: Path, table: Table) -> None:

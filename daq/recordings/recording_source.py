@@ -17,6 +17,7 @@ import pyarrow as pa
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
+from daq.messages import Sentence, listed
 from daq.quality import MEASURED, Quality
 from daq.recordings import recording_checks as checks
 from daq.recordings.column_map import ColumnMap, in_channels, mapped_columns_are_there, wanted_columns
@@ -62,7 +63,7 @@ def load_table(
     for name in absent:
         filled[name] = np.full(table.rows, np.nan)
         filled[f"{name}.quality"] = np.full(table.rows, int(Quality.MISSING), dtype=np.int64)
-    note = f"{path.name}: has no {', '.join(absent)}: marked missing"
+    note = Sentence("daq.no_channels_marked", path=path.name, absent=absent)
     return Table(filled, table.metadata, table.sha256), (*notes, note)
 
 
@@ -85,10 +86,7 @@ def _loaded(
         return tables[0], ()
     if not resampled:
         first, second = (next(name for name in table.columns if name != "time") for table in tables[:2])
-        raise RecordingError(
-            f"{path}: {second}: stands on other times than {first}; export all channels on one raster, or give "
-            "--resample"
-        )
+        raise RecordingError("daq.stands_other_times", path=path, second=second, first=first)
     return _resampled(path, machine, tables)
 
 
@@ -100,14 +98,12 @@ def _of_rasters(path: Path, machine: Machine, columns: ColumnMap | None) -> list
     tables = [in_channels(path, raster, machine, columns, all_known=False) for raster in rasters]
     tables = [table for table in tables if names & set(table.columns)]
     if not tables:
-        raise RecordingError(
-            f"{path}: has no channel of '{machine.name}'; name the channels as the machine file does, or give --map"
-        )
+        raise RecordingError("daq.no_channel", path=path, machine=machine.name)
     together: dict[str, object] = {}
     for table in tables:
         for name in table.columns:
             if name in together and name != "time":
-                raise RecordingError(f"{path}: {name}: is there on two time bases; say which column with --map")
+                raise RecordingError("daq.two_time_bases", path=path, name=name)
             together[name] = None
     checks.columns_fit(path, Table(dict.fromkeys(together, np.zeros(0)), {}, ""), machine)
     return tables
@@ -140,11 +136,11 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
         time = np.asarray(table.columns["time"], dtype=np.float64)
         checks.time_increases(path, time)
         if len(time) < 3:
-            raise RecordingError(f"{path}: time: has {len(time)} rows, too few to resample; record longer")
+            raise RecordingError("daq.time_rows_too_few", path=path, count=len(time))
         times.append(time)
     at = grid(times, machine.rate_hz)
     if len(at) < 2:
-        raise RecordingError(f"{path}: its channels were not recorded at the same time; export a common stretch")
+        raise RecordingError("daq.channels_not_recorded_same", path=path)
     done = [
         resample(time, _measured(path, table, machine, time), machine.rate_hz, at)
         for time, table in zip(times, tables, strict=True)
@@ -182,7 +178,7 @@ def channel_columns(
     try:
         units = table.units
     except ValueError:
-        raise RecordingError(f"{path}: metadata 'hilfit.units' is damaged; record or export it again") from None
+        raise RecordingError("daq.metadata_hilfit_units_damaged", path=path) from None
     for channel in machine.channels:
         name = channel.name
         if name not in table.columns:
@@ -190,12 +186,12 @@ def channel_columns(
         try:
             to_si = conversion(units.get(name, channel.unit), machine.si_unit(channel))
         except ValueError as error:
-            raise RecordingError(f"{path}: {name}: {error}; correct the file's metadata 'hilfit.units'") from None
+            raise RecordingError("daq.correct_file_metadata_hilfit", path=path, name=name, error=error) from None
         values = np.asarray(table.columns[name], dtype=np.float64)
         found, flags = table.columns.get(f"{name}.quality"), None
         if found is not None:
             if not np.all(np.isfinite(found)) or np.any((found < 0) | (found > 255)) or np.any(found % 1 != 0):
-                raise RecordingError(f"{path}: {name}.quality: holds something that is no quality; export it again")
+                raise RecordingError("daq.quality_holds_something_no", path=path, name=name)
             flags = np.asarray(found).astype(np.uint8)
         checks.values_are_numbers(path, name, values, time, flags)
         yield channel, values, flags, to_si
@@ -212,17 +208,20 @@ def _measured(path: Path, table: Table, machine: Machine, time: FloatArray) -> d
 
 
 def _note(path: Path, machine: Machine, done: Sequence[Resampled]) -> str:
-    rates = ", ".join(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
-    uneven = " with uneven steps" if any(part.uneven for part in done) else ""
+    rates = list(dict.fromkeys(f"{part.rate_hz:.5g}" for part in done))
+    uneven = Sentence("daq.with_uneven_steps") if any(part.uneven for part in done) else ""
     slowest = min(part.rate_hz for part in done)
     kept = PASSBAND * 0.5 * min(slowest, machine.rate_hz)
-    text = f"{path.name}: resampled from {rates} Hz{uneven} to {machine.rate_hz:g} Hz"
-    if any(not checks.same_rate(part.rate_hz, machine.rate_hz) for part in done):
-        text += f" with a zero-phase low pass, flat to {kept:.3g} Hz"
+    filtered = any(not checks.same_rate(part.rate_hz, machine.rate_hz) for part in done)
+    low_pass = Sentence("daq.with_low_pass", kept=kept) if filtered else ""
+    values = {"path": path.name, "rates": rates, "uneven": uneven, "rate_hz": machine.rate_hz, "low_pass": low_pass}
+    remarks = [Sentence("daq.resampled_hz_hz", **values)]
     if slowest < machine.rate_hz and not checks.same_rate(slowest, machine.rate_hz):
-        text += f"; the file is slower than the machine, so nothing above {0.5 * slowest:.3g} Hz is in it"
+        remarks.append(Sentence("daq.file_slower_machine_nothing", slowest=0.5 * slowest))
     lost = max(part.gap_seconds for part in done)
-    return text + (f"; {lost:.2g} s beside gaps and at the ends are left out" if lost > 0 else "")
+    if lost > 0:
+        remarks.append(Sentence("daq.beside_gaps_ends_left", lost=lost))
+    return listed(remarks)
 
 
 def import_file(
@@ -251,7 +250,7 @@ def import_file(
     table, notes = load_table(path, machine, columns, resampled=resampled)
     notes = (*stored_notes(table), *(note.replace(path.name, shown or path.name) for note in notes))
     if table.rows == 0:
-        raise RecordingError(f"{path}: has a header but no rows; export it again")
+        raise RecordingError("daq.header_but_no_rows_export", path=path)
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
     arrays: dict[str, npt.NDArray[np.generic]] = {"time": time}

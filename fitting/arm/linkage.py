@@ -295,5 +295,5 @@ def with_parameter(linkage: Linkage, name: str, value: float) -> Linkage:
 
 def _linkage(joint: Joint) -> Linkage:
     if joint.cylinder is None:
-        raise InputError(f"joints.{joint.name}: has no cylinder, so no piston; give it a cylinder or use its angle")
+        raise InputError("fitting.joints_no_cylinder_no", joint=joint.name)
     return joint.cylinder.linkage

@@ -16,11 +16,12 @@ import numpy as np
 
 from daq.errors import HilfitError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.fast_noise import noise_findings
-from fitting.checks.findings import Finding, finding_of
+from fitting.checks.findings import Finding, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.areas import AreaRatio, area_ratios
 from fitting.checks.mistakes.clocks import Clock, clock_of, inertia_findings
@@ -101,7 +102,7 @@ def check_files(
     recordings: list[Recording] = []
     found: list[Finding] = []
     for number, (role, path) in enumerate(files):
-        progress(0.5 * number / len(files), f"reading {path.name}")
+        progress(0.5 * number / len(files), Sentence("fitting.reading_file", file=path.name))
         read = read_leniently(path, machine, role, columns, resample=resample)
         found += read.findings
         if read.recording is not None:
@@ -195,11 +196,11 @@ def _of_positions(machine: Machine, own: Disagreement, places: Places) -> Findin
     channel = machine.channel(quantity, names[0]) if quantity else None
     channels = [c.name for n in names if quantity and (c := machine.channel(quantity, n))]
     where = places.channels(machine, channels) if channels else places.key(option.key)
-    text = option.text.format(channel=channel.name if channel else "", joint=names[0])
+    text = filled(option.text, channel=channel.name if channel else "", joint=names[0])
     lead = "" if channel is not None and text.startswith((channel.name, "the values", "the clock")) else f"{names[0]}: "
     return Finding(
         option.code,
-        f"{lead}{text} (the two sensors disagree by {own.before:.0%} of the motion as it is, by {own.after:.1%} then)",
+        Sentence("fitting.two_sensors_disagree_motion", lead=lead, text=text, before=own.before, after=own.after),
         option.cure + where,
         alternatives=tuple(_named(machine, names[0], quantity, text) for text in own.alternatives),
         joint=names[0],
@@ -249,25 +250,25 @@ def _together(machine: Machine, recordings: Sequence[Recording], places: Places)
     return found
 
 
-def _named(machine: Machine, joint: str, quantity: str | None, text: str) -> str:
-    """Prefix a text with its channel or joint."""
+def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherwise: str = "") -> str:
+    """Prefix a text with its channel (``otherwise``, or the joint, where it has none) or joint."""
     channel = machine.channel(quantity, joint) if quantity else None
-    return text.format(channel=channel.name if channel else joint, joint=joint) if "{" in text else f"{joint}: {text}"
+    if "{" in text:
+        return filled(text, channel=channel.name if channel else otherwise or joint, joint=joint)
+    return Sentence("daq.named", name=joint, what=text)
 
 
 def _of_clock(clock: Clock) -> Finding:
     late = "late" if (clock.rate or clock.offset) > 0 else "early"
     if clock.rate:
-        what = f"the clock of the efforts runs {1e2 * abs(clock.rate):.2g} % {'slow' if clock.rate > 0 else 'fast'}"
-        code = "clock_rate"
+        way = "slow" if clock.rate > 0 else "fast"
+        what, code = Sentence("fitting.clock_of_efforts", percent=1e2 * abs(clock.rate), way=way), "clock_rate"
     else:
-        what, code = f"all efforts come {abs(clock.offset):.2g} s {late}", "clock_offset"
+        what, code = Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late), "clock_offset"
     return Finding(
         code,
-        f"{what} against the positions (unexplained effort: {clock.before:.1%} as it is, {clock.after:.1%} with "
-        "that taken "
-        "back)",
-        "put both buses on one clock and record again, or move the columns",
+        Sentence("fitting.against_positions_unexplained_effort", what=what, before=clock.before, after=clock.after),
+        Sentence("fitting.put_both_buses_clock"),
         before=clock.before,
         after=clock.after,
         unit="of the effort",
@@ -284,10 +285,10 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
     ratio = own.rho * declared
     options = []
     if 0 < ratio < 1:
-        options.append(f"with this bore the rod would be {1e3 * cylinder.bore * np.sqrt(1 - ratio):.3g} mm thick")
+        options.append(Sentence("fitting.rod_with_this_bore", rod=1e3 * cylinder.bore * np.sqrt(1 - ratio)))
         if cylinder.rod > 0:
-            options.append(f"with this rod the bore would be {1e3 * cylinder.rod / np.sqrt(1 - ratio):.3g} mm")
-    other_sizes = f" ({' and '.join(options)})" if options else ""
+            options.append(Sentence("fitting.bore_with_this_rod", bore=1e3 * cylinder.rod / np.sqrt(1 - ratio)))
+    other_sizes = Sentence("fitting.other_sizes", options=options) if options else ""
     return finding_of(
         "cylinder_areas",
         ratio=ratio,
@@ -300,9 +301,7 @@ def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
         unit="of the effort",
         factor=own.rho,
         severity="mistake" if own.sure else "note",
-        alternatives=("back pressure of its valves in one direction, or friction that grows with the pressures",)
-        if own.effect
-        else (),
+        alternatives=(Sentence("fitting.back_pressure_valves_direction"),) if own.effect else (),
         strength=1.0 + float(np.log(own.before / own.after)),
     )
 
@@ -314,20 +313,22 @@ def _finding(machine: Machine, accused: Accused, recordings: Sequence[Recording]
     where = places.key(own.key) if own.key else places.channels(machine, channels)
     file = None if own.recording is None else recordings[own.recording].file
     channel = channels[0] if len(channels) == 1 or (len(names) == 1 and "{channel}" in own.text) else None
-    text = own.text.format(joint=names[0] if names else "", channel=channel or "the effort")
+    text = filled(own.text, joint=names[0] if names else "", channel=channel or "the effort")
     who = f"{file}: " if file else (f"{names[0]}: " if names else "")
     before, after = accused.before.misfits[accused.joint], accused.after.misfits[accused.joint]
-    at = "" if names and machine.joints[accused.joint].name == names[0] else f" of {machine.joints[accused.joint].name}"
+    at = (
+        ""
+        if names and machine.joints[accused.joint].name == names[0]
+        else Sentence("fitting.of_joint", joint=machine.joints[accused.joint].name)
+    )
     return Finding(
         own.code,
-        f"{who}{text} (unexplained effort{at}: {before:.0%} as it is, {after:.1%} with that taken back)",
+        Sentence("fitting.unexplained_effort_taken_back", who=who, text=text, at=at, before=before, after=after),
         own.cure + where,
         alternatives=tuple(
-            other.text.format(joint=machine.joints[other.joints[0]].name if other.joints else "", channel="the effort")
-            if "{" in other.text
-            else f"{machine.joints[other.joints[0]].name}: {other.text}"
+            _named(machine, machine.joints[other.joints[0]].name, None, other.text, "the effort")
             if other.joints
-            else other.text
+            else filled(other.text, joint="", channel="the effort")
             for other in accused.alternatives
         ),
         joint=names[0] if names else None,
@@ -361,7 +362,7 @@ def _unexplained(machine: Machine, searched: Searched, places: Places) -> list[F
                 joint=joint.name,
                 before=float(searched.nominal.misfits[number]),
                 severity="note" if pushed else "mistake",
-                alternatives=("motion of other joints that pushes it",) if pushed else (),
+                alternatives=(Sentence("fitting.motion_other_joints_pushes"),) if pushed else (),
                 after=float(misfit),
                 unit="of the effort",
                 strength=2.0,

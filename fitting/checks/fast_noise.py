@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Channel, Machine
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arrays import FloatArray
@@ -51,11 +52,11 @@ def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         own_step = abs(conversion.factor) * (channel.resolution or 0.0)
         excess: tuple[float, float, str] | None = None
         if noise > least and sisters and noise > _TIMES * (usual := float(np.median(sisters))) > 0:
-            excess = (noise, usual, "that of the other sensors of its kind")
+            excess = (noise, usual, Sentence("fitting.other_sensors_kind"))
         elif noise > least and own_step and noise > _TIMES * own_step:
             excess = (noise, own_step, "its resolution")
         elif (apart := _apart(moving[channel.name], least)) is not None:
-            excess = (*apart, "that of its other stretches")
+            excess = (*apart, Sentence("fitting.other_stretches"))
         if excess is not None:
             before, after, what = excess
             who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "unit": machine.si_unit(channel)}

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
-from importlib.resources import files
 from typing import Any, Literal
 
-#: Text and cure by key: a code, or ``code/variant``. Values stand in braces, as for ``str.format``.
-TEXTS: dict[str, tuple[str, str]] = json.loads(files(__package__).joinpath("texts.json").read_text("utf-8"))
+from daq.messages import Sentence, placeholders
+
 #: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
 Severity = Literal["mistake", "note"]
 
@@ -57,13 +55,14 @@ class Finding:
     @property
     def line(self) -> str:
         """What was seen and what to do, in one line."""
-        others = f" (as well: {'; '.join(self.alternatives)})" if self.alternatives else ""
-        return f"{self.text}{others}; {self.cure}"
+        others = Sentence("fitting.as_well", alternatives=[*self.alternatives]) if self.alternatives else ""
+        return Sentence("fitting.finding", text=self.text, others=others, cure=self.cure)
 
 
-_LEFT_OPEN = {"channel": "{channel}", "joint": "{joint}"}
 #: What of the values in its texts a finding has as well.
 _OWN = frozenset({"joint", "channel", "recording", "before", "after", "unit", "factor", "says"})
+#: Values that a trial does not know yet.
+_LEFT_OPEN = {"channel": "{channel}", "joint": "{joint}"}
 
 
 def finding_of(
@@ -80,7 +79,19 @@ def finding_of(
     return Finding(*texts, severity=severity, alternatives=alternatives, strength=strength, **own)
 
 
-def worded(key: str, **values: Any) -> tuple[str, str, str]:
-    """Return code, text and cure by key; a channel or joint without a value is left open (``{channel}``)."""
-    text, cure = (text.format(**_LEFT_OPEN | values) for text in TEXTS[key])
+def worded(key: str, **values: Any) -> tuple[str, Sentence, Sentence]:
+    """Return code, text and cure by key, ``code`` or ``code/variant``; a channel or joint without a value is left open.
+
+    Texts are ``fitting.check_<key>`` and ``fitting.check_<key>_cure``.
+    """
+    code = f"fitting.check_{key.replace('/', '_')}"
+    given = _LEFT_OPEN | values
+    text, cure = (Sentence(own, **{name: given[name] for name in placeholders(own)}) for own in (code, f"{code}_cure"))
     return key.partition("/")[0], text, cure
+
+
+def filled(text: str, **values: str) -> str:
+    """Fill in what was left open in a text."""
+    if not isinstance(text, Sentence):
+        return text
+    return Sentence(text.code, **{**text.values} | {name: own for name, own in values.items() if name in text.values})

@@ -15,6 +15,7 @@ import numpy as np
 
 from daq.machine.machine_file import Channel, Machine, machine_content
 from daq.machine.plausible import Unusual, unusual_values
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
@@ -94,7 +95,7 @@ def _impossible(
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
     small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
     large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
-    for joints, what in ((small, "no cylinder works with so little"), (large, "no cylinder holds that")):
+    for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
         if not joints:
             continue
         wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
@@ -103,7 +104,7 @@ def _impossible(
             channels = [c for c in channels if tops[str(c.joint)][c.name] > PRESSURES[1]]
         top = max(tops[str(c.joint)][c.name] for c in channels)
         unit = _unit_of(machine, channels[0], top, usual)
-        named = f"the values look like {unit}" if unit else "they are in no unit that is known here"
+        named = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
         every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
         for number, channel in enumerate(channels):
             if every and number:
@@ -112,9 +113,14 @@ def _impossible(
             found.append(
                 Finding(
                     "unit",
-                    f"{who}: reach {tops[str(channel.joint)][channel.name] if not every else top:.4g} Pa, {what}; "
-                    f"{named}",
-                    f"set the unit to '{unit}'" if unit else "check unit, scale and wiring",
+                    Sentence(
+                        "fitting.reach_pa",
+                        who=who,
+                        top=tops[str(channel.joint)][channel.name] if not every else top,
+                        what=Sentence(what),
+                        named=named,
+                    ),
+                    Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
                     before=top,
@@ -201,21 +207,20 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         likely = min(fitting)[1] if fitting and most - least > 1.5 * width else None
         sign = likely is None and -most > low - 0.15 * width and -least < high + 0.15 * width
         what = (
-            f"the values look like {likely}"
+            Sentence("fitting.values_look_like", unit=likely)
             if likely
-            else "it looks as if it counted the other way"
+            else Sentence("fitting.looks_if_counted_other")
             if sign
-            else "unit, zero or sign are wrong, or the limits are"
+            else Sentence("fitting.unit_zero_sign_wrong")
         )
-        cure = f"set its unit to '{likely}'" if likely else (
-            "correct the sign of its scale" if sign else "check its unit, sign and offset, and limits.position of "
-            "the joint"
+        cure = Sentence('fitting.set_its_unit', unit=likely) if likely else (
+            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
         )  # fmt: skip
+        goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)
         found.append(
             Finding(
                 "unit" if likely else ("sign" if sign else "out_of_range"),
-                f"{channel.name}: goes from {least:.4g} to {most:.4g} {unit}, the machine file allows {low:.4g} "
-                f"to {high:.4g}; " + what,
+                Sentence("daq.named", name=channel.name, what=goes),
                 cure,
                 joint=channel.joint,
                 channel=channel.name,
@@ -260,8 +265,8 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
             first = own[0]
             whole = Finding(
                 "unit",
-                f"all channels of quantity {quantity}: {first.text.partition(': ')[2]} ({first.channel})",
-                first.cure.replace("its unit", "the unit"),
+                Sentence("fitting.all_channels_quantity", quantity=quantity, text=first.text),
+                first.cure if first.says is None else Sentence("fitting.set_unit", unit=first.says),
                 before=first.before,
                 says=first.says,
                 channels=tuple(str(f.channel) for f in own),

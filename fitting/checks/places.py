@@ -11,6 +11,7 @@ import yaml
 from daq import safe_yaml
 from daq.machine.machine_file import Machine
 from daq.machine.machine_file_errors import line_of
+from daq.messages import Sentence
 
 
 @dataclass(frozen=True)
@@ -33,13 +34,13 @@ class Places:
     def key(self, location: Sequence[str | int]) -> str:
         """Return `` in machine.yaml line 12`` for a key, or nothing."""
         line = line_of(self.tree, list(location)) if self.tree is not None and location else None
-        return f" in {self.file} line {line}" if line else ""
+        return Sentence("fitting.in_line", file=self.file, line=line) if line else ""
 
     def channels(self, machine: Machine, names: Sequence[str]) -> str:
         """Return `` in machine.yaml lines 88 and 89`` for channels, or nothing."""
         numbers = [k for k, channel in enumerate(machine.channels) if channel.name in names]
         lines = [line_of(self.tree, ["channels", k]) for k in numbers] if self.tree is not None else []
         known = [str(line) for line in lines if line]
-        if not known:
-            return ""
-        return f" in {self.file} line{'s' if len(known) > 1 else ''} {' and '.join(known)}"
+        if len(known) > 1:
+            return Sentence("fitting.in_lines", file=self.file, lines=known)
+        return Sentence("fitting.in_line", file=self.file, line=known[0]) if known else ""

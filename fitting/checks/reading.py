@@ -15,6 +15,7 @@ import numpy as np
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
+from daq.messages import Sentence
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
@@ -134,7 +135,7 @@ def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> 
     return Finding(
         "wrap",
         wrap_text(path, channel.name, rows, time),
-        "nothing has to be done: its turns are put back",
+        Sentence("fitting.nothing_done_turns_put"),
         joint=channel.joint,
         channel=channel.name,
         recording=str(path),

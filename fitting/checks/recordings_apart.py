@@ -14,6 +14,7 @@ import numpy as np
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.checks.findings import Finding, finding_of
 from fitting.checks.mistakes.two_sensors import AGREE, NEAR, gap
@@ -82,7 +83,7 @@ def rods_for_a_time(machine: Machine, recordings: Sequence[Recording]) -> tuple[
         except RecordingError:
             without, lines = recording, ()
         kept.append(without)
-        cure = "an identification leaves them out as well; begin to record later, or look at that position sensor"
+        cure = Sentence("fitting.identification_leaves_them_out")
         found += [Finding("rods", line, cure, recording=recording.file, severity="note") for line in lines]
     return found, kept
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import RATE_TOLERANCE, regular_steps, uneven_steps
 from fitting.arm.linkage import joint_position
@@ -178,7 +179,7 @@ def _ratio(machine: Machine, name: str, recording: Recording) -> float | None:
 
 
 def _of_clock(recording: Recording, ratio: float, joints: int) -> Finding:
-    alone = () if joints > 1 else ("the unit or scale of the speed channel",)
+    alone = () if joints > 1 else (Sentence("fitting.unit_scale_speed_channel"),)
     return finding_of(
         "wrong_rate/speeds",
         times=abs(ratio),

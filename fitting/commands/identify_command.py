@@ -10,6 +10,7 @@ import typer
 
 from daq.console import print_json, progress_bar, reported, show_table
 from daq.errors import InputError
+from daq.messages import Sentence
 from fitting.pipeline.stage_names import ReportLanguage
 
 Files = list[Path] | None
@@ -121,7 +122,7 @@ def show_effect(
         entry = effect(effect_id)
     except KeyError:
         near = difflib.get_close_matches(effect_id, [one.id for one in effects()], n=1)
-        meant = f"; did you mean '{near[0]}'?" if near else ""
+        meant = Sentence("fitting.did_you_mean", near=near[0]) if near else ""
         raise InputError(
             f"there is no effect '{effect_id}'{meant}; 'hilfit effects list' shows all {len(effects())}"
         ) from None

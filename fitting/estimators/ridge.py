@@ -44,10 +44,7 @@ class RidgeTowardPrior(RowsEstimator):
             If the stage has none.
         """
         if stage.prior is None:
-            raise InputError(
-                "estimator 'ridge' needs a prior: give an earlier report.json or the links from drawings with "
-                "--prior FILE"
-            )
+            raise InputError("fitting.estimator_ridge_needs_prior")
         return replace(self, prior=stage.prior, names=stage.base.names, colour=stage.colour)
 
     def solved(self, rows: Rows) -> Estimate:

@@ -61,11 +61,13 @@ class CylinderOptions:
 
     def __post_init__(self) -> None:
         if not 0 < self.use <= 1 or not 0 <= self.staircase <= 0.8 or self.levels < 1 or self.starts < 1:
-            raise InputError("use must be in (0, 1], staircase in [0, 0.8], levels and starts 1 or more")
+            raise InputError("fitting.use_must_staircase_levels")
         if self.band_seconds * self.max_frequency < 2:
             raise InputError(
-                f"seconds: {self.seconds:g} s are too short for a band of {self.max_frequency:g} Hz; "
-                f"take {2 / self.max_frequency / (1 - self.staircase):.3g} s or more"
+                "fitting.seconds_too_short_band",
+                seconds=self.seconds,
+                max_frequency=self.max_frequency,
+                least=2 / self.max_frequency / (1 - self.staircase),
             )
 
     @property
@@ -152,7 +154,7 @@ def design_cylinder_motion(
         if used.used <= options.use:
             return replace(found, limits=(*found.limits, used))
         slower *= 0.98 * options.use / used.used
-    raise InputError(f"the supply's {flow:.3g} m^3/s are too little for these cylinders at once; move fewer (--joint)")
+    raise InputError("fitting.supply_too_little_these", flow=flow)
 
 
 def _flow(joint: Joint, speed: FloatArray) -> FloatArray:
@@ -206,9 +208,9 @@ def _chosen(machine: Machine, names: Sequence[str] | None) -> list[Joint]:
     chosen = [joint for joint in asked if joint.cylinder is not None]
     if names is not None and len(chosen) < len(asked):
         bare = next(joint.name for joint in asked if joint.cylinder is None)
-        raise InputError(f"joint '{bare}': has no cylinder, so nothing to unpin; leave it out")
+        raise InputError("fitting.joint_no_cylinder_nothing", bare=bare)
     if not chosen:
-        raise InputError(f"{machine.name}: no joint has a cylinder, so nothing to unpin; excite it with rods pinned")
+        raise InputError("fitting.no_joint_cylinder_nothing", machine=machine.name)
     return chosen
 
 

@@ -231,8 +231,12 @@ def _shrink(problem: Problem, home: FloatArray, moving: FloatArray) -> tuple[Flo
             factor *= float(np.clip(use / worst.used, 0.8, 0.995))
     where = f"{worst.joint} " if worst.joint else ""
     raise InputError(
-        f"excitation: {where}{worst.quantity} stays at {worst.used:.2f} of its limit {worst.limit:.4g} {worst.unit} "
-        "however small the motion; raise the limit or correct the guess of the parameters"
+        "fitting.excitation_stays_limit_however",
+        where=where,
+        quantity=worst.quantity,
+        used=worst.used,
+        limit=worst.limit,
+        unit=worst.unit,
     )
 
 
@@ -248,7 +252,7 @@ def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> Fl
         If it is a motion of free cylinders.
     """
     if motion.rods != "pinned":
-        raise InputError(f"a motion with rods=unpinned tells nothing about the links of {machine.name}; leave it out")
+        raise InputError("fitting.motion_rods_unpinned_tells", machine=machine.name)
     rest: Any = [(order, np.zeros(len(machine.joints))) for order in (1, 2)]
     law = make_interp_spline(motion.time, motion.joint_positions(machine), k=5, bc_type=(rest, rest))
     count = round(motion.seconds * machine.rate_hz)
@@ -268,7 +272,7 @@ def information_of_recording(machine: Machine, base: BaseParameters, recording: 
         If it was recorded with unpinned rods; RecordingError if no stretch of it is longer than the filters.
     """
     if recording.role == "unloaded":
-        raise InputError(f"{recording.file}: was recorded with rods unpinned and tells nothing about the links")
+        raise InputError("fitting.recorded_rods_unpinned_tells", file=recording.file)
     machine, (recording,) = at_joints(machine, (recording,))
     bank = filter_bank(machine.rate_hz, min(_BANDWIDTH, machine.rate_hz / 8))
     noise = position_noise(machine, (recording,), bank)

@@ -24,6 +24,7 @@ from scipy.interpolate import make_interp_spline
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
+from daq.messages import Sentence
 from daq.motion_files import Motion
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.linkage import joint_position, lever_arm, stroke_limits
@@ -156,7 +157,7 @@ def experiment(arm: Arm, kind: str) -> Experiment:
         If there is no such experiment.
     """
     if kind not in KINDS:
-        raise InputError(f"experiment '{kind}': there are {', '.join(KINDS)}")
+        raise InputError("fitting.no_such_experiment", kind=kind, kinds=", ".join(KINDS))
     if kind == "free_cylinder":
         return _free_cylinder(arm)
     build = {
@@ -210,32 +211,34 @@ def _bursts(arm: Arm, highest: float, ratio: float, amplitude: float) -> tuple[s
     course = np.append(np.concatenate(parts), 0.0)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] += course
-    return f"{', '.join(f'{f:.2g}' for f in frequencies)} Hz", q
+    return ", ".join(f"{f:.2g}" for f in frequencies), q
 
 
 def _staircase(arm: Arm) -> tuple[str, FloatArray]:
     course = arm.stairs(arm.seconds, 8, _SLOWEST)
     q = arm.held(len(course), arm.middle)
     q[:, arm.joint] = course
-    return f"a staircase of constant speeds of {arm.name}, out and back at each; the other joints hold", q
+    return Sentence("fitting.staircase_constant_speeds_out", arm=arm.name), q
 
 
 def _slow_reversals(arm: Arm) -> tuple[str, FloatArray]:
     way = arm.way(arm.joint)
     amplitude = min(_REVERSAL_SHARE * way.half, _largest_burst(way, _HIGHEST))
     rates, q = _bursts(arm, _HIGHEST, 3.0, amplitude)
-    return f"reversals of {arm.name} over {2 * amplitude:.2g} {_unit(arm)} at three rates: {rates}", q
+    where = {"arm": arm.name, "width": 2 * amplitude, "unit": _unit(arm)}
+    return Sentence("fitting.reversals_at_three_rates", rates=rates, **where), q
 
 
 def _frequencies(arm: Arm) -> tuple[str, FloatArray]:
     amplitude = _largest_burst(arm.way(arm.joint), _HIGHEST)
     rates, q = _bursts(arm, _HIGHEST, 2.0, amplitude)
-    return f"{arm.name} alone, one amplitude of {amplitude:.2g} {_unit(arm)} at {rates}", q
+    where = {"arm": arm.name, "amplitude": amplitude, "unit": _unit(arm)}
+    return Sentence("fitting.bursts_at_one_amplitude", rates=rates, **where), q
 
 
 def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
     if len(arm.machine.joints) < 2:
-        raise NotPossibleError(f"{arm.machine.name}: has one joint, so no other pose to hold")
+        raise NotPossibleError("fitting.joint_no_other_pose", machine=arm.machine.name)
     light, heavy = _poses(arm)
     rate, there = arm.machine.rate_hz, _seconds_of_step(arm, light, heavy)
     first = _seconds_of_step(arm, arm.middle, light)
@@ -250,7 +253,7 @@ def _two_poses(arm: Arm) -> tuple[str, FloatArray]:
         part = arm.held(len(course), pose)
         part[:, arm.joint] = course
         parts.append(part)
-    text = f"the same strokes of {arm.name} twice: with the other joints where its load is smallest, then largest"
+    text = Sentence("fitting.same_strokes_twice_other", arm=arm.name)
     return text, np.concatenate(parts)
 
 
@@ -278,7 +281,7 @@ def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
     count = len(arm.machine.joints)
     others = [k for k in (arm.joint + 1, arm.joint - 1) if 0 <= k < count]
     if not others:
-        raise NotPossibleError(f"{arm.machine.name}: has one joint, so no neighbour")
+        raise NotPossibleError("fitting.joint_no_neighbour", machine=arm.machine.name)
     time = arm.time(arm.seconds)
     q = arm.held(len(time), arm.middle)
     way = arm.way(arm.joint)
@@ -291,17 +294,18 @@ def _neighbour(arm: Arm) -> tuple[str, FloatArray]:
         frequency = (0.3, 0.43)[place]
         size = min(near.half, near.speed / (9.0 * frequency), near.acceleration / (70.0 * frequency**2))
         q[:, other] += size * _wave(time, arm.seconds, frequency)
-    names = " and ".join(arm.machine.joints[k].name for k in others)
-    return f"{names} swing while {arm.name} creeps over its stroke; the others hold", q
+    names = [arm.machine.joints[k].name for k in others]
+    over = "stroke" if arm.machine.joints[arm.joint].cylinder else "range"
+    return Sentence("fitting.swing_while_creeps_over", names=names, arm=arm.name, range=over), q
 
 
 def _free_cylinder(arm: Arm) -> Experiment:
     name = arm.name
     if arm.machine.joints[arm.joint].cylinder is None:
-        raise NotPossibleError(f"joint '{name}': has no cylinder, so nothing to unpin")
+        raise NotPossibleError("fitting.joint_no_cylinder_nothing_unpin", name=name)
     options = CylinderOptions(seconds=arm.seconds, starts=1, use=arm.use)
     motion = design_cylinder_motion(arm.machine, options=options, joints=[name], flow=arm.hydraulic.flow).motion
-    text = f"the rod of {name} unpinned: free strokes and a staircase of speeds without any load"
+    text = Sentence("fitting.rod_unpinned_free_strokes", name=name)
     return Experiment("free_cylinder", text, motion)
 
 
@@ -330,7 +334,11 @@ def _kept(arm: Arm, q: FloatArray, kind: str) -> Motion:
     if over:
         worst = max(over, key=lambda each: each.used)
         raise NotPossibleError(
-            f"{kind}: {worst.joint or 'supply'} {worst.quantity} would reach {worst.used:.2f} of its limit"
+            "fitting.would_reach_limit",
+            kind=kind,
+            joint=worst.joint or "supply",
+            quantity=worst.quantity,
+            used=worst.used,
         )
     if slower > 1.0:
         count = int(np.ceil(len(q) * slower))

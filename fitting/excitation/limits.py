@@ -147,7 +147,7 @@ def joint_numbers(machine: Machine, names: Sequence[str] | None) -> list[int]:
     known = [joint.name for joint in machine.joints]
     for name in names or ():
         if name not in known:
-            raise InputError(f"joint '{name}': {machine.name} has {', '.join(known)}")
+            raise InputError("fitting.no_such_joint", name=name, machine=machine.name, known=", ".join(known))
     return [number for number, name in enumerate(known) if names is None or name in names]
 
 

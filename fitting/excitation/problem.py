@@ -59,14 +59,16 @@ class ExcitationOptions:
 
     def __post_init__(self) -> None:
         if not 0 < self.use <= 1:
-            raise InputError(f"use: {self.use:g} of the limits; it must be above 0 and at most 1")
+            raise InputError("fitting.use_limits", use=self.use)
         if self.seconds * self.max_frequency < 2:
             raise InputError(
-                f"seconds: {self.seconds:g} s hold fewer than two periods of {self.max_frequency:g} Hz; "
-                f"take {2 / self.max_frequency:.3g} s or more"
+                "fitting.seconds_hold_fewer_two",
+                seconds=self.seconds,
+                max_frequency=self.max_frequency,
+                least=2 / self.max_frequency,
             )
         if self.harmonics < 2 or self.starts < 1 or self.iterations < 1 or self.samples < 10:
-            raise InputError("harmonics must be 2 or more, starts and iterations 1 or more, samples 10 or more")
+            raise InputError("fitting.harmonics_must_more_starts")
 
 
 @dataclass(frozen=True)
@@ -125,7 +127,7 @@ def pose_problem(
     allowed = np.array([stroke_limits(joint) for joint in machine.joints])
     half = (allowed[:, 1] - allowed[:, 0]) / 2
     if np.any(half <= 0):
-        raise InputError(f"joints.{machine.joints[int(np.argmin(half))].name}: limits and stroke leave no motion")
+        raise InputError("fitting.joints_limits_stroke_leave", joint=machine.joints[int(np.argmin(half))].name)
     seconds = options.seconds
     harmonics = tuple(
         spread_harmonics(options.harmonics, place, len(moved), seconds, options.max_frequency)
@@ -171,7 +173,7 @@ def _tellable(problem: Problem, rng: np.random.Generator) -> IntArray:
         if condition_of_information(G[np.ix_([*kept, k], [*kept, k])]) < 1e6:
             kept.append(k)
     if not kept:
-        raise InputError("the chosen joints tell no parameter at all; choose others")
+        raise InputError("fitting.chosen_joints_tell_no")
     return np.array(kept, dtype=np.intp)
 
 

@@ -117,7 +117,7 @@ def _level(seconds: float, speed: float, half: float, top_acceleration: float) -
             break
         speed *= 0.9  # nothing would be constant any more
         if speed < 1e-3 * half / seconds:
-            raise InputError(f"seconds: a level of {seconds:.3g} s is too short for a staircase; take more seconds")
+            raise InputError("fitting.seconds_level_too_short", seconds=seconds)
     cycles = int(seconds / (4 * hold + 7 * ramp) + 1e-9)
     cycle = [
         (ramp, speed),

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Session
@@ -80,13 +81,13 @@ def _refused(session: Session, before: Errors, after: Errors) -> str | None:
     rate = session.bank.reduced_rate_hz
     change, _, high = error_change(before, after, rate, np.random.default_rng(22))
     if not high < 0:
-        return f"the effort on the validation motion is not predicted better with it (error {change:+.1f} %)"
+        return Sentence("fitting.validation_effort_not_better", change=change)
     for joint, (first, second) in enumerate(zip(before, after, strict=True)):
         if len(first) and len(first) == len(second):
             own, low, _ = error_change([first], [second], rate, np.random.default_rng(23))
             if own > 100 * MOST_WORSE and low > 0:
                 name = session.machine.joints[joint].name
-                return f"the effort of {name} on the validation motion is predicted worse with it (error {own:+.1f} %)"
+                return Sentence("fitting.validation_effort_worse", joint=name, change=own)
     return None
 
 
@@ -94,7 +95,7 @@ def _demoted(left: Attribution, found: Attribution) -> dict[Family, tuple[str, s
     """Return status and reason of rivals of rejected findings: they are now distinguishable."""
     there = {rival.term.family for item in left.accepted for rival in item.rivals}
     fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - there
-    reason = "what it could not be told apart from is not confirmed by the efforts on the validation motion"
+    reason = Sentence("fitting.could_not_told_apart")
     return {
         (c.id, c.joint): ("rejected", reason)
         for c in left.candidates

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.loop.refits import SessionSignals
@@ -73,13 +74,13 @@ def held_against_everything(
     validate = signals.prepared(()).validate
     base = signals.refit([])
     if accepted:
-        progress(0.85, "searching shapes on all samples")
+        progress(0.85, Sentence("fitting.searching_shapes_all_samples"))
         first = signals.refit([item.score.term for item in accepted])
         terms = with_best_shapes(first, session.prior, search.gap)
         accepted = [_of(item, term) for item, term in zip(accepted, terms, strict=True)]
     reasons, apart = dict[Family, str](), dict[Family, tuple[str, str]]()
     while accepted:
-        progress(0.86, "refitting what was found on all samples")
+        progress(0.86, Sentence("fitting.refitting_found_all_samples"))
         model = signals.refit([item.score.term for item in accepted])
         refused = _refused(base, model, accepted, validate)
         if refused is None:
@@ -107,7 +108,7 @@ def _refused(
     worths = [worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
     if worths[weakest] < 0:
-        return weakest, f"found on pieces, but gains only {model.wald(weakest):.1f} of chi-square on all samples"
+        return weakest, Sentence("fitting.found_pieces_but_gains", gain=model.wald(weakest))
     if not validate:
         return None
     worse = worse_joint(base, model, validate)
@@ -118,7 +119,7 @@ def _refused(
     name = model.design.parameters.joints[joint]
     return (
         min(there, key=lambda n: worths[n]),
-        f"it makes {name} worse on the whole of the validation motion (error {100 * rise:+.1f} %)",
+        Sentence("fitting.makes_worse_whole_validation", joint=name, change=100 * rise),
     )
 
 
@@ -159,11 +160,11 @@ def _with_rivals(
         if values[family] < best_chi - width:
             best, best_chi = terms[family].term, values[family]
             best_item = replace(item, score=terms[family])
-            apart[family] = "accepted", "the best of its set on all samples"
+            apart[family] = "accepted", Sentence("fitting.best_set_all_samples")
         near = [own for own in values if own != best.family and values[own] - best_chi < width]
         for own in values:
             if own != best.family and own not in near:
-                reason = f"fits all samples worse than {best.id}: chi-square higher by {values[own] - best_chi:.1f}"
+                reason = Sentence("fitting.fits_all_samples_worse", best=best.id, excess=values[own] - best_chi)
                 apart[own] = "rejected", reason
         result[number] = replace(best_item, rivals=tuple(terms[own] for own in near))
     return result, apart
@@ -263,12 +264,17 @@ def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
 
 def search_note(search: Search) -> str:
     """Word in one sentence where effects were searched for."""
-    return (
-        f"effects were searched for on {search.pieces} pieces of {_minutes(search.seconds)} in all, of "
-        f"{_minutes(search.of_seconds)} recorded; what was found was fitted to, and its errors are of, everything; "
-        "detection limits and changes in time are those of the pieces"
+    return Sentence(
+        "fitting.effects_searched_pieces_all",
+        pieces=search.pieces,
+        seconds=_minutes(search.seconds),
+        of_seconds=_minutes(search.of_seconds),
     )
 
 
 def _minutes(seconds: float) -> str:
-    return f"{seconds / 60:.1f} minutes" if seconds < 36_000 else f"{seconds / 3600:.1f} hours"
+    return (
+        Sentence("fitting.in_minutes", minutes=seconds / 60)
+        if seconds < 36_000
+        else Sentence("fitting.in_hours", hours=seconds / 3600)
+    )

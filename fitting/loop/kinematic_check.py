@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects import effect
 from fitting.effects.base import Effect
@@ -145,7 +146,8 @@ def gap_posteriors(session: Session, progress: Progress = lambda fraction, text:
     if not any(plain.design.segments[i].loaded for i in plain.fitted):
         return posteriors
     for number, joint in enumerate(joints):
-        progress(number / len(joints), f"comparing the position sensors of {session.machine.joints[joint].name}")
+        name = session.machine.joints[joint].name
+        progress(number / len(joints), Sentence("fitting.comparing_position_sensors", joint=name))
         posteriors[joint] = gap_posterior({(): with_forces(_rows(session, plain, model.views, joint), model)})
     for joint, own in posteriors.items():
         if own.conclusions():

@@ -17,6 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel
 from fitting.regression.streamed import fit_rows
@@ -75,8 +76,7 @@ def _sized(noise: Sequence[Whitening], factors: FloatArray) -> tuple[Whitening, 
 def words(names: Sequence[str], factors: Sequence[float]) -> list[str]:
     """Report noises that were far off, a line per joint."""
     return [
-        f"{name}: no motion was recorded twice, and what a flexible model leaves is {1 / factor:.2g} times the noise "
-        "of the fitted rows; their own size is used"
+        Sentence("fitting.no_motion_recorded_twice", joint=name, factor=1 / factor)
         for name, factor in zip(names, factors, strict=True)
         if not 1 / REPORTABLE < factor < REPORTABLE
     ]

@@ -33,6 +33,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from fitting.effects import effects, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.effort_confirmation import confirmed_in_effort
@@ -79,8 +80,12 @@ def attributed(
     found = confirmed_in_effort(session, corrections, found)
     names = [joint.name for joint in session.machine.joints]
     silent = [
-        f"{'machine' if item.score.term.joint is None else names[item.score.term.joint]}: of {item.score.term.id} "
-        f"{item.silence}; record one that shows it"
+        Sentence(
+            "fitting.record_one_that_shows",
+            place="machine" if item.score.term.joint is None else names[item.score.term.joint],
+            effect=item.score.term.id,
+            silence=item.silence,
+        )
         for item in found.accepted
         if item.silence
     ]
@@ -120,8 +125,10 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
             own.append((cutoff, *_value(model, n, leading[n])))
         del model  # before the next, which is as large
     moved = {
-        found.accepted[n].score.term.family: "it changes with the filter: "
-        + ", ".join(f"{value:.3g} at {cutoff:.2g} Hz" for cutoff, value, _ in own)
+        found.accepted[n].score.term.family: Sentence(
+            "fitting.changes_with_filter",
+            values=[Sentence("fitting.at_cutoff", value=value, cutoff=cutoff) for cutoff, value, _ in own],
+        )
         for n, own in values.items()
         if moves(own)
     }
@@ -139,7 +146,7 @@ def other_bands(
     """
     result = []
     for number, factor in enumerate(SCREEN):
-        progress(0.86 + 0.03 * number, "looking again with another bandwidth")
+        progress(0.86 + 0.03 * number, Sentence("fitting.looking_again_another_bandwidth"))
         cutoff = min(factor * session.bank.bandwidth_hz, session.machine.rate_hz / 5)
         result.append((cutoff, _found_at(session, corrections, cutoff)))
     return tuple(result)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Machine, load_machine
+from daq.messages import Sentence
 from daq.recordings.column_map import load_map
 from daq.recordings.recording import Recording, read_recording
 from daq.recordings.recording_checks import runs
@@ -192,7 +193,7 @@ class Session:
         options = options or Options()
         self.described = machine
         if not any(r.role in ("train", "operation") for r in recordings):
-            raise InputError("no training recording; give at least one with --train (or --operation)")
+            raise InputError("fitting.no_training_recording")
         self.given = tuple(recordings)
         self.machine, self.measured, self.left_out = machine, tuple(recordings), tuple[str, ...]()
         self.synthetic = synthetic
@@ -222,8 +223,7 @@ class Session:
             for earlier in recordings[:number]:
                 if "validate" in (recording.role, earlier.role) and recording.sha256 == earlier.sha256:
                     raise RecordingError(
-                        f"{recording.file}: is the same recording as {earlier.file} in role {earlier.role}; "
-                        "validate on another motion"
+                        "fitting.same_recording_role", file=recording.file, other=earlier.file, role=earlier.role
                     )
         return cls(machine, recordings, request.options, request.machine)
 
@@ -434,9 +434,7 @@ class Session:
         indices, least = design.indices(*roles), _MOVING_S * self.bank.reduced_rate_hz
         if indices and not any(_longest(blocks[i].keep) >= least for i in indices for blocks in design.blocks):
             files = ", ".join(r.file for r in self.recordings if r.role in roles)
-            raise RecordingError(
-                f"{files}: no joint moves, so {consequence}; record while the machine works, or let it follow a motion"
-            )
+            raise RecordingError("fitting.no_joint_moves", files=files, consequence=consequence)
 
     def require_excitation(self) -> None:
         """Refuse recordings without motion, and a motion that does not determine the base parameters.
@@ -448,8 +446,8 @@ class Session:
             `operation` are not refused for what they do not determine.
         """
         design = self.plain.design
-        self._require_motion(("train", "repeat", "operation"), "nothing can be fitted")
-        self._require_motion(("validate",), "nothing can be judged")
+        self._require_motion(("train", "repeat", "operation"), Sentence("fitting.nothing_can_fitted"))
+        self._require_motion(("validate",), Sentence("fitting.nothing_can_judged"))
         indices = design.indices("train", "repeat")
         if not indices or design.indices("operation"):
             return
@@ -465,10 +463,7 @@ class Session:
         if missing:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
-            raise RecordingError(
-                f"{files}: this motion does not excite {names}; move more joints, or design a motion with "
-                "'hilfit excite'"
-            )
+            raise RecordingError("fitting.motion_not_excite", files=files, names=names)
 
 
 def _longest(chosen: npt.NDArray[np.bool_]) -> int:

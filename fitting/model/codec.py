@@ -197,9 +197,9 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
         One line that names the key.
     """
     if not isinstance(content, dict) or not str(content.get("schema", "")).startswith("hilfit/model/"):
-        raise InputError(f"{name}: is no model; give the model.json of an identification, or the folder it is in")
+        raise InputError("fitting.no_model", name=name)
     if content["schema"] != SCHEMA:
-        raise InputError(f"{name}: has schema {content['schema']}, this version reads {SCHEMA}; update hilfit")
+        raise InputError("fitting.schema_version_reads", name=name, content=content["schema"], schema=SCHEMA)
     try:
         file = _File.model_validate(content)
         machine = Machine.model_validate(file.machine)
@@ -224,15 +224,12 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
     for place, own in [("", model), *((f"rests.{k}.", own) for k, own in enumerate(rests))]:
         _require_sound(own, name, place)
     if file.sha256 is not None and file.sha256 != checksum(content):
-        raise InputError(
-            f"{name}: sha256: the file was changed after it was written; identify again, or delete this key to use the "
-            "file as it is"
-        )
+        raise InputError("fitting.sha_file_changed_after", name=name)
     return replace(model, rests=rests)
 
 
 def _damaged(name: str, place: str, what: str) -> InputError:
-    return InputError(f"{name}: {place}: {what}; identify again, the file was changed")
+    return InputError("fitting.identify_again_file_changed", name=name, place=place, what=what)
 
 
 def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
@@ -243,9 +240,7 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
             terms.append(term_from_json(term))
         except KeyError as error:
             at = f"{place}terms.{number}"
-            raise InputError(
-                f"{name}: {at}: {error} is not known here; install the package that has this effect"
-            ) from None
+            raise InputError("fitting.not_known_here", name=name, at=at, error=error) from None
         except (TypeError, ValueError, AttributeError, IndexError):
             raise _damaged(name, f"{place}terms.{number}", "is no effect and no law") from None
     return {
@@ -334,7 +329,7 @@ def save_model(path: str | Path, model: ArmModel) -> Path:
         with replacing(path) as temporary:
             temporary.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+        raise InputError("fitting.not_writable_here", path=path, reason=error.strerror) from None
     return path
 
 
@@ -352,11 +347,9 @@ def load_model(path: str | Path) -> ArmModel:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; 'hilfit identify' writes it beside report.json") from None
+        raise InputError("fitting.no_such_file", path=path) from None
     except (UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{path}: is not JSON ({error}); give the model.json of an identification") from None
+        raise InputError("fitting.not_json", path=path, error=error) from None
     except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read ({error.strerror}); give the model.json of an identification"
-        ) from None
+        raise InputError("fitting.cannot_read", path=path, reason=error.strerror) from None
     return model_from_json(content, str(path))

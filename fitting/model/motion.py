@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.stats import qmc
 
 from daq.errors import InputError
+from daq.messages import Sentence
 from fitting.arm.linkage import lever_arms
 from fitting.arrays import FloatArray
 from fitting.model.arm_model import FOREIGN, ArmModel, of_sensors, over_time, phase_unknown
@@ -275,9 +276,9 @@ class Indefinite:
     @property
     def text(self) -> str:
         """One line that names joint, pose and what prevents it."""
-        at = ", ".join(f"{value:.3g}" for value in self.pose)
-        why = f"; the drive inertia of {', '.join(self.drives)} is below zero" if self.drives else ""
-        return f"the mass matrix is not positive definite at q = ({at}), at {self.joint}{why}"
+        pose = ", ".join(f"{value:.3g}" for value in self.pose)
+        why = Sentence("fitting.drive_inertia_negative", drives=self.drives) if self.drives else ""
+        return Sentence("fitting.mass_matrix", pose=pose, joint=self.joint) + why
 
 
 def indefinite(model: ArmModel) -> Indefinite | None:

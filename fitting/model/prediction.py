@@ -130,7 +130,7 @@ def on_recording(
 def require_arm(recording: Recording) -> None:
     """Refuse a recording of free drives (RecordingError): nothing acts on the joints there."""
     if recording.role == "unloaded":
-        raise RecordingError(f"{recording.file}: free drives carry no joint effort; give a recording of the arm")
+        raise RecordingError("fitting.free_drives_carry_no", file=recording.file)
 
 
 def predict(model: ArmModel, recording: Recording) -> Predicted:
@@ -228,8 +228,11 @@ def compare(first: ArmModel, second: ArmModel, recording: Recording) -> Compared
     """
     if first.joints != second.joints or first.machine.name != second.machine.name:
         raise InputError(
-            f"compare: the first model is of '{first.machine.name}' ({', '.join(first.joints)}), the second of "
-            f"'{second.machine.name}' ({', '.join(second.joints)}); give two models of one machine"
+            "fitting.models_of_two_machines",
+            machine=first.machine.name,
+            joints=", ".join(first.joints),
+            other=second.machine.name,
+            other_joints=", ".join(second.joints),
         )
     # Both errors through one filter, or they would not be of the same signals.
     one = predict(first, recording)

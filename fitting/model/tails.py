@@ -71,10 +71,7 @@ def tail_of(stretches: Sequence[FloatArray], rate_hz: float, quiet: int) -> Tail
     level = float(np.quantile(np.concatenate(stretches), _LEVEL))
     peaks = np.array([own[part].max() for own in stretches for part in excursions(own > level, quiet)]) - level
     if len(peaks) < _FEWEST:
-        raise InputError(
-            f"overload: {len(peaks)} peaks in {sum(map(len, stretches)) / rate_hz:.0f} s are too few to learn what is "
-            "usual; give longer recordings"
-        )
+        raise InputError("fitting.overload_peaks_too_few", peaks=len(peaks), seconds=sum(map(len, stretches)) / rate_hz)
     peaks = np.sort(peaks)
     n, mean = len(peaks), float(peaks.mean())
     second = float(np.sum((n - np.arange(1, n + 1)) / (n - 1) * peaks) / n)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.loop.closing import asked_of, next_experiment
 from fitting.loop.everything import search_note
 from fitting.loop.kinematic_check import corrections_from_json
@@ -33,7 +34,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     silent = found.verdict == "nothing_missing" and not (residual.kinematics or residual.laws)
     silent = silent and all(residual.floor_valid)
     others = other_bands(search.session, corrections, progress) if silent else ()
-    progress(0.92, "designing the experiment that tells rivals apart")
+    progress(0.92, Sentence("fitting.designing_experiment_tells_rivals"))
     result = Attributed(
         verdict=found.verdict,
         accepted=tuple(accepted_term(session.machine, item) for item in found.accepted),
@@ -41,6 +42,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
         limits=detection_limits(session.machine, found),
         hypotheses=together(residual.hypotheses, found.hypotheses),
         nothing=found.nothing,
+        nothing_more=found.nothing_more,
         unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
         lines=found.lines,
         changes=found.changes,
@@ -56,7 +58,7 @@ def _called(family: Family, names: tuple[str, ...]) -> str:
     """Word an effect and its joint."""
     name, joint = family
     what = "a law" if name == "law" else name
-    return what if joint is None else f"{what} at {names[joint]}"
+    return what if joint is None else Sentence("fitting.at_joint", effect=what, joint=names[joint])
 
 
 def _next_experiment(session: Session, found: Attribution) -> Designed | None:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.messages import Sentence
 from fitting.arm.base_parameters import condition_number
 from fitting.arrays import FloatArray
 from fitting.loop.session import Session
@@ -120,23 +121,20 @@ def in_words(result: Mapping[str, Any]) -> str:
     ways = result["contenders"]
     first, second = (ways[name]["condition_number"] for name in ("hierarchical", "one_shot"))
     better = "better" if first < second else "worse"
-    sentences = [
-        f"The two stages are {better} conditioned than the one-shot regression (condition number {first:.3g} "
-        f"against {second:.3g})."
-    ]
-    motion = "on the validation motion" if result["role"] == "validate" else "on the motion that was fitted"
+    sentences = [Sentence("fitting.two_stages_conditioned_shot", better=better, first=first, second=second)]
+    motion = (
+        Sentence("fitting.validation_motion") if result["role"] == "validate" else Sentence("fitting.motion_fitted")
+    )
     against = result["against"]
     way, bounds = _way(against["one_shot"])
     if way is None:
-        return " ".join([*sentences, "There is no error to compare."])
-    sentences.append(f"Their error {motion} is {way} that of the one-shot regression ({bounds}).")
+        return Sentence("daq.sentences", sentences=[*sentences, Sentence("fitting.no_error_compare")])
+    sentences.append(Sentence("fitting.their_error_shot_regression", motion=motion, way=way, bounds=bounds))
     if "one_shot_with_unloaded" in against:
         other, bounds = _way(against["one_shot_with_unloaded"])
-        sentences.append(
-            f"With the unloaded recordings in the one-shot regression too, it is {other} that one's ({bounds}): "
-            + _reason(way, other)
-        )
-    return " ".join(sentences)
+        reason = _reason(way, other)
+        sentences.append(Sentence("fitting.with_unloaded_one_shot", way=other, bounds=bounds, reason=reason))
+    return Sentence("daq.sentences", sentences=sentences)
 
 
 _SAME, _LESS, _MORE = "the same within its uncertainty as", "smaller than", "larger than"
@@ -148,17 +146,17 @@ def _way(change: Mapping[str, Any]) -> tuple[str | None, str]:
     if value is None or interval is None:
         return None, ""
     way = _LESS if interval[1] < 0 else _MORE if interval[0] > 0 else _SAME
-    return way, f"{value:+.1f} %, 95 % interval {interval[0]:+.1f} to {interval[1]:+.1f} %"
+    return way, Sentence("fitting.percent_with_interval", percent=value, low=interval[0], high=interval[1])
 
 
 def _reason(way: str | None, other: str | None) -> str:
     if other == _LESS:
-        return "two-stage fitting is better here."
+        return Sentence("fitting.two_stage_fitting_better")
     if other == _MORE:
-        return "two-stage fitting costs accuracy here."
+        return Sentence("fitting.two_stage_fitting_costs")
     if way == _LESS:
-        return "what helps is the unloaded recordings, not fitting in two stages."
-    return "two-stage fitting makes no difference here."
+        return Sentence("fitting.helps_unloaded_recordings_not")
+    return Sentence("fitting.two_stage_fitting_makes")
 
 
 def stage_condition(cylinders: Mapping[str, float], rigid_body: float) -> float:
@@ -206,12 +204,5 @@ def why(final: Weighed) -> str:
     """Word which weights the parameters have, and why."""
     percent = 100 * (final.ratio - 1)
     if final.weights == "whitened":
-        return (
-            "Rows are weighted by the measured noise: on the training motions that costs "
-            f"{max(percent, 0.0):.1f} % of error against plain least squares, and the parameters are the most certain."
-        )
-    return (
-        "All efforts count alike: weights by the measured noise would raise the error on the training "
-        f"motions by {percent:.0f} %, more than the {100 * (MOST_LOST - 1):.0f} % that a right model allows, so what "
-        "is left is an error of the model and not noise."
-    )
+        return Sentence("fitting.rows_weighted_measured_noise", percent=max(percent, 0.0))
+    return Sentence("fitting.all_efforts_count_alike", percent=percent, most_lost=100 * (MOST_LOST - 1))

@@ -29,6 +29,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from scipy import linalg, stats
 
+from daq.messages import Sentence
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
@@ -119,7 +120,10 @@ def _drives(model: Model, most: float) -> list[Violation]:
             if parameter not in ("m", "K", "J") or not fit.determined[start + number] or not value < -most * std:
                 continue
             unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
-            reason = f"the {NAMES['parameters'][parameter]} of {name} is negative", NAMES["causes"][parameter]
+            reason = (
+                Sentence("fitting.parameter_negative", parameter=NAMES["parameters"][parameter], joint=name),
+                NAMES["causes"][parameter],
+            )
             found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *reason))
     return found
 
@@ -134,7 +138,7 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
         joint = model.design.machine.joints[own.joint]
         straight = joint.cylinder is not None or joint.type == "prismatic"
         unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
-        reason = f"the friction of {joint.name} drives the motion at {worst.speed:.3g} {speed} instead of opposing it"
+        reason = Sentence("fitting.friction_drives", joint=joint.name, speed=worst.speed, unit=speed)
         sizes = worst.force, worst.std, unit, worst.sigmas
         found.append(Violation("friction", joint.name, "f(v)", *sizes, reason, NAMES["causes"]["friction"]))
     return found
@@ -157,7 +161,7 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Vio
     moved = np.where(determined & (std > 0), (nearest[part] - model.fit.theta[part]) / np.where(std > 0, std, 1.0), 0.0)
     worst = int(np.argmax(np.abs(moved)))
     name, value, unit = base.names[worst], float(model.fit.theta[part][worst]), base.units[worst]
-    reason = f"no links that can exist have {name} = {value:.3g} {unit} together with the other base parameters"
+    reason = Sentence("fitting.no_links_can_exist", parameter=name, value=value, unit=unit)
     sizes = value, float(std[worst]), unit, float(np.sqrt(distance))
     return [Violation("link", None, name, *sizes, reason, NAMES["causes"]["link"])]
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 from typing import Any, Self
 
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.loop.closing import Asked, Recorder, Step, close
 from fitting.loop.session import Request, Session
@@ -49,7 +50,7 @@ def identify_and_resolve(request: Request, record: Recorder, progress: Progress 
 
     def recorded(asked: Asked, number: int) -> Recording:
         begun[0] = number
-        progress(_FIRST + _MORE * (number - 1), f"recording {asked.text}")
+        progress(_FIRST + _MORE * (number - 1), Sentence("fitting.recording_motion", motion=asked.text))
         return record(asked, number)
 
     last, steps = close(first, recorded)

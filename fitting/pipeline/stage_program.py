@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.errors import HilfitError, InputError
+from daq.messages import with_their_messages
 from fitting.loop.session import Options, Request, Session
 from fitting.pipeline.stage_names import VALVE_STAGE
 from fitting.pipeline.stages import run_stage
@@ -37,7 +38,7 @@ def load_request(path: Path) -> Request:
             languages=tuple(str(code) for code in content.get("languages", Request.languages)),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a request of an identification ({error})") from None
+        raise InputError("fitting.not_request_identification", path=path, error=error) from None
 
 
 def _keeping() -> Callable[[Request], Session]:
@@ -77,7 +78,7 @@ def _one(arguments: Sequence[str], load: Callable[[Request], Session], resident:
     """Run one stage, report its progress, and return the exit code."""
 
     def send(content: dict[str, Any]) -> None:
-        print(json.dumps(content), flush=True)
+        print(json.dumps(with_their_messages(content)), flush=True)
 
     if len(arguments) != 2:
         send({"error": "usage: python -m fitting.pipeline.stage_program [--stay] REQUEST.json STAGE"})

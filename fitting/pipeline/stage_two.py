@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from daq.errors import InputError
+from daq.messages import Sentence
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import FloatArray
@@ -57,15 +58,15 @@ def chosen(options: Options, base: BaseParameters, geometry: Geometry) -> Choice
     """
     colour: Colour = _COLOURS.get(options.covariance, "white")
     if options.covariance not in _COLOURS:
-        raise InputError(f"there is no covariance '{options.covariance}'; use one of {', '.join(_COLOURS)}")
+        raise InputError("fitting.no_covariance", covariance=options.covariance, colours=", ".join(_COLOURS))
     prior = None if options.prior is None else read_body_prior(Path(options.prior), base)
     if options.estimator == JOINT:
         if prior is not None:
-            raise InputError(f"{options.prior}: a prior is used by the estimators 'ridge' and 'possible' only")
+            raise InputError("fitting.prior_used_estimators_ridge", prior=options.prior)
         return Choice(JOINT, None, colour, None)
     if options.estimator not in estimator_ids():
         raise InputError(
-            f"there is no estimator '{options.estimator}'; use one of {', '.join(sorted((JOINT, *estimator_ids())))}"
+            "fitting.no_estimator", estimator=options.estimator, joint=", ".join(sorted((JOINT, *estimator_ids())))
         )
     found = estimator(options.estimator)
     # What it cannot do without is missed now and not after the recordings are prepared; rows come later.
@@ -83,7 +84,7 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
     design, cylinders = session.plain.design, results[Cylinders].cylinders
     asked = choice(session)
     two_stage = identify_rigid_body(design, cylinders, asked.estimator, colour=asked.colour, prior=asked.prior)
-    progress(0.5, "one-shot regression for comparison")
+    progress(0.5, Sentence("fitting.shot_regression_comparison"))
     result = RigidBody(
         two_stage=stacked(design, two_stage),
         one_shot=stacked(design, identify_one_shot(design, colour=asked.colour)),

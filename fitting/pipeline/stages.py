@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from daq.errors import HilfitError, InputError
+from daq.messages import Sentence
 from daq.motion_files import Motion, write_motion
 from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
@@ -67,7 +68,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
     choice(session)
     findings = checked(session)
     session.require_excitation()
-    progress(0.5, "checking the equations of motion against themselves")
+    progress(0.5, Sentence("fitting.checking_equations_motion_against"))
     return Checked(
         bandwidth_hz=session.bank.bandwidth_hz,
         self_check=self_check(session.machine),
@@ -131,7 +132,7 @@ def refit(session: Session, results: StageResults, progress: Progress) -> Refitt
     errors = {state: sizes for state, (sizes, _, _) in found.items()}
     if chosen is not None:
         errors["joint"] = errors_of(prepared.design, final.model.fit.theta, model.extra)[0]
-    progress(0.6, "interval of the improvement")
+    progress(0.6, Sentence("fitting.interval_improvement"))
     shown = "validate" if design.indices("validate") else "train"
     floor = np.asarray(results[Residual].noise_floor)
     series = [by_role[shown] for _, by_role, _ in found.values()]
@@ -254,7 +255,7 @@ def _write_results(request: Request, session: Session, results: StageResults) ->
     model = hand_over(session, final.steps, final.model, content)
     wrong = indefinite(model)
     if wrong is not None:
-        content["warnings"].append(f"{wrong.text}: efforts are predicted all the same, motions are not")
+        content["warnings"].append(Sentence("fitting.efforts_all_the_same", problem=wrong.text))
     content = presented(content, figures)
     paths = write_report(content, figures, output, language=first, others=others)
     save_model(output / MODEL_FILE, model)
@@ -278,14 +279,14 @@ def require_writable(directory: Path) -> None:
         One line that names what is in the way.
     """
     if directory.exists() and not directory.is_dir():
-        raise InputError(f"{directory}: is a file; give a directory with -o")
+        raise InputError("fitting.output_is_file", directory=directory)
     place = directory.absolute()
     while not place.exists() and place != place.parent:
         place = place.parent
     if not place.is_dir():
-        raise InputError(f"{directory}: {place} is a file, so no directory can be made there; choose another with -o")
+        raise InputError("fitting.file_no_directory_can", directory=directory, place=place)
     if not os.access(place, os.W_OK | os.X_OK):
-        raise InputError(f"{directory}: {place} cannot be written; choose another directory with -o")
+        raise InputError("fitting.cannot_written", directory=directory, place=place)
 
 
 def _part(progress: Progress, number: int) -> Progress:
@@ -310,7 +311,7 @@ def run_stage(
     load : gives the session of the request, where it is needed
     """
     if stage not in STAGES:
-        raise InputError(f"there is no stage '{stage}'; use one of {', '.join(STAGES)}")
+        raise InputError("fitting.no_stage", stage=stage, stages=", ".join(STAGES))
     directory = request.output / "stages"
     stored = directory / f"{stage}.json"
     if stored.exists():
@@ -319,8 +320,9 @@ def run_stage(
     for earlier in STAGES[: STAGES.index(stage)]:
         path = directory / f"{earlier}.json"
         if not path.exists():
-            raise HilfitError(f"{path}: stage '{earlier}' has not been run; run the stages in order")
-        results = results.having(from_json(RESULTS[earlier], json.loads(path.read_text(encoding="utf-8")), str(path)))
+            raise HilfitError("fitting.stage_not_been_run", path=path, earlier=earlier)
+        content = json.loads(path.read_text(encoding="utf-8"))
+        results = results.having(from_json(RESULTS[earlier], content, str(path)), content.get("messages"))
     progress(0.0, WORDS[stage])
     session = with_explanation(request, lambda: load(request))
     if stage == "report":

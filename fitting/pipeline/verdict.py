@@ -26,6 +26,7 @@ from collections.abc import Mapping, Sequence
 
 from scipy import stats
 
+from daq.messages import Sentence
 from fitting.estimators.effort_fit import CHANCE
 from fitting.pipeline.results.loop_results import Attributed
 from fitting.pipeline.results.stage_results import Checked, Refitted, Residual, StageResults
@@ -58,9 +59,12 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
     if not found.looked:
         return "not_examined", []
     kinematics, outcome = results[Residual].kinematics, found.verdict
+    if found.nothing_more < 0.5:
+        more = Sentence("fitting.more_is_missing", count=len(found.accepted), probability=found.nothing_more)
+        return outcome, [more]
     if outcome in ("unexplained", "ambiguous"):
         silent = outcome == "unexplained" and not (found.accepted or found.unconfirmed)
-        return outcome, [f"that nothing is missing has a probability of {found.nothing:.2g} only"] if silent else []
+        return outcome, [Sentence("fitting.nothing_missing_probability", probability=found.nothing)] if silent else []
     if results[Residual].laws:
         return "unexplained", []
     if kinematics:
@@ -91,30 +95,25 @@ def what_to_record(results: StageResults) -> list[str]:
     found = results[Attributed]
     if label(results) != "cannot_tell" or found.nothing >= NEEDED:
         return []
-    return [
-        f"nothing is missing with a probability of {found.nothing:.2f} only, and these recordings cannot tell: record "
-        "the training motion once more (role repeat), or a longer one, and identify with it"
-    ]
+    return [Sentence("fitting.nothing_missing_uncertain", probability=found.nothing)]
 
 
 def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
-    reasons, refitted = [], results[Refitted]
+    reasons: list[str] = []
+    refitted = results[Refitted]
     invalid = [joints[n] for n, valid in enumerate(results[Residual].floor_valid) if not valid]
     if invalid:
-        reasons.append(
-            f"the noise of {', '.join(invalid)} is not known: record the training motion a second time (role repeat)"
-        )
+        reasons.append(Sentence("fitting.noise_not_known_record", joints=", ".join(invalid)))
     times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
     allowed = math.hypot(_noise_ratio(refitted.independent_rows), refitted.parameter_error)
     if times is not None and times > allowed:
-        reasons.append(
-            f"on the validation motion the error, offsets included, is {times:.3g} times the noise, and noise and "
-            f"uncertain parameters explain no more than {allowed:.3g}"
-        )
+        reasons.append(Sentence("fitting.validation_motion_error_offsets", times=times, allowed=allowed))
     for other in results[Attributed].other_bands:
         if other.found:
-            reasons.append(f"with a bandwidth of {other.bandwidth_hz:.3g} Hz the loop finds {', '.join(other.found)}")
+            reasons.append(
+                Sentence("fitting.other_band_finds", bandwidth_hz=other.bandwidth_hz, found=", ".join(other.found))
+            )
     return reasons
 
 

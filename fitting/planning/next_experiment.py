@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.motion_files import Motion
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import Arm, menu
@@ -120,37 +121,40 @@ class NextExperiment:
     def _text(self) -> str:
         best = self.best
         if best is None:
-            return "; or ".join(self.by_hand)
-        return best.text if self.recordings == 1 else f"{best.text}; record it {self.recordings} times"
+            return Sentence("fitting.either_motion", motions=self.by_hand)
+        if self.recordings == 1:
+            return best.text
+        return Sentence("fitting.record_times", motion=best.text, recordings=self.recordings)
 
     def _labels(self, names: Sequence[str]) -> list[str]:
         return [term_label(term, names) for term in self.rivals]
 
     def _why(self, names: Sequence[str]) -> str:
-        ids = " and ".join(self._labels(names))
         best, most = self.best, self.options[0]
-        first = f"{ids} differ by {_differ(self.now)} in these recordings"
+        first = Sentence("fitting.differ_these_recordings", rivals=self._labels(names), now=_differ(self.now))
         if best is not None:
-            return (
-                f"{first}; closable by this motion: {_differ(best.expected)} with one recording, recordings needed: "
-                f"{self.recordings}, chance of a single name: {100 * self.chance:.0f} %"
+            return Sentence(
+                "fitting.closable_by_motion",
+                first=first,
+                expected=_differ(best.expected),
+                recordings=self.recordings,
+                chance=100 * self.chance,
             )
         apart = 100 * np.sqrt(most.expected.share)
-        best_text = (
-            f"{first}, and by {_differ(most.expected)} with the best motion that this arm may make: these sensors "
-            f"cannot tell; all mean the same effort to {apart:.2g} % of the effect"
-        )
-        return f"{best_text}; what would tell: {'; or '.join(self.by_hand)}" if self.by_hand else best_text
+        alike = Sentence("fitting.best_motion_cannot_tell", first=first, expected=_differ(most.expected), apart=apart)
+        return Sentence("fitting.would_tell", first=alike, by_hand=self.by_hand) if self.by_hand else alike
 
 
 def term_label(term: Term, joints: Sequence[str]) -> str:
     """Name a term briefly: an effect's id, or the law's variable."""
     content = term.content
-    return f"law of {content.variable(tuple(joints))}" if isinstance(content, Law) else term.id
+    return Sentence("fitting.law_of", variable=content.variable(tuple(joints))) if isinstance(content, Law) else term.id
 
 
 def _differ(value: Separation) -> str:
-    return f"{value.standard_deviations:.1f} standard deviations ({100 * value.share:.2g} % of the effect)"
+    return Sentence(
+        "fitting.standard_deviations_effect", standard_deviations=value.standard_deviations, share=100 * value.share
+    )
 
 
 def _separation_to_json(value: Separation) -> dict[str, float]:
@@ -205,7 +209,7 @@ def design_next(
             experiments, question.separations([question.segment(e.motion) for e in experiments]), strict=True
         )
     ]
-    options.append(Option("again", "the training motion once more", None, question.again(seconds)))
+    options.append(Option("again", Sentence("fitting.training_motion_once_more"), None, question.again(seconds)))
     designed = _designed(question, np.random.default_rng(0), seconds, generations)
     if designed is not None:
         options.append(designed)
@@ -270,7 +274,7 @@ def _designed(question: Question, rng: np.random.Generator, seconds: float, gene
         return None
     motion = pool[0][1].motion(machine, _USE)
     expected = question.separations([question.segment(motion)])[0]
-    return Option("designed", "a motion of all joints that was designed to tell them apart", motion, expected)
+    return Option("designed", Sentence("fitting.motion_all_joints_designed"), motion, expected)
 
 
 def _allowed(question: Question, series: Series) -> Series | None:

@@ -46,9 +46,7 @@ def planned_segment(
     length = round(motion.seconds * bank.rate_hz) + 1
     least = 2 * (bank.margin + bank.half) + 4 * bank.decimation
     if length <= least:
-        raise InputError(
-            f"a motion of {motion.seconds:.3g} s is shorter than the filters; take {least / bank.rate_hz:.3g} s or more"
-        )
+        raise InputError("fitting.motion_shorter_filters", seconds=motion.seconds, least=least / bank.rate_hz)
     time = np.arange(length) / bank.rate_hz
     samples = length - 2 * bank.margin
     moved: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {

@@ -122,10 +122,10 @@ def read_expected(path: Path) -> Drawing | Report:
         content = json.loads(text) if text.startswith("{") else safe_yaml.read(text)[1]
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         what = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: cannot be read as YAML or JSON ({what})") from None
+        raise InputError("fitting.cannot_read_yaml_json", path=path, what=what) from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema not in (_REPORT, _DRAWING):
-        raise InputError(f"{path}: schema is {json.dumps(schema)}; a prior is '{_DRAWING}' or a report, '{_REPORT}'")
+        raise InputError("fitting.prior_schema", path=path, schema=json.dumps(schema), drawing=_DRAWING, report=_REPORT)
     try:
         return (Report if schema == _REPORT else Drawing).model_validate(content)
     except ValidationError as error:
@@ -148,14 +148,14 @@ def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:
 def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPrior:
     links = base.inertial_columns // 10
     if len(drawing.links) != links:
-        raise InputError(f"{path}: links: {len(drawing.links)} are given, the machine has {links}")
+        raise InputError("fitting.links_given_machine", path=path, count=len(drawing.links), links=links)
     rows, spreads = [], []
     for number, link in enumerate(drawing.links):
         central = np.zeros((3, 3))
         central[np.triu_indices(3)] = link.inertia
         row = standard_of_link(link.mass, link.centre, central)
         if np.linalg.eigvalsh(pseudo_inertia(row)).min() < -1e-9 * np.trace(pseudo_inertia(row)):
-            raise InputError(f"{path}: links.{number}.inertia: no body has these moments of inertia about its centre")
+            raise InputError("fitting.links_inertia_no_body", path=path, number=number)
         rows.append(row)
         # Each kind of parameter is as uncertain in every direction as it is large: a drawing's zero is no promise.
         sizes = [row[0], *[np.linalg.norm(row[1:4])] * 3, *[(row[4] + row[7] + row[9]) / 3] * 6]
@@ -170,13 +170,16 @@ def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPri
 def _from_report(path: Path, report: Report, base: BaseParameters) -> BodyPrior:
     entries = report.rigid_body.parameters if report.rigid_body is not None else []
     if len(entries) != len(base):
-        raise InputError(f"{path}: rigid_body.parameters: {len(entries)} are given, the machine has {len(base)}")
+        raise InputError("fitting.parameters_given", path=path, given=len(entries), known=len(base))
     mean, own = np.zeros(len(base)), np.full(len(base), np.inf)
     for number, (entry, expression) in enumerate(zip(entries, base.expressions, strict=True)):
         if entry.expression != expression:
             raise InputError(
-                f"{path}: rigid_body.parameters.{number} is '{entry.expression}', this machine's is "
-                f"'{expression}': the report is of another machine"
+                "fitting.parameter_of_another_machine",
+                path=path,
+                number=number,
+                expression=entry.expression,
+                own=expression,
             )
         if entry.value is not None and entry.std is not None:
             mean[number], own[number] = entry.value, entry.std

@@ -22,6 +22,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import linalg
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design, NoiseModel, whitened
 from fitting.regression.prior import Prior, rows_of_prior
@@ -142,9 +143,9 @@ def _variances(G: FloatArray) -> FloatArray:
 def statement(found: Sequence[ParameterVerdict]) -> str:
     """Word in one sentence how many parameters the motion determines, and which not."""
     determined = [t.name for t in found if t.verdict == "told"]
-    text = f"this motion tells {len(determined)} of {len(found)} parameters"
+    text = Sentence("fitting.motion_tells_parameters", told=len(determined), of=len(found))
     for verdict in ("assumed", "poorly told", "not told"):
         names = [t.name for t in found if t.verdict == verdict]
         if names:
-            text += f"; {verdict}: {', '.join(names)}"
+            text += Sentence(f"fitting.{verdict.replace(' ', '_')}", names=names)
     return text

@@ -16,6 +16,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup, escape
 
+from daq.messages import with_messages
 from daq.whole_files import replacing
 from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
@@ -86,6 +87,7 @@ def write_report(
 
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
     """Render a checked report's page (see :func:`fitting.report.schema.validate_report`)."""
+    report = with_messages(report, report.get("messages", {}))
     named = [
         (str(entry["id"]), language.translated(str(entry["title"])), entry.get("joint"))
         for entry in (*(report["loop"].get("candidates") or []), *(report["loop"].get("effects") or []))
@@ -170,7 +172,6 @@ def _environment(language: Language) -> jinja2.Environment:
         words=lambda value: language.words(str(value)),
         own=lambda value: language.phrase(str(value)),
         translated=lambda value: language.translated(str(value)),
-        translated_each=lambda value: language.translated_each(str(value)),
         title_of=_in(language, wording.title),
         capital=wording.capital,
         follows=_in(language, wording.follows),

@@ -18,6 +18,7 @@ from functools import cache
 from typing import Any
 
 from daq.machine.machine_file import Joint, Machine
+from daq.messages import Sentence
 from fitting.regression.drive import effort_unit
 from fitting.report.languages import NAMES
 
@@ -150,6 +151,11 @@ class _Speaker:
             return {name: self.converted(entry, own) for name, entry in content.items()}
         if isinstance(content, (list, tuple)):
             return [self.converted(entry, about) for entry in content]
+        if isinstance(content, Sentence):
+            own = self.words.get(content.partition(":")[0], about)
+            return Sentence(
+                content.code, **{name: self.converted(value, own) for name, value in content.values.items()}
+            )
         return self._text(content, about) if isinstance(content, str) else content
 
     def _text(self, text: str, about: JointWords | None) -> str:

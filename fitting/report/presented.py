@@ -1,7 +1,7 @@
-"""What a page needs beyond the numbers of `report.json`: the verdict as a sentence, and the figures as values.
+"""What a page needs beyond the numbers of `report.json`: the verdict as a sentence, figures as values, and messages.
 
-Both are added keys of `hilfit/report/1`: ``summary`` and ``figures``. A program that draws for people (the service's
-page) says and shows the same as `report.html` without knowing the wording or the signals.
+They are added keys of `hilfit/report/1`: ``summary``, ``figures`` and ``messages``. A program that draws for people
+(the service's page) says and shows the same as `report.html` without knowing the wording or the signals.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daq.messages import messages_in
 from fitting.arrays import FloatArray
 from fitting.report import wording
 from fitting.report.languages import ENGLISH, Language, codes, language
@@ -26,7 +27,7 @@ DIGITS = 4
 
 
 def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
-    """Add ``summary`` (in all languages) and ``figures`` (scatter, friction, diagnostics) to ``report``.
+    """Add ``summary`` (in all languages), ``figures`` (scatter, friction, diagnostics) and ``messages`` to ``report``.
 
     Parameters
     ----------
@@ -48,6 +49,7 @@ def presented(report: Mapping[str, Any], figures: Figures) -> dict[str, Any]:
             "friction": [_values(item) for item in figures.friction],
             "diagnostics": [_values(item) for item in figures.diagnostics],
         },
+        "messages": messages_in(report),
     }
 
 

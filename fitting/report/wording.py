@@ -6,24 +6,22 @@ Sentences are made in English; each part goes through the ``language`` before va
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from daq.messages import Sentence
 from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.schema import looked
 from fitting.report.text import change, moved, number
 
 #: Units of what says which variant of an effect it is, and not how large.
 _NO_SIZES = ("choice", "index")
-#: A name in a text that may be the id of an effect.
-_NAME = re.compile(r"(?<![A-Za-z0-9_.])[a-z]+(?:_[a-z]+)+(?![A-Za-z0-9_])")
-
-# Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
-_SIGNAL = re.compile(
-    r"(?<![A-Za-z0-9_])(?:joint|piston|head|rod|supply|tank|cylinder|oil|base)_"
-    r"(?:position|speed|acceleration|effort|pressure|force|temperature|roll|pitch)(?![A-Za-z0-9_])"
-)
+#: Measured and derived signals as programs write them; joints and files may be called anything else with underscores.
+_SIGNALS = {
+    f"{of}_{what}"
+    for of in ("joint", "piston", "head", "rod", "supply", "tank", "cylinder", "oil", "base")
+    for what in ("position", "speed", "acceleration", "effort", "pressure", "force", "temperature", "roll", "pitch")
+}
 
 
 def is_offset(mean: float | None, rms: float | None) -> bool:
@@ -37,17 +35,21 @@ def title(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
 
 
 def readable(text: str, titles: Mapping[str, str] | None = None, language: Language = ENGLISH) -> str:
-    """Put names of signals in a report's text in words, and effects as titles.
+    """Word a message of a report with names of signals in words, and effects as titles.
 
     ``joint2.piston_position`` becomes ``joint2 piston position``, and ``load_dependent_friction`` what ``titles`` (of
     effect ids, in this language) calls it; names that are neither are kept.
     """
-    text = language.translated(text)
-    if titles:
-        text = _NAME.sub(
-            lambda found: language.quoted(language.lower(titles[found[0]])) if found[0] in titles else found[0], text
-        )
-    return _SIGNAL.sub(lambda found: language.words(found[0]), re.sub(rf"(?<=\w)\.(?={_SIGNAL.pattern})", " ", text))
+    if not isinstance(text, Sentence):
+        return language.translated(text)
+
+    def named(value: str) -> str | None:
+        if titles and value in titles:
+            return language.quoted(language.lower(titles[value]))
+        joint, _, signal = value.rpartition(".")
+        return f"{joint} {language.words(signal)}".lstrip() if signal in _SIGNALS else None
+
+    return text.worded(language.code, named)
 
 
 def separated(item: str, titles: Mapping[str, str], language: Language = ENGLISH) -> str:

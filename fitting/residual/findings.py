@@ -130,6 +130,8 @@ class Attribution:
     lines: tuple[Line, ...] = ()
     changes: tuple[ChangePoint, ...] = ()
     places: tuple[Place, ...] = ()
+    nothing_more: float = 1.0
+    """Probability that nothing is missing beside as many as are looked for; 1 where the search ended by itself."""
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -165,6 +167,6 @@ class Attribution:
             if self.unconfirmed or self.nothing < 0.5:
                 return "unexplained"
             return "effect_added" if self.lines else "nothing_missing"
-        if any(isinstance(a.score.term.content, Law) for a in self.accepted):
+        if any(isinstance(a.score.term.content, Law) for a in self.accepted) or self.nothing_more < 0.5:
             return "unexplained"
         return "ambiguous" if any(a.rivals for a in self.accepted) else "effect_added"

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from daq.messages import Sentence
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.confirmation import Misfit, OnValidate, on_validate, worse_joint
 from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut, held_out_gain
@@ -89,13 +90,13 @@ class Gate:
         if not reason and isinstance(choice.term.content, Effect) and load is not None:
             against = of_the_load(choice.term.content.level, load)
             if against:
-                reason = f"an effect of the drive itself has to be there without a load: {against}"
+                reason = Sentence("fitting.effect_drive_itself_without", against=against)
         found = None
         if not reason and seen is not None:
             found = worse_joint(before, trial, self._validate)
             if found is not None:
                 name = before.design.parameters.joints[found[0]]
-                reason = f"it makes {name} worse on the validation motion (error {100 * found[1]:+.1f} %)"
+                reason = Sentence("fitting.makes_worse_validation_motion", joint=name, change=100 * found[1])
         reason = reason or _driving(choice.term, before, trial)
         return Answer(
             reason,
@@ -141,18 +142,15 @@ def objection(held_out: HeldOut, validate: OnValidate | None) -> str:
     it may reject only what its rows contradict as clearly.
     """
     if held_out.confirmed <= CONFIRMED:
-        size = f"(log density {0.5 * held_out.confirmed:+.1f})"
+        size = Sentence("fitting.log_density", log_density=0.5 * held_out.confirmed)
         if held_out.confirmed * held_out.inflation > CONFIRMED:
-            return (
-                f"the rows that show it are {held_out.inflation:.1f} times as noisy as the motion as a whole; against "
-                f"that it does not hold on blocks that were left out of the fit {size}"
-            )
+            return Sentence("fitting.rows_show_times_noisy", inflation=held_out.inflation, size=size)
         if held_out.gain > CONFIRMED:
-            return f"of the blocks that were left out of the fit one alone shows it {size}"
-        return f"it does not hold on blocks that were left out of the fit {size}"
+            return Sentence("fitting.blocks_left_out_fit", size=size)
+        return Sentence("fitting.not_hold_blocks_left", size=size)
     if validate is not None and validate.refutes:
-        size = f"(log density {0.5 * min(validate.predicted, validate.gain):+.1f})"
-        return f"it does not help on the validation motion {size}"
+        size = Sentence("fitting.log_density", log_density=0.5 * min(validate.predicted, validate.gain))
+        return Sentence("fitting.not_help_validation_motion", size=size)
     return ""
 
 
@@ -171,8 +169,8 @@ def silence(validate: OnValidate | None) -> str:
     if validate is None:
         return ""
     if not validate.entered:  # what it changes of the base may help there: that is no witness of this effect
-        return "the validation motion never enters its range, or never moves its joint, and confirms nothing"
-    return "" if validate.predicted > CONFIRMED else "the validation motion hardly shows it, and confirms nothing"
+        return Sentence("fitting.validation_motion_never_enters")
+    return "" if validate.predicted > CONFIRMED else Sentence("fitting.validation_motion_hardly_shows")
 
 
 def too_faint(choice: Score, held_out: HeldOut) -> bool:
@@ -189,9 +187,8 @@ def _driving(term: Term, before: Model, trial: Model) -> str:
     if found is None or driving(friction_power(before, joint), before.fit, CERTAIN) is not None:
         return ""
     name = before.design.parameters.joints[joint]
-    return (
-        f"with it the friction of {name} would drive the motion at {found.speed:.3g} of speed "
-        f"({found.force:.3g} ± {found.std:.2g})"
+    return Sentence(
+        "fitting.friction_would_drive_motion", joint=name, speed=found.speed, force=found.force, std=found.std
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -59,23 +60,23 @@ class Rating:
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
 
-    def rated(self, scores: Mapping[int, Score], surfaces: Sequence[Score] = ()) -> list[Rated]:
+    def rated(
+        self,
+        scores: Mapping[int, Score],
+        surfaces: Sequence[Score] = (),
+    ) -> list[Rated]:
         """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
         ``surfaces``, which are no candidates.
         """
-        names: dict[Family, list[int]] = {}
-        laws: dict[int, list[int]] = {}
-        for number, score in scores.items():
-            term = score.term
-            if term.is_line:
-                continue
-            if _is_curve(term):
-                laws.setdefault(term.joint or 0, []).append(number)
-            else:
-                names.setdefault(family(term), []).append(number)
+        names, laws = _families(scores)
+        catalogued = sum(f[0] != "law" for f in names)
+        unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
+        each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
+        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / unknown))
         self._trust.weigh(names.values(), laws.values(), scores)
         self._inflations = {}
-        rated = self._explanations(names, laws, scores, surfaces)
+        explained = partial(self._explanations, names, laws, scores, surfaces, each, law_each)
+        rated = explained()
         if self._settled:
             heads: dict[int, Score] = {}
             for r in rated:
@@ -83,7 +84,7 @@ class Rating:
                     heads.setdefault(r.term.joint, r.score)
             self._inflations = self._trust.inflations(heads)
             self._trust.divide(self._inflations, scores)
-            rated = self._explanations(names, laws, scores, surfaces)
+            rated = explained()
         return rated
 
     def _explanations(
@@ -92,12 +93,10 @@ class Rating:
         laws: Mapping[int, Sequence[int]],
         scores: Mapping[int, Score],
         surfaces: Sequence[Score],
+        each: float,
+        law_each: float,
     ) -> list[Rated]:
-        """Rate all explanations with the present shares of their gains."""
-        catalogued = sum(f[0] != "law" for f in names)
-        unknown = max(sum(len(own) for own in laws.values()) + len(names) - catalogued, 1)
-        each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(catalogued, 1)))
-        law_each = float(np.log(priors.UNKNOWN / priors.NOTHING / unknown))
+        """Rate all explanations with the present shares of their gains; ``each`` and ``law_each`` are log priors."""
         result = self._names.of_families(names, scores, each, law_each)
         covered = self._covered(names, scores)
         for joint, own in laws.items():
@@ -154,6 +153,21 @@ class Rating:
         """Return laws that a catalogue's series covers: their simple formulas count for that name, not against it."""
         series = [scores[n].term for own in names.values() if is_series(scores[own[0]].term) for n in own]
         return {n for term in series for n in self._names.own_laws(term)}
+
+
+def _families(scores: Mapping[int, Score]) -> tuple[dict[Family, list[int]], dict[int, list[int]]]:
+    """Group candidates by number: names by family, laws by joint; lines are none."""
+    names: dict[Family, list[int]] = {}
+    laws: dict[int, list[int]] = {}
+    for number, score in scores.items():
+        term = score.term
+        if term.is_line:
+            continue
+        if _is_curve(term):
+            laws.setdefault(term.joint or 0, []).append(number)
+        else:
+            names.setdefault(family(term), []).append(number)
+    return names, laws
 
 
 def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:

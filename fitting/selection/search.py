@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
@@ -25,7 +26,7 @@ from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.draws import Draws
-from fitting.selection.evidence import least_gain, named_evidence
+from fitting.selection.evidence import named_evidence
 from fitting.selection.gains import BEYOND_BIAS, margin
 from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
@@ -67,7 +68,7 @@ def attribute(
     """
     search = Search(base, effects, validate, signals, bootstrap, known)
     for number in range(4 * priors.MOST):
-        progress(min(0.9, number / 4), f"looking for what is missing, round {number + 1}")
+        progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
         if not search.step() and not search.exchange():
             break
     search.settle()
@@ -104,11 +105,13 @@ class Search:
         self.unneeded: set[tuple[object, ...]] = set()  # dropped as improbable: not added again, but not refuted
         #: What made another joint worse, and beside which terms: parameters that joints share are bent by all effects.
         self.worse: set[tuple[frozenset[tuple[object, ...]], tuple[object, ...]]] = set()
+        #: Joints of a law that did not hold elsewhere. Without it two of eight runs of seals lose the right name.
         self.without_law: set[int | None] = set()
+        #: What refused names lived on, per joint; without it a force with another sign on `validate` gets a name.
         self.failed: list[tuple[int | None, float]] = []
         self.table: dict[Family, Candidate] = {}
         for item in known:
-            self._note(item.score, "accepted", "a spectral line")
+            self._note(item.score, "accepted", Sentence("fitting.spectral_line"))
         self.unconfirmed: list[Unconfirmed] = []
         self.limits: tuple[Score, ...] = ()
         terms, grid = catalogue_terms(base, effects)
@@ -136,37 +139,11 @@ class Search:
         self.open = rated
         if _log_total(rated) < priors.CREDIBLE_ODDS:
             return False
-        best = self._at_best_shapes(rated)
-        self._try(self._two_names_instead(decided(best), best))
+        self._try(decided(self._at_best_shapes(rated)))
         return True
 
-    def _two_names_instead(self, choice: Rated, rated: Sequence[Rated]) -> Rated:
-        """Return the choice; of a law, a name instead that with a second name of its joint is more probable.
-
-        A curve can be bent by two effects, and neither of them alone explains what it does. Both formulas have to be
-        nature's: what a curve beside them would make up for is the law's.
-        """
-        if not isinstance(choice.term.content, Law) or len(self.accepted) - self.known > priors.MOST - 2:
-            return choice
-        scored, joint, best, most = self.scored, choice.term.joint, choice, choice.log_odds + priors.CREDIBLE_ODDS
-        names = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Effect) and r.exact > 0]
-        half = 0.5 * choice.score.gain  # of what the curve does, which the larger of two makes
-        for first in [r for r in names if r.score.gain > half][:WIDTH]:
-            beside = self._rated(self.gate.with_term(self.model, first.term), drawing=False)
-            other = [r for r in beside if r.term.joint == joint and isinstance(r.term.content, Effect)]
-            second = self._at_best_shapes(self._beside(other, [*self.model.terms, first.term]))[:1]
-            # Two names are not what the first leaves: that is held against the second once it is asked for.
-            total = first.exact + sum(r.exact + r.against for r in second)
-            if second and second[0].exact > priors.CREDIBLE_ODDS and total > most:
-                best, most = first, total
-        self.candidates.follow(self.scored.model, scored.model)
-        self.candidates.refresh(scored.model, self.fresh)
-        self.scored = scored
-        return best
-
-    def _rated(self, model: Model, drawing: bool = True, surfaces: Sequence[Score] = ()) -> list[Rated]:
-        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders, if
-        drawing.
+    def _rated(self, model: Model, surfaces: Sequence[Score] = ()) -> list[Rated]:
+        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders.
 
         Scores of the last model are kept: after a rejection only the odds against leftovers change.
         """
@@ -178,8 +155,8 @@ class Search:
         rated = self.rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
         # What was drawn may lose by it, and others contend then: they are drawn as well.
-        drawing = drawing and self.draws.wanted
-        while drawing and (chosen := [r for r in _contending(rated) if r.term.label in number.keys() - drawn]):
+        open_ = number.keys() if self.draws.wanted else set[object]()
+        while chosen := [r for r in _contending(rated) if r.term.label in open_ - drawn]:
             drawn |= {r.term.label for r in chosen}
             for score in self.draws.unbiased(model, [r.score for r in chosen]):
                 scores[number[score.term.label]] = score
@@ -264,10 +241,6 @@ class Search:
         score = replace(score, term=trial.terms[-1])
         answer = self.gate.asked(score, self.model, trial)
         place = score.term.family
-        if not answer.reason and self._spilled(score):
-            answer = replace(
-                answer, reason="another joint certainly lacks something, and with that it gains nothing", faint=True
-            )
         if answer.reason:
             if answer.worse:
                 self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
@@ -289,22 +262,9 @@ class Search:
         self.accepted.append(
             Accepted(score, (), answer.held_out, answer.validate_gain, answer.witness, silence=answer.silence)
         )
-        self._note(score, "accepted", f"gains {score.gain:.0f} of chi-square")
+        self._note(score, "accepted", Sentence("fitting.gains_chi_square", gain=score.gain))
         self.before, self.model = self.scored, trial
         self.fresh.clear()
-
-    def _spilled(self, score: Score) -> bool:
-        """Return whether a gain comes from shared parameters bent by a joint with an unconfirmed law.
-
-        A law that did not hold elsewhere is no explanation, but what it lived on is there: beside the law, in the rows
-        that were fitted, a term of another joint still has to gain what one has to.
-        """
-        laws = [item.score.term for item in self.unconfirmed if not _gains_at(score, item.score.term.joint)]
-        if not laws:
-            return False
-        # Fitted anew: which parameters are held at zero belongs to the set of terms.
-        left = score_terms(self.signals.refit((*self.model.terms, *laws)), [score.term], [1])
-        return not left or left[0].gain < least_gain(score.live)
 
     def _at_best_shape(self, score: Score) -> Score:
         """Score a name at its best shape; a law with as many functions as needed, of two signals where better."""
@@ -329,7 +289,6 @@ class Search:
 
         Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
-        self._without_needless_lines()
         self.settled = True
         self.slots = []
         for number in range(self.known, len(self.accepted)):
@@ -354,22 +313,9 @@ class Search:
         for number in reversed(range(len(self.slots))):
             if self.slots[number].improbable:
                 item = self.accepted.pop(self.known + number)
-                self._note(item.score, "rejected", "improbable beside all others")
+                self._note(item.score, "rejected", Sentence("fitting.improbable_beside_all_others"))
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
-
-    def _without_needless_lines(self) -> None:
-        """Drop spectral lines that an effect found later explains: what is left of them is worth nothing."""
-        if len(self.accepted) == self.known:
-            return
-        for number in reversed(range(self.known)):
-            if self.model.wald(number) >= least_gain(2):
-                continue
-            place = self.accepted.pop(number).score.term.family
-            self.known -= 1
-            known = self.table[place]
-            self.table[place] = replace(known, status="rejected", reason="not needed beside what was found later")
-            self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _slot(self, number: int, final: bool = False) -> Slot:
         """Rate what could be in one term's place; unless final, the term is dropped or replaced if it is beaten."""
@@ -393,9 +339,9 @@ class Search:
         self.accepted, self.model = others, model
         if choice is None:
             self.unneeded.add(own)
-            self._note(item.score, "rejected", "not needed beside what was found later")
+            self._note(item.score, "rejected", Sentence("fitting.not_needed_beside_found"))
             return replace(slot, moved=True)
-        self._note(item.score, "rejected", "another explanation is more probable")
+        self._note(item.score, "rejected", Sentence("fitting.another_explanation_more_probable"))
         self._try(choice)
         return replace(slot, moved=True)
 
@@ -414,7 +360,10 @@ class Search:
             )
             for rival, _ in rivals:
                 named = isinstance(item.score.term.content, Effect)
-                words = f"this data cannot tell it from {item.score.term.id if named else 'an unknown effect'}"
+                words = Sentence(
+                    "fitting.data_cannot_tell",
+                    rival=item.score.term.id if named else Sentence("fitting.unknown_effect"),
+                )
                 self._note(rival.score, "indistinguishable", words)
         ordered = tuple(sorted(self.table.values(), key=lambda c: -c.score))
         return Attribution(
@@ -426,6 +375,7 @@ class Search:
             (),
             self._open_questions(),
             places=self._places(),
+            nothing_more=self.rate_nothing() if len(self.accepted) - self.known >= priors.MOST else 1.0,
         )
 
     def _places(self) -> tuple[Place, ...]:
@@ -469,9 +419,9 @@ class Search:
             if known is not None and (known.status != "rejected" or known.score >= margin(r.score)):
                 continue
             if r.log_odds <= 0:
-                reason = f"gains {r.score.gain:.1f} of chi-square, which chance or what was found explains as well"
+                reason = Sentence("fitting.gains_chi_square_chance", gain=r.score.gain)
             else:
-                reason = "significant, but another effect explains the same better"
+                reason = Sentence("fitting.significant_but_another_effect")
             self._note(r.score, "rejected", reason)
 
     def _note(self, score: Score, status: str, reason: str) -> None:

@@ -195,8 +195,7 @@ def asked_filter_bank(rate_hz: float, bandwidth_hz: float, longest_s: float) -> 
     """
     if not 6.0 / longest_s <= bandwidth_hz <= rate_hz / 5:
         raise InputError(
-            f"bandwidth {bandwidth_hz:g} Hz must be at least {6.0 / longest_s:.3g} Hz (six periods in the longest "
-            f"recording) and at most {rate_hz / 5:g} Hz (a fifth of the rate)"
+            "fitting.bandwidth_outside", bandwidth_hz=bandwidth_hz, longest_s=6.0 / longest_s, rate_hz=rate_hz / 5
         )
     return filter_bank(rate_hz, float(bandwidth_hz))
 

@@ -213,8 +213,7 @@ def segments_of(
         parts = [part for part in recording.segments(used) if part.stop - part.start >= shortest(bank)]
         if not parts and not synthetic:
             raise RecordingError(
-                f"{recording.file}: no stretch of {shortest(bank) / bank.rate_hz:.1f} s without a gap; record again or "
-                "raise the bandwidth"
+                "fitting.no_stretch_without_gap", file=recording.file, bank=shortest(bank) / bank.rate_hz
             )
         weights = tuple(piston_weight(machine, joint, recording) for joint in machine.joints)
         shares = tuple(joint_velocity_share(machine, joint, recording, bank) for joint in machine.joints)
@@ -445,10 +444,7 @@ def _effort(
 
     effort = drive_effort(joint, channel)
     if effort is None:
-        raise RecordingError(
-            f"{recording.file}: {joint.name} has no effort channel; add its pressures, or ask for its valve alone "
-            "(hilfit valve)"
-        )
+        raise RecordingError("fitting.no_effort_channel", file=recording.file, joint=joint.name)
     nothing = np.full(part.stop - part.start - 2 * bank.margin, np.nan)
     head, rod = channel("head_pressure"), channel("rod_pressure")
     if joint.cylinder is not None and head is not None and rod is not None:

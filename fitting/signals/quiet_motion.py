@@ -15,6 +15,7 @@ Source: R. J. Carroll and others, Measurement Error in Nonlinear Models, 2006, c
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy import signal
@@ -42,10 +43,15 @@ def quiet_motion(
         if edge * len(q) < bank.rate_hz:  # less than one period of it: no motion
             q[:, joint], qd[:, joint], qdd[:, joint] = q[:, joint].mean(), 0.0, 0.0
             continue
-        sections = signal.butter(_ORDER, _ROOM * edge, fs=bank.rate_hz, output="sos")
-        for values in (q, qd, qdd):
-            values[:, joint] = signal.sosfiltfilt(sections, values[:, joint])
+        motion = np.stack([values[:, joint] for values in (q, qd, qdd)])
+        q[:, joint], qd[:, joint], qdd[:, joint] = signal.sosfiltfilt(_low_pass(edge, bank.rate_hz), motion)
     return q, qd, qdd
+
+
+@lru_cache(maxsize=256)
+def _low_pass(edge: float, rate_hz: float) -> FloatArray:
+    """Design the cut at an edge, a line of a spectrum: the same one for all that hold the same motion."""
+    return np.asarray(signal.butter(_ORDER, _ROOM * edge, fs=rate_hz, output="sos"))
 
 
 def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Joint, Machine
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import runs
 from fitting.arrays import BoolArray, FloatArray
@@ -101,9 +102,7 @@ def _off(machine: Machine, joint: Joint, recording: Recording) -> tuple[BoolArra
     stroke = joint.cylinder.stroke
     if _range(x) > 2 * _MOVES * stroke and _range(distance) > _ALONE * _range(x):
         raise RecordingError(
-            f"{recording.file}: the piston of {joint.name} moves and its joint does not follow; put the rod on the "
-            f"arm, say that the recording is 'unloaded' instead of '{recording.role}', or correct the linkage in the "
-            "machine file"
+            "fitting.piston_moves_joint_not", file=recording.file, joint=joint.name, role=recording.role
         )
     away = np.abs(distance - np.nanmedian(distance))
     usual = 1.4826 * float(np.nanmedian(away))
@@ -137,10 +136,7 @@ def _still_on(machine: Machine, joint: Joint, recording: Recording) -> BoolArray
         moving[part] = True
         alone = alone or (distance is not None and _span(distance[part]) > _ALONE * moved)
     if on.any() and not alone:
-        raise RecordingError(
-            f"{recording.file}: {joint.name} moves with its piston, so its rod is on the arm; take it off for an "
-            "'unloaded' recording, or say 'train'"
-        )
+        raise RecordingError("fitting.moves_piston_rod_arm", file=recording.file, joint=joint.name)
     return np.asarray(on | _loaded_ends(machine, joint, recording, moving))
 
 
@@ -176,13 +172,28 @@ def _span(values: FloatArray) -> float:
 
 def _line(recording: Recording, wrong: BoolArray, joints: Sequence[str], apart: float) -> str:
     parts = runs(wrong)
-    times = [f"{recording.time[p.start]:.1f} to {recording.time[p.stop - 1]:.1f} s" for p in parts[:3]]
-    when = ", ".join(times) + (f" and {len(parts) - 3} more" if len(parts) > 3 else "")
-    who = ", ".join(joints[:3]) + (f" and {len(joints) - 3} more" if len(joints) > 3 else "")
+    times = [
+        Sentence("fitting.from_to_seconds", start=recording.time[p.start], end=recording.time[p.stop - 1])
+        for p in parts[:3]
+    ]
     why = (
-        "the cylinders hold or move the arm there, so the rods were on"
+        Sentence("fitting.cylinders_hold_move_arm")
         if recording.role == "unloaded"
-        else f"the piston is up to {1e3 * apart:.0f} mm from where its joint says, so the rods were not on the arm"
+        else Sentence("fitting.piston_up_mm_where", apart=1e3 * apart)
     )
     # A report may go further than the place where recordings are kept.
-    return f"{Path(recording.file).name} ({recording.role}): {when} left out: {why} ({who})"
+    return Sentence(
+        "fitting.left_out",
+        file=Path(recording.file).name,
+        role=recording.role,
+        times=times,
+        more=_others(len(parts)),
+        why=why,
+        joints=joints[:3],
+        others=_others(len(joints)),
+    )
+
+
+def _others(count: int) -> str:
+    """Word how many more there are than the three that are named."""
+    return Sentence("fitting.and_others", count=count - 3) if count > 3 else ""

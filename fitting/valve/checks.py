@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from fitting.arrays import FloatArray, IntArray
 from fitting.valve.fit import Fit, fitted
 from fitting.valve.model import DELAY, WAYS, Structure
@@ -57,52 +58,54 @@ def _of_the_command(name: str, axis: Axis, fit: Fit) -> Iterator[Check]:
         if turned < _TURNED * misfit:
             yield (
                 "command_sign",
-                f"{name} looks as if it had the wrong sign: turned round it leaves {turned:.2f} of the speed "
-                f"unexplained, not {misfit:.2f}",
-                f"write extends: {-axis.valve.extends} in its valve, or look at swapped position and pressures",
+                Sentence("fitting.looks_if_had_wrong", name=name, turned=turned, misfit=misfit),
+                Sentence("fitting.write_extends_valve_look", extends=-axis.valve.extends),
             )
         elif misfit > _NOTHING:
             yield (
                 "command_axis",
-                f"{name} explains next to nothing of the speed ({misfit:.2f} of it is left)",
-                "look whether it is the command of this axis, and in time with the positions",
+                Sentence("fitting.explains_next_nothing_speed", name=name, misfit=misfit),
+                Sentence("fitting.look_whether_command_axis"),
             )
     edges = [fit.shape[f"edge.{way}"] for way in WAYS if _moves(fit, way)]
     if edges and max(edges) < _NO_EDGE and fit.misfit < _TURNED:
         yield (
             "before_compensation",
-            f"{name} shows no dead band: it looks recorded before the controller's compensation",
-            "record the value that is sent to the amplifier; what is before it tells of the controller",
+            Sentence("fitting.shows_no_dead_band", name=name),
+            Sentence("fitting.record_value_sent_amplifier"),
         )
     if fit.shape["delay"] > 0.98 * DELAY[2]:
         yield (
             "late",
-            f"{name} is {fit.shape['delay']:.2f} s ahead of the speed, which is all that was searched",
-            "look at the clocks of both buses",
+            Sentence("fitting.ahead_speed_all_searched", name=name, shape=fit.shape["delay"]),
+            Sentence("fitting.look_clocks_both_buses"),
         )
 
 
 def _of_the_motion(axis: Axis, fit: Fit) -> Iterator[Check]:
     for way, most in zip(WAYS, axis.largest, strict=True):
         if not _moves(fit, way):
-            text = f"{axis.joint.name} was never seen to {way} by its valve"
-            yield "one_way", text, "record motion in both directions"
+            text = Sentence("fitting.never_seen_valve", joint=axis.joint.name, way=way)
+            yield "one_way", text, Sentence("fitting.record_motion_both_directions")
         elif most < _FAR:
             yield (
                 "unvisited",
-                f"commands that {way} beyond {100 * most:.0f} % of full were never recorded",
-                "record higher levels; the inverse is clipped there",
+                Sentence("fitting.commands_beyond_full_never", way=way, most=100 * most),
+                Sentence("fitting.record_higher_levels"),
             )
 
 
 def _of_the_pressures(axis: Axis) -> Iterator[Check]:
     if not axis.has_pressures:
-        yield "no_pressures", "no chamber pressures: the curve and the delay only", "add head_pressure and rod_pressure"
+        yield (
+            "no_pressures",
+            Sentence("fitting.no_chamber_pressures_curve"),
+            Sentence("fitting.add_head_pressure_rod_pressure"),
+        )
     elif not axis.has_supply:
         yield (
             "no_supply",
-            "nobody knows the supply pressure: an orifice that feeds the cylinder cannot be told from a compensated "
-            "valve, and speeds at another load are predicted worse",
+            Sentence("fitting.nobody_knows_supply_pressure"),
             "add a supply_pressure channel, or supply: {pressure: ...}",
         )
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import BoolArray
 from fitting.residual.confirmation import cross_validation as gate
 from fitting.residual.confirmation.local import Local, beside, elsewhere
@@ -233,7 +234,10 @@ def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
     left = (own for own in EFFECTS.values() if own.id not in fit.structure.effects and own.applies(fit.axis))
     with_it = {own: replace(fit.structure, effects=(*fit.structure.effects, own.id)) for own in left}
     tried = [candidate(own.id, own.title, _best(fit, structure, own.starts)) for own, structure in with_it.items()]
-    laws = [candidate(own.variable, f"a gain that follows {own.variable}", fit, own) for own in unknown_laws(fit)]
+    laws = [
+        candidate(own.variable, Sentence("fitting.gain_follows", variable=own.variable), fit, own)
+        for own in unknown_laws(fit)
+    ]
     names = [(named + c.before**2 - c.error**2, c.error) for c in tried if c.refused or not c.reason]
     names += [(named, c.before) for c in laws[:1]]
     off = max(priors.EPSILONS) ** 2

@@ -66,7 +66,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     require_formats([to])
     require_folder(folder)
     if not model.moves:
-        raise InputError(f"{model.joint}: its valve was never seen to move it; there is nothing to export")
+        raise InputError("fitting.valve_never_seen_move", joint=model.joint)
     return formats()[to](model, folder)
 
 

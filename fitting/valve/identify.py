@@ -13,6 +13,7 @@ import numpy as np
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence, with_their_messages
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.regression.freedom import SIGMAS
@@ -76,19 +77,17 @@ def identify_valves(
     """
     joints = [joint for joint in machine.joints if machine.channel("command", joint.name) is not None]
     if not joints:
-        raise InputError(
-            f"machine '{machine.name}' has no channel of quantity command; add one for each valve that is recorded"
-        )
+        raise InputError("fitting.machine_no_channel_quantity", machine=machine.name)
     if not recordings:
-        raise InputError("valve: no recording; give at least one in which the axes move by their valves")
+        raise InputError("fitting.valve_no_recording")
     digests = {own.sha256 for own in recordings} - {""}
     for own in validate:
         if own.sha256 in digests:
-            raise InputError(f"{own.file}: is fitted and judged on at once; give a recording of another motion")
+            raise InputError("fitting.fitted_judged_once", file=own.file)
     axes, models, resting = dict[str, Any](), dict[str, ValveModel](), list[str]()
     seen = dict[str, tuple[Axis, Axis | None, Chosen]]()
     for number, joint in enumerate(joints):
-        progress(number / len(joints), f"the valve of {joint.name}")
+        progress(number / len(joints), Sentence("fitting.valve_of", joint=joint.name))
         axis = axis_of(machine, joint, recordings, bandwidth_hz=bandwidth_hz)
         if not moves(axis):
             resting.append(joint.name)
@@ -103,10 +102,7 @@ def identify_valves(
     for name, what in seen.items():
         axes[name], models[name] = _of_axis(machine, *what, pump)
     if not axes:
-        raise InputError(
-            f"{recordings[0].file}: {', '.join(resting)}: no axis is moved by its command; record a motion, or look "
-            "whether the command channel is that of this axis"
-        )
+        raise InputError("fitting.no_axis_moved_command", file=recordings[0].file, resting=", ".join(resting))
     report = {
         "schema": SCHEMA,
         "machine": machine.name,
@@ -119,11 +115,9 @@ def identify_valves(
         ],
         "axes": axes,
         "resting": resting,
-        "warnings": [
-            f"{name}: does not move by its command in any recording; nothing is said of it" for name in resting
-        ],
+        "warnings": [Sentence("fitting.not_move_command_any", name=name) for name in resting],
     }
-    return Identified(report, models)
+    return Identified(with_their_messages(report), models)
 
 
 def _of_axis(
@@ -201,7 +195,7 @@ def _direction(fit: Fit, model: ValveModel, way: int) -> dict[str, Any]:
         return {"moves": False}
     found = {
         "moves": True,
-        "edge": _value(fit, f"edge.{name}", "of full command"),
+        "edge": _value(fit, f"edge.{name}", Sentence("fitting.full_command")),
         "edge_at_2_percent": _edge(fit, way),
         "compensated": _compensated(fit, way),
         "curve": fit.structure.curve,
@@ -222,7 +216,7 @@ def _compensated(fit: Fit, way: int) -> dict[str, Any] | None:
     found = compensated_edge((1.0, -1.0)[way] * signals.u, signals.first)
     if found is None:
         return None
-    name, unit = f"edge.{WAYS[way]}", "of full command"
+    name, unit = f"edge.{WAYS[way]}", Sentence("fitting.full_command")
     return {"value": found, "unit": unit, "too_small_by": _barred(fit.shape[name] - found, fit.bar(name), unit)}
 
 
@@ -236,7 +230,7 @@ def _edge(fit: Fit, way: int) -> dict[str, Any]:
     (here,), (std,), (half,) = (own.tolist() for own in _spread(fit, at))
     valve = fit.axis.valve
     return {
-        **_barred(here, (std, half) if std else None, "of full command"),
+        **_barred(here, (std, half) if std else None, Sentence("fitting.full_command")),
         "command": valve.neutral + (1.0, -1.0)[way] * valve.extends * here * valve.full,
         "command_unit": valve.unit,
     }

@@ -124,7 +124,7 @@ def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> li
     """
     axes = {} if report is None else report.get("axes", {})
     if report is not None and (report.get("schema") != SCHEMA or not isinstance(axes, dict)):
-        raise InputError("--after: is no valve report; give the valve.json of hilfit valve")
+        raise InputError("fitting.after_no_valve_report")
     found = []
     for joint in machine.joints:
         if joint.cylinder is None or joint.cylinder.valve is None:
@@ -144,7 +144,7 @@ def expected_of(machine: Machine, report: Mapping[str, Any] | None = None) -> li
         line = np.maximum(grid - _EDGE, 0.0) / (1.0 - _EDGE)
         found.append(Expected(*place, np.outer(full, line), (_EDGE, _EDGE), _DELAY, round(_EDGE / _STEP), False))
     if not found:
-        raise InputError(f"{machine.name}: no joint has a cylinder.valve; describe one in the machine file")
+        raise InputError("fitting.no_joint_cylinder_valve", machine=machine.name)
     return found
 
 
@@ -173,14 +173,11 @@ def plan_valve_motions(
     asked = names if joints is None else [machine.joints[k].name for k in joint_numbers(machine, joints)]
     for name in asked:
         if name not in names:
-            raise InputError(f"joint '{name}': has no cylinder.valve; one of {', '.join(names)}")
+            raise InputError("fitting.joint_no_cylinder_valve", name=name, names=", ".join(names))
     commanded = [own.axis(level) for own in axes]
     for known, own in zip(axes, commanded, strict=True):
         if own.most < max(known.edges) + _RUNGS * _STEP:
-            raise InputError(
-                f"{own.axis}: a command of {own.most:.2g} of full is all that --level, its speed and its travel allow, "
-                "if it is 30 % faster than expected, and hardly moves it; give --after with a valve report"
-            )
+            raise InputError("fitting.command_full_all_level", axis=own.axis, most=own.most)
     plans = [(f"valve-{name}", _of_axis(machine, axes, commanded, names.index(name))) for name in asked]
     if joints is None and len(axes) > 1:
         plans.append(("valve-all", _together(axes, commanded)))

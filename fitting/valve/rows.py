@@ -186,9 +186,9 @@ def axis_of(
     """
     cylinder = joint.cylinder
     if cylinder is None or cylinder.valve is None:
-        raise InputError(f"joints.{joint.name}: has no valve; add cylinder.valve: and a channel of quantity command")
+        raise InputError("fitting.joints_no_valve", joint=joint.name)
     if machine.channel("command", joint.name) is None:
-        raise InputError(f"joints.{joint.name}: no channel shows its valve's command; add one of quantity command")
+        raise InputError("fitting.joints_no_channel_shows", joint=joint.name)
     rate = machine.rate_hz
     if bandwidth_hz is None:
         bank = filter_bank(rate, min(BANDWIDTH_HZ, rate / 5.0))
@@ -200,8 +200,7 @@ def axis_of(
         if not found:
             shortest = (2 * (bank.margin + bank.half) + 1) / rate
             raise RecordingError(
-                f"{recording.file}: {joint.name}: no stretch of {shortest:.1f} s without a gap; record again or raise "
-                "the bandwidth"
+                "fitting.no_stretch_without_gap_record", file=recording.file, joint=joint.name, shortest=shortest
             )
         pieces += found
     whole = replace(bank, identification=np.convolve(bank.value, bank.identification))

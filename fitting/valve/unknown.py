@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.residual.confirmation.local import Local
 from fitting.residual.laws import OTHER_FUNCTIONS
@@ -70,7 +71,7 @@ class Unknown:
         return {
             "variable": self.variable,
             "law": law,
-            "experiment": "the same commands at different values of this variable, all else as it was",
+            "experiment": Sentence("fitting.same_commands_different_values"),
         }
 
 

@@ -14,11 +14,12 @@ from typing import Annotated, Literal
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.authorization.principals import Principal, Role
 from server.platform.database.engine import Database, as_stored
 from server.platform.database.repository import Repository
 from server.platform.database.stored import HIDDEN, Id, Kept, Stored
-from server.platform.errors import ConflictError, NotFoundError
+from server.platform.errors import ConflictError, NotFoundError, none_of
 
 PREFIX = "hilfit_"
 HolderKind = Literal["device", "key"]
@@ -119,7 +120,7 @@ class Holders(Repository[Holder]):
         """Return the device or key; NotFoundError if there is none."""
         found = self.all(principals.c.id == id, principals.c.kind == kind)
         if not found:
-            raise NotFoundError(f"there is no {kind} '{id}'")
+            raise NotFoundError(none_of(kind, id))
         return found[0]
 
     def remove(self, id: str, kind: HolderKind) -> None:
@@ -136,9 +137,7 @@ class Holders(Repository[Holder]):
         with self._database.write("access") as connection:
             unbound = holder.role == "admin" and holder.machines is None and self._valid(holder) is not None
             if unbound and self._admins(connection) == 1:
-                raise ConflictError(
-                    f"{kind} '{id}' is the last admin; pair another one before removing it", "last_admin"
-                )
+                raise ConflictError(Sentence("server.last_admin", kind=kind, id=id), "last_admin")
             connection.execute(principals.delete().where(principals.c.id == id))
         self._forget()
         self._removed(id)

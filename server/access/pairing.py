@@ -18,6 +18,7 @@ import argon2
 import segno
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.access.holder_store import later
 from server.platform.authorization.principals import Role
 from server.platform.database.engine import Database
@@ -96,7 +97,7 @@ class PairingCodes:
         with self._database.write() as connection:
             connection.execute(pairing_codes.delete().where(_closed(now)))
             if connection.execute(sa.select(sa.func.count()).select_from(pairing_codes)).scalar_one() >= MOST_OPEN:
-                raise TooManyError(f"{MOST_OPEN} pairing codes are open; use one, or wait until they expire")
+                raise TooManyError(Sentence("server.pairing_codes_open", most_open=MOST_OPEN))
             connection.execute(pairing_codes.insert().values(**new.columns()))
         return Code(digits, role, machines, new.expires)
 
@@ -125,7 +126,7 @@ class PairingCodes:
                     return PairingCode.read(row)
             connection.execute(pairing_codes.update().values(failures=pairing_codes.c.failures + 1))
         # Raised after the transaction: raised within, it would undo the count.
-        raise ForbiddenError("no open pairing code is this one; type it again, or ask an admin for a new one")
+        raise ForbiddenError(Sentence("server.no_open_pairing_code"))
 
 
 def pairing_url(base: str, digits: str, fingerprint: str | None = None) -> str:

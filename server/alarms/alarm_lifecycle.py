@@ -18,6 +18,7 @@ from typing import Annotated, Literal
 from server.alarms.alarm_conditions import Severity
 from server.platform.database.engine import as_stored
 from server.platform.database.stored import Id, Kept, Stored
+from server.platform.http.bodies import Message
 
 #: Longest time that an alarm may be shelved: nobody should forget one over a change of shift and the next.
 LONGEST_SHELF_S = 86400
@@ -38,6 +39,7 @@ class Alarm(Stored, table="alarms", noun="alarm", created="raised", label="text"
     machine: Annotated[str | None, Kept(index=True)]
     kind: str
     text: str
+    text_message: Message | None = None
     severity: Severity
     state: Literal["active", "cleared"] = "active"
     acknowledged: bool = False
@@ -70,10 +72,11 @@ def raise_(last: Alarm | None, new: Alarm) -> Alarm:
     """
     if last is None:
         return new
+    now = {"text": new.text, "text_message": new.text_message, "severity": new.severity}
     if last.state == "active":
-        return last.but(text=new.text, severity=new.severity)
+        return last.but(**now)
     if not last.acknowledged:
-        return last.but(state="active", text=new.text, severity=new.severity, raised=new.raised, count=last.count + 1)
+        return last.but(state="active", **now, raised=new.raised, count=last.count + 1)
     return new.but(shelved_until=last.shelved_until, shelved_by=last.shelved_by, shelve_reason=last.shelve_reason)
 
 

@@ -11,6 +11,7 @@ import structlog
 
 from daq import Quality
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from daq.quality import MEASURED
 from server.alarms.alarm_conditions import DeadBand, beyond
 from server.alarms.alarm_desk import Alarms
@@ -36,9 +37,10 @@ def stale_channels(frame: dict[str, Any]) -> tuple[str, ...]:
 
 def named(names: Iterable[str], most: int = 3) -> str:
     """Name the first few, and how many more."""
-    listed = list(names)
-    more = f" and {len(listed) - most} more" if len(listed) > most else ""
-    return ", ".join(listed[:most]) + more
+    found = list(names)
+    if len(found) <= most:
+        return ", ".join(found)
+    return Sentence("server.and_others", names=found[:most], count=len(found) - most)
 
 
 class Watch:
@@ -93,11 +95,9 @@ class Watch:
         if left <= 0:
             self._end_recordings()
         # The text holds no number that moves: each new text would be a revision.
-        text = f"little disk is free; recordings end below {RESERVE_BYTES // 2**20} MiB: delete some or make room"
+        text = Sentence("server.little_disk_free", reserve_bytes=RESERVE_BYTES // 2**20)
         if left <= 0:
-            text = (
-                f"the disk is full: less than {RESERVE_BYTES // 2**20} MiB are free, recordings have ended; make room"
-            )
+            text = Sentence("server.disk_is_full", reserve_bytes=RESERVE_BYTES // 2**20)
         self._alarms.report(None, "disk_full", text, "critical" if left <= 0 else "warning", self._low)
 
     def acquisitions(self) -> None:
@@ -106,7 +106,9 @@ class Watch:
         for name in names:
             statistics = self._watched.statistics(name)
             down = statistics["state"] != "running"
-            text = f"acquisition does not run: {statistics.get('error') or 'it is being started'}"
+            text = Sentence(
+                "server.acquisition_does_not_run", why=statistics["error"] or Sentence("server.being_started")
+            )
             self._alarms.report(name, "acquisition_down", text, "critical", down)
             stale: tuple[str, ...] = ()
             if not down:
@@ -114,7 +116,7 @@ class Watch:
                     stale = stale_channels(self._watched.latest(name))
                 except HilfitError:  # it ended between the two looks
                     continue
-            text = f"no measurement from {named(stale)}; check the sensor and its cable"
+            text = Sentence("server.no_measurement_from", channels=named(stale))
             self._alarms.report(name, "channel_stale", text, "warning", bool(stale))
         for alarm in self._alarms.active():
             if alarm.kind in ("acquisition_down", "channel_stale") and alarm.machine not in names:
@@ -126,7 +128,7 @@ class Watch:
         jump = difference - self._difference
         self._difference = difference
         if abs(jump) >= JUMP_S:
-            text = f"the computer's clock was set by {jump:+.0f} s; times in lists before and after do not compare"
+            text = Sentence("server.clock_was_set", seconds=jump)
             self._alarms.report(None, "clock_jumped", text, "info", True)
             self._alarms.report(None, "clock_jumped", text, "info", False)
 

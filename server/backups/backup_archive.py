@@ -28,6 +28,7 @@ from pathlib import Path
 import structlog
 
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from daq.whole_files import sync_directory, write_whole
 from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
@@ -168,7 +169,7 @@ class DailyBackups:
         except Exception as error:  # of a store or a disk that is away; the next look may do better
             own = isinstance(error, HilfitError)
             reason = str(error) if own else "the log of the service says why"
-            self._troubles["backup_failed"] = f"the daily backup failed: {reason}"
+            self._troubles["backup_failed"] = Sentence("server.daily_backup_failed", reason=reason)
             _log.error("backup_failed", error=str(error), exc_info=None if own else error)
 
 
@@ -182,15 +183,13 @@ def manifest_of(backup: Path) -> dict[str, str]:
     """
     if not backup.is_dir():
         what = "is a file" if backup.exists() else "there is no such directory"
-        raise StartError(f"{backup}: {what}; give the directory of a backup, the one with {MANIFEST}")
+        raise StartError("server.give_backup_directory", backup=backup, what=what, manifest=MANIFEST)
     try:
         manifest = json.loads((backup / MANIFEST).read_text(encoding="utf-8"))
         wanted = {str(entry["path"]): str(entry["sha256"]) for entry in manifest["files"]}
         store = int(manifest.get("store", 0))
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise StartError(
-            f"{backup}: is no backup of hilfit ({MANIFEST} is missing or damaged); use another backup"
-        ) from None
+        raise StartError("server.no_backup", backup=backup, manifest=MANIFEST) from None
     if store > SCHEMA_VERSION:
         raise StartError(newer(backup, store))
     return wanted
@@ -210,15 +209,15 @@ def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str
     wanted = manifest_of(backup)
     stores = [name for name in wanted if name.startswith("store.") and "/" not in name]
     if len(stores) != 1:
-        raise StartError(f"{backup}: has no copy of the store; use another backup")
+        raise StartError("server.backup_no_store", backup=backup)
     for name, expected in wanted.items():
         if name not in stores and (name.split("/")[0] not in content.folders or ".." in name.split("/")):
-            raise StartError(f"{backup}: {name} has no place in a backup of hilfit; use another backup")
+            raise StartError("server.backup_no_place", backup=backup, name=name)
         path = backup / name
         if not path.resolve().is_relative_to(backup.resolve()) or not path.is_file():
-            raise StartError(f"{backup}: {name} is missing; use another backup")
+            raise StartError("server.backup_file_missing", backup=backup, name=name)
         if _sum_of(path) != expected:
-            raise StartError(f"{backup}: {name} is damaged; use another backup")
+            raise StartError("server.backup_file_damaged", backup=backup, name=name)
     check_restore(backup / stores[0], url)
     staged = files.root / f".restoring-{secrets.token_hex(4)}"
     try:
@@ -252,7 +251,7 @@ def _sum_of(path: Path) -> str:
     try:
         return digest(path)
     except OSError as error:
-        raise StartError(f"{path}: cannot be read ({error.strerror}); mend that or use another backup") from None
+        raise StartError("server.backup_not_readable", path=path, reason=error.strerror) from None
 
 
 def _files_of(directory: Path) -> list[dict[str, str | int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from daq.messages import Sentence
 from server.machines.acquisition import Acquisition
 from server.platform.errors import UnavailableError
 
@@ -36,7 +37,5 @@ class BusChecks:
         with RingReader(feed.ring_name, from_start=True) as ring:
             rows = ring.read().rows
         if len(rows) < LEAST_S * machine.rate_hz:
-            raise UnavailableError(
-                f"machine '{name}' has been acquired for less than {LEAST_S:g} s; try again when it has"
-            )
+            raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
         return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import BeforeValidator
 
+from daq.messages import messages_in
 from server.bus_checks.bus_check import BusChecks
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.bodies import Shown
+from server.platform.http.bodies import Message, Shown
 from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
 
@@ -40,6 +41,7 @@ class CheckedDevice(Shown):
     device: str
     state: str
     detail: str
+    detail_message: Message | None = None
     identity: dict[str, str]
     mapping: str
     latency_ms: float | None
@@ -95,7 +97,8 @@ class BusCheck(Shown):
 
     ``seconds`` of frames were looked at; ``cycles``, ``skipped`` (that never happened) and the slowest start of one are
     counted since acquisition started. ``delays`` between the buses are told by the frames of the last minute, if a
-    joint that two of them see moved for 15 s of it; empty otherwise.
+    joint that two of them see moved for 15 s of it; empty otherwise. ``messages``: what findings and notes were
+    made of, by their text.
     """
 
     machine: str
@@ -110,6 +113,7 @@ class BusCheck(Shown):
     delays: list[CheckedDelay]
     findings: list[str]
     notes: list[str]
+    messages: dict[str, Message]
 
 
 def shown(check: MachineCheck) -> BusCheck:
@@ -131,7 +135,8 @@ def shown(check: MachineCheck) -> BusCheck:
         )
         for delay in check.delays
     ]
-    return BusCheck.of(check, devices=devices, channels=channels, delays=delays)
+    messages = messages_in([*check.findings, *check.notes])
+    return BusCheck.of(check, devices=devices, channels=channels, delays=delays, messages=messages)
 
 
 def _of_device(channel: ChannelCheck) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from daq.acquisition.cycles import AcquisitionStatistics
 from daq.commissioning.can_questions import FoundNode, described
 from daq.commissioning.check import SECONDS, MachineCheck, delays_of_frames, machine_check
 from daq.machine.machine_file import CanopenBus, Machine
+from daq.messages import Sentence
 
 
 def check_running(
@@ -41,7 +42,7 @@ def check_running(
         if (node := _node(device)) is not None
     }
     silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
-    notes = [f"bus '{bus.name}': is listen_only, so no device was asked who it is" for bus in silent]
+    notes = [Sentence("server.bus_listen_only_no_device", bus=bus.name) for bus in silent]
     resting = rows[-max(1, round(seconds * machine.rate_hz)) :]
     found = machine_check(machine, resting, statistics, nodes, notes, depressurised=depressurised)
     return replace(found, delays=delays_of_frames(machine, rows))

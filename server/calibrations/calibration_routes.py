@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, model_validator
 
+from daq.messages import Sentence
 from server.calibrations.calibration_comparison import ShiftResource, compare_errors, compare_parameters
 from server.calibrations.calibration_desk import Calibrations
 from server.calibrations.calibration_store import Calibration, Of, State
@@ -38,7 +39,7 @@ class Proposal(
     @model_validator(mode="after")
     def _one(self) -> Proposal:
         if (self.identification is None) == (self.valves is None):
-            raise ValueError("give identification or valves, one of both")
+            raise ValueError(Sentence("server.give_one_of_both"))
         return self
 
 
@@ -122,9 +123,11 @@ def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
     """Compare two calibrations of one machine: every parameter, how far it moved, and the errors per joint."""
     first, second = service[Calibrations].get(a), service[Calibrations].get(b)
     if first.machine != second.machine:
-        raise ConflictError(f"'{a}' is of machine '{first.machine}', '{b}' of '{second.machine}'; take one machine")
+        raise ConflictError(
+            Sentence("server.machines_differ", first=a, machine=first.machine, second=b, machine_2=second.machine)
+        )
     if first.kind != second.kind:
-        raise ConflictError(f"'{a}' and '{b}' are not of the same: one is of valves; take two of a kind")
+        raise ConflictError(Sentence("server.not_same_valves", first=a, second=b))
     return ComparisonResource.of(first, second)
 
 

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
+from daq.messages import Sentence
 from server.can_signals.can_signals_schemas import (
     CanBus,
     CanFile,
@@ -53,7 +54,7 @@ async def file(service: ServiceDep, principal: PrincipalDep, machine: OneMachine
     """Download a DBC file that a machine's file names."""
     path = await service.heavy.run(principal.id, service[SignalFiles].path, machine, name)
     if not await run_in_threadpool(path.is_file):
-        raise NotFoundError(f"there is no file {name} beside the file of machine '{machine}'; upload it")
+        raise NotFoundError(Sentence("server.no_file_beside_file", name=name, machine=machine))
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
@@ -94,6 +95,7 @@ def _listed(files: SignalFiles, machine: str, only: str | None, search: str, lim
                 name=bus["name"],
                 files=[CanFile(**file, sha256=files.digest(machine, file["name"])) for file in bus["files"]],
                 problems=bus["problems"],
+                messages=bus["messages"],
                 left_out=bus["left_out"],
             )
             for bus in buses

@@ -7,9 +7,10 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel
 
 from daq.machine.quantities import JOINT_QUANTITIES, Quantity
+from server.platform.http.bodies import Message, Shown
 
 
-class CanSignal(BaseModel):
+class CanSignal(Shown):
     """A signal of a DBC file: its value in ``unit`` is ``factor * raw + offset``.
 
     ``frame_id`` has 29 bits if ``extended``; ``pgn`` is null unless the message is J1939. ``start_bit`` is counted as
@@ -43,9 +44,10 @@ class CanSignal(BaseModel):
     channels: list[str]
     source: dict[str, str | int] | None
     refusal: str | None
+    refusal_message: Message | None = None
 
 
-class CanFile(BaseModel):
+class CanFile(Shown):
     """A file that a bus names: its digest (null if it is not there), or why it cannot be read."""
 
     name: str
@@ -53,14 +55,19 @@ class CanFile(BaseModel):
     messages: int
     signals: int
     error: str | None
+    error_message: Message | None = None
 
 
 class CanBus(BaseModel):
-    """A bus; ``problems`` are lines about channels, ``left_out`` counts signals that are not listed at all."""
+    """A bus; ``problems`` are lines about channels, ``left_out`` counts signals that are not listed at all.
+
+    ``messages``: what problems were made of, by their text.
+    """
 
     name: str
     files: list[CanFile]
     problems: list[str]
+    messages: dict[str, Message] = {}
     left_out: int
 
 

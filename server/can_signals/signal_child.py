@@ -15,6 +15,7 @@ from pathlib import Path
 from daq import Machine, parse_machine
 from daq.machine.buses import CanSignalsBus
 from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
+from daq.messages import Sentence
 from server.can_signals.signal_listing import offered_signals
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
 from server.platform.processes.child_speech import ended
@@ -56,5 +57,5 @@ def main(arguments: Sequence[str]) -> int:
     """Read what the arguments name; returns the exit code."""
     machine_file, target, *change = arguments
     name, incoming = (change[0], Path(change[1])) if change else (None, None)
-    too_much = "takes too much memory to read; export the file with fewer messages"
+    too_much = Sentence("server.takes_too_much_memory")
     return ended(lambda: look(Path(machine_file), Path(target), name, incoming), too_much)

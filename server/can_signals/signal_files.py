@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from daq.machine.can_database import SUFFIXES
+from daq.messages import Sentence, with_messages
 from daq.whole_files import write_whole
 from server.machines.acquisition import Acquisition
 from server.machines.machine_reader import MachineReader
@@ -89,9 +90,7 @@ class SignalFiles:
         """Locate a file that the machine's file names; NotFoundError if it names no such file."""
         row = self._machines.get(machine)
         if name not in self._names(row):
-            raise NotFoundError(
-                f"the file of machine '{machine}' names no DBC file of this name; add it to a bus's dbc"
-            )
+            raise NotFoundError(Sentence("server.file_machine_names_no", machine=machine))
         return self._files.machines / machine / name
 
     def incoming(self, machine: str, name: str) -> Path:
@@ -106,7 +105,7 @@ class SignalFiles:
         """
         path = self.path(machine, name)
         if path.suffix.lower() not in SUFFIXES:
-            raise UnsupportedFormatError(f"the file's name does not end in {', '.join(SUFFIXES)}; name it so in dbc")
+            raise UnsupportedFormatError(Sentence("server.file_name_not_end", suffixes=", ".join(SUFFIXES)))
         made = self._files.incoming()
         return made.with_name(made.name + path.suffix)
 
@@ -132,12 +131,10 @@ class SignalFiles:
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
                 if expected is not None and not expected & {self.digest(machine, name) or NONE_YET}:
-                    raise PreconditionError(f"somebody replaced {name} meanwhile; look at it, and send yours again")
+                    raise PreconditionError(Sentence("server.somebody_replaced_meanwhile", name=name))
                 recording = self._recorded(machine)
                 if recording is not None:
-                    raise ConflictError(
-                        f"machine '{machine}' is being recorded as {recording}; stop that recording first"
-                    )
+                    raise ConflictError(Sentence("server.machine_being_recorded", machine=machine, recording=recording))
                 write_whole(path, incoming.read_bytes())
             if row.acquire:
                 self._acquisition.start(machine, self._files.machine_file(machine, row.version))
@@ -153,13 +150,13 @@ class SignalFiles:
             errors = [file["error"] for file in bus["files"] if file["name"] == name and file["error"] is not None]
             worse = [line for line in bus["problems"] if line not in before]
             if errors or worse:
-                raise InvalidError((errors or worse)[0])
+                raise InvalidError(with_messages((errors or worse)[0], bus["messages"]))
 
     def _names(self, row: MachineRow) -> list[str]:
         """List DBC files that a machine's file names, each once."""
         path = self._files.machine_file(row.name, row.version)
         if not path.is_file():
-            raise NotFoundError(f"the file of machine '{row.name}' is gone; upload it again")
+            raise NotFoundError(Sentence("server.file_machine_gone", row=row.name))
         buses = self._reader.content(path).get("buses", ())
         return list(dict.fromkeys(name for bus in buses if bus["type"] == "can_signals" for name in bus["dbc"]))
 
@@ -174,11 +171,11 @@ class SignalFiles:
         finally:
             target.unlink(missing_ok=True)
         if result.outcome == "input":
-            raise InvalidError(f"DBC files: {result.error}")
+            raise InvalidError(Sentence("server.dbc_files", error=result.error))
         raise refusal(
             result,
-            InvalidError("DBC files: take too long to read; export them with fewer messages"),
-            UnavailableError(f"DBC files: could not be read; {result.error}; try again"),
+            InvalidError(Sentence("server.dbc_files_take_too")),
+            UnavailableError(Sentence("server.dbc_files_could_not", error=result.error)),
         )
 
 

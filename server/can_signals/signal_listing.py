@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unusual_units
+from daq.messages import Sentence, message_of, messages_in
 from server.can_signals.can_signals_schemas import CanSignal
 
 if TYPE_CHECKING:
@@ -32,15 +33,20 @@ class OfferedFile(BaseModel):
     messages: int = 0
     signals: int = 0
     error: str | None = None
+    error_message: dict[str, Any] | None = None
 
 
 class OfferedBus(BaseModel):
-    """A bus: its files, their signals, what is wrong with channels (lines), and how many signals are not listed."""
+    """A bus: its files, their signals, what is wrong with channels (lines), and how many signals are not listed.
+
+    ``messages``: what problems and errors of files were made of, by their text.
+    """
 
     name: str
     files: list[OfferedFile] = Field(default_factory=list)
     signals: list[CanSignal] = Field(default_factory=list)
     problems: list[str] = Field(default_factory=list)
+    messages: dict[str, Any] = Field(default_factory=dict)
     left_out: int = 0
 
 
@@ -58,7 +64,7 @@ def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
         try:
             database = read_database(path, bus.name)
         except MachineFileError as error:
-            file.error = str(error)
+            file.error, file.error_message = str(error), message_of(str(error))
             continue
         databases.append((path, database))
         file.messages = len(database.messages)
@@ -66,6 +72,7 @@ def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
     channels = [c for c in machine.channels if isinstance(c.source, SignalSource) and c.source.bus == bus.name]
     used = _used(machine, [database for _, database in databases], channels, offered)
     _list(offered, databases, used)
+    offered.messages = messages_in([*offered.problems, *(file.error for file in offered.files)])
     return offered
 
 
@@ -138,7 +145,7 @@ def _source(
         return {"pgn": pgn, "signal": signal.name}, None
     if named[message.name, signal.name] == 1:
         return {"message": message.name, "signal": signal.name}, None
-    return None, f"signal '{signal.name}' of message '{message.name}' is there more than once; correct the bus's files"
+    return None, Sentence("server.signal_more_than_once", signal=signal.name, message=message.name)
 
 
 def _finite(value: float | None) -> float | None:

@@ -49,7 +49,9 @@ class _Application(FastAPI):
     def openapi(self) -> dict[str, Any]:
         """Build the OpenAPI description."""
         description = super().openapi()
-        description["components"]["schemas"].setdefault("Problem", problems.Problem.model_json_schema())
+        schema = problems.Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        own = {**schema.pop("$defs", {}), "Problem": schema}
+        description["components"]["schemas"] = own | description["components"]["schemas"]
         base = self.state.service.settings.base_path
         about = "The service that this description was read from"
         description["servers"] = [{"url": base or "/", "description": about}]

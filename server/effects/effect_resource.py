@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter
 
+from daq.messages import Sentence
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import NotFoundError
@@ -29,7 +30,7 @@ def effect(id: str) -> dict[str, Any]:
     for entry in effects():
         if entry["id"] == id:
             return entry
-    raise NotFoundError(f"there is no effect '{id}'; read the list of effects", effect=id)
+    raise NotFoundError(Sentence("server.no_effect", id=id), effect=id)
 
 
 def _describe(entry: Effect) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine, load_machine
+from daq.messages import Sentence
 from daq.motion_files import Motion, write_motion
 from daq.whole_files import write_whole
 from fitting.arm.base_parameters import reduce_parameters
@@ -104,7 +105,7 @@ def run(request: Path) -> dict[str, Any]:
         return dict(json.loads(result_file.read_text(encoding="utf-8")))
 
     def progress(share: float, _condition: float) -> None:
-        send(fraction=share, text="Designing the motion")
+        send(fraction=share, text=Sentence("server.designing_motion"))
 
     motion, result = design(load_machine(content["machine"]), content["options"], progress)
     write_motion(output / "motion.csv", motion)

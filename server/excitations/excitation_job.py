@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from daq import load_machine
+from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
@@ -58,9 +59,11 @@ class ExcitationKind:
         known = [joint.name for joint in described.joints]
         for joint in options.get("joints") or ():
             if joint not in known:
-                raise InvalidError(f"machine '{machine}' has no joint '{joint}'; it has {', '.join(known)}")
+                raise InvalidError(
+                    Sentence("server.machine_no_joint", machine=machine, joint=joint, known=", ".join(known))
+                )
         if options.get("rods") == "unpinned" and all(joint.cylinder is None for joint in described.joints):
-            raise InvalidError(f"machine '{machine}' has no cylinder, so there is nothing to unpin; use rods 'pinned'")
+            raise InvalidError(Sentence("server.machine_no_cylinder_nothing", machine=machine))
         new = Excitation(
             id=f"exc-{secrets.token_hex(8)}",
             job=f"job-{secrets.token_hex(8)}",
@@ -80,7 +83,7 @@ class ExcitationKind:
 
     def words(self, stage: str) -> str:
         """Return what a person reads while it runs."""
-        return "Designing the motion"
+        return Sentence("server.designing_motion")
 
     def directory(self, job: Job) -> Path:
         """Locate the design's place."""
@@ -108,7 +111,7 @@ class ExcitationKind:
         try:
             result = json.loads((place / "result.json").read_bytes())
         except (OSError, ValueError):
-            raise JobError("The design left no motion that can be read; order it again") from None
+            raise JobError("server.design_left_no_motion") from None
         return found_by(Excitation, job.subject, result=result)
 
     def ended(self, job: Job, state: str, error: str | None) -> None:

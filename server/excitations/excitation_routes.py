@@ -8,6 +8,7 @@ from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
+from daq.messages import Sentence
 from server.excitations.excitation_job import ExcitationKind
 from server.excitations.excitation_store import Excitation, Excitations
 from server.excitations.motion_delivery import MotionDelivery
@@ -114,7 +115,9 @@ def motion(id: str, service: ServiceDep) -> FileResponse:
     excitation = service[Excitations].get(id)
     path = service[ExcitationKind].motion(id)
     if excitation.result is None or not path.is_file():
-        raise ConflictError(f"excitation '{id}' has no motion: its job {excitation.job} is {excitation.state}")
+        raise ConflictError(
+            Sentence("server.excitation_no_motion_job", id=id, job=excitation.job, state=excitation.state)
+        )
     return FileResponse(path, media_type="text/csv", filename=f"{excitation.machine}-{id}.csv")
 
 

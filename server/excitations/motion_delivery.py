@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from daq.messages import Sentence
 from server.excitations.excitation_job import ExcitationKind
 from server.excitations.excitation_store import Excitations
 from server.machines.simulation import SimulatedController
@@ -50,10 +51,8 @@ class MotionDelivery:
         """
         row = self._excitations.get(excitation)
         if row.result is None:
-            raise ConflictError(f"excitation '{excitation}' is not designed yet; wait for its job {row.job}")
+            raise ConflictError(Sentence("server.excitation_not_designed_yet", excitation=excitation, job=row.job))
         controller = self.controller(row.machine)
         if controller is None:
-            raise ConflictError(
-                f"machine '{row.machine}' is a real one: download motion.csv and load it into the arm's own controller"
-            )
+            raise ConflictError(Sentence("server.machine_real_download_motion", machine=row.machine))
         controller.send(name, excitation)

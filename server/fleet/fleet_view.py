@@ -14,6 +14,7 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
 from server.monitor.monitor_schemas import MonitoredJoint
 from server.monitor.monitor_supervisor import Monitors
+from server.platform.http.bodies import Message, Shown
 
 
 class FleetCalibration(BaseModel):
@@ -34,7 +35,7 @@ class FleetAlarms(BaseModel):
     waiting: int = 0
 
 
-class FleetMachine(BaseModel):
+class FleetMachine(Shown):
     """A machine at a glance.
 
     ``monitor``: of its mechanics, or of its valves where these alone are watched. ``joint``: the one nearest to its
@@ -47,6 +48,7 @@ class FleetMachine(BaseModel):
     acquisition: str
     monitor: Literal["off", "learning", "watching", "drift"]
     reason: str | None
+    reason_message: Message | None = None
     joint: MonitoredJoint | None
     calibration: FleetCalibration | None
     alarms: FleetAlarms

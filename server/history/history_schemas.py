@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel
 
+from server.platform.http.bodies import Message
+
 
 class FoundEffect(BaseModel):
     """An effect that an identification added to the model; ``joint`` is null for one of the whole machine."""
@@ -31,6 +33,7 @@ class HistoryEvent(BaseModel):
     kind: Literal["file", "identification", "calibration", "drift", "alarm"]
     what: str
     text: str
+    text_message: Message | None = None
     subject: str
     by: str | None = None
     severity: Literal["info", "warning", "critical"] | None = None

@@ -59,6 +59,7 @@ class MachineHistory:
                 kind="drift" if alarm.kind in DRIFTS else "alarm",
                 what=alarm.kind,
                 text=alarm.text,
+                text_message=alarm.text_message,
                 subject=alarm.id,
                 by=alarm.acknowledged_by,
                 severity=alarm.severity,

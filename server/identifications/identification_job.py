@@ -93,7 +93,7 @@ class FitKind:
             report = json.loads((place / self.report).read_bytes())
             return found_by(self.fits.of, job.subject, **self.outcome(report))
         except (OSError, ValueError, KeyError, TypeError):
-            raise JobError("The last stage left no report that can be read") from None
+            raise JobError("server.last_stage_left_no") from None
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Pass: nobody waits for it here."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Generic
 
 from daq import ROLES
+from daq.messages import Sentence
 from server.identifications.identification_store import Fits, Identification, Identifications, Ordered
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
@@ -110,15 +111,17 @@ def _chosen(database: Database, wish: Wish, needed: tuple[tuple[str, ...], ...])
         row = recordings.get(id)
         role = wanted or row.role
         if role not in ROLES:
-            raise InvalidError(f"recording '{id}': role '{role}' is unknown; use one of {', '.join(ROLES)}")
+            raise InvalidError(Sentence("server.recording_role_unknown", id=id, role=role, roles=", ".join(ROLES)))
         if id in chosen:
-            raise InvalidError(f"recording '{id}' is there twice; give each recording once")
+            raise InvalidError(Sentence("server.recording_twice", id=id))
         if row.machine != wish.machine:
-            raise InvalidError(f"recording '{id}' is of machine '{row.machine}', not of '{wish.machine}'")
+            raise InvalidError(
+                Sentence("server.recording_machine_not", id=id, machine=row.machine, machine_2=wish.machine)
+            )
         if row.state != "sealed":
-            raise InvalidError(f"recording '{id}' is {row.state}; only a sealed recording can be used")
+            raise InvalidError(Sentence("server.recording_not_sealed", id=id, state=row.state))
         chosen[id] = role
     for roles in needed:
         if not set(roles) & set(chosen.values()):
-            raise InvalidError(f"there is no recording in the role '{roles[0]}'; record one and give its id")
+            raise InvalidError(Sentence("server.no_recording_role", role=roles[0]))
     return tuple(chosen.items())

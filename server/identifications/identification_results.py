@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
+from daq.messages import Sentence
 from server.identifications.identification_store import Fit, Fits, Identifications
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Jobs
@@ -48,7 +49,9 @@ class FitResults:
         job = self._jobs.get(self._fits.get(id).job)
         path = self.directory(id) / name
         if job.state != "done" or not path.is_file():
-            raise ConflictError(f"{self.fits.one} '{id}' has no {name}: its job {job.id} is {job.state}")
+            raise ConflictError(
+                Sentence("server.no_job", one=self.fits.one, id=id, name=name, job=job.id, state=job.state)
+            )
         return path
 
 

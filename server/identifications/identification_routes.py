@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Header, Query, Response
 from fastapi.responses import FileResponse
 
+from daq.messages import Sentence
 from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
@@ -105,5 +106,5 @@ def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     """Download the motion that separates what these recordings do not (a motion file); 404 if none was designed."""
     path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
-        raise NotFoundError(f"identification '{id}' designed no next experiment: nothing was left to be told apart")
+        raise NotFoundError(Sentence("server.identification_designed_no_next", id=id))
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")

@@ -71,13 +71,9 @@ class LiveModel:
     def __init__(self, model: ArmModel) -> None:
         confined = [term.id for term in model.terms if term.confined]
         if confined:
-            raise NotLiveError(
-                f"{', '.join(confined)} acts in single recordings of the fit; the calibration says nothing of now"
-            )
+            raise NotLiveError("server.acts_single_recordings_fit", confined=", ".join(confined))
         if any(isinstance(t.content, Law) and _MEMORY in (s for s, _ in t.content.signals) for t in model.terms):
-            raise NotLiveError(
-                "a law of the time since the last reversal needs more of the past than is looked at at a time"
-            )
+            raise NotLiveError("server.law_time_since_last")
         self.machine = model.machine
         self.model = without(model, [n for n, term in enumerate(model.terms) if phase_unknown(term, FOREIGN)])
         self.bank = model.bank
@@ -94,7 +90,7 @@ class LiveModel:
         try:
             return cls(load_model(path))
         except InputError as error:
-            raise NotLiveError(f"the model of the identification cannot be read ({error}); identify again") from None
+            raise NotLiveError("server.model_identification_cannot_read", error=error) from None
 
     @property
     def overlap(self) -> int:
@@ -168,10 +164,7 @@ class LiveModel:
         found = evaluate(self.model, [replace(segments[0], recording=FOREIGN)], {FOREIGN: float("nan")})
         for number, name in enumerate(found.extra.names):
             if any(own is not None and not np.isfinite(own[:, number]).all() for (own,) in found.extra.columns):
-                raise NotLiveError(
-                    f"{name} needs what live signals do not tell (the recording's clock, or pressures that are not "
-                    "measured); this calibration cannot be watched"
-                )
+                raise NotLiveError("server.needs_live_signals_not", name=name)
         return found
 
 

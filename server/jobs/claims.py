@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.database.engine import Database
 from server.platform.database.schema import metadata
 from server.platform.errors import TakenOver
@@ -41,7 +42,7 @@ class Claim:
         """Raise TakenOver unless the claim holds, in a transaction that stores something on the strength of it."""
         newest = connection.execute(sa.select(job_claims.c.number).where(job_claims.c.job == self.job)).scalar()
         if newest != self.number:
-            raise TakenOver(f"{self.job}: another process has it; {self.holder} was silent for too long")
+            raise TakenOver(Sentence("server.another_process_has_it", job=self.job, holder=self.holder))
 
 
 class Claims:

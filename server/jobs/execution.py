@@ -17,6 +17,7 @@ import structlog
 from sqlalchemy.exc import DBAPIError
 
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from server.jobs.claims import Claim
 from server.jobs.job_host import JobHost
 from server.jobs.job_kinds import JobError, JobKind, StageRun
@@ -31,7 +32,7 @@ from server.platform.storage import StorageAwayError
 
 #: What a stage may say that failed for want of room.
 NO_ROOM_WORDS = (os.strerror(errno.ENOSPC), os.strerror(errno.EDQUOT), "disk is full")
-NO_ROOM = "Waiting for room on the disk"
+NO_ROOM = Sentence("server.waiting_for_room")
 #: s between two looks at a storage that is away, and until a job that was begun is left to another host.
 AWAY_S, PATIENCE_S = 1.0, 300.0
 #: s of work that may be done again where another host goes on with a job: what a stage left is shared once more than
@@ -111,9 +112,9 @@ class StageWork:
                 )
             except OSError as error:
                 _log.error("stage_not_started", job=self.claim.job, stage=self.stage, exc_info=error)
-                return ChildResult("failed", error=f"cannot run ({error.strerror}); the log of the service says more")
+                return ChildResult("failed", error=Sentence("server.cannot_run", reason=error.strerror))
             if result.outcome == "failed" and not result.killed and self._starved:
-                return replace(result, error=f"{result.error} (the disk is full)")
+                return replace(result, error=Sentence("server.while_disk_full", error=result.error))
             if not result.killed or attempt == ATTEMPTS or self.should_stop():
                 break
             _log.warning("stage_killed", job=self.claim.job, stage=self.stage, attempt=attempt)
@@ -183,7 +184,7 @@ class Execution:
             result = self._work(stage, part, self._directory / name, self._stored(start))
             sync_tree(self._directory / name)  # before it is recorded
         except OSError as error:
-            reason = f"its files cannot be kept ({error.strerror or error}); free some space and order it again"
+            reason = Sentence("server.files_cannot_be_kept", reason=error.strerror or error)
             result = ChildResult("failed", error=reason)
         if self._host.stopping.is_set() and result.outcome != "done":
             raise ServiceStopping
@@ -238,7 +239,7 @@ class Execution:
             return ChildResult("input", error=str(error))
         except Exception as error:  # whatever it is, the job has to end
             _log.error("stage_broke", job=row.id, stage=stage, exc_info=error)
-            return ChildResult("failed", error="broke unexpectedly; the log of the service says why")
+            return ChildResult("failed", error=Sentence("server.broke_unexpectedly"))
 
     def _stored(self, do: Callable[[], Value]) -> Value:
         """Return the value of ``do``, repeated while the storage is away; another host's turn when that lasts.
@@ -268,7 +269,7 @@ class Execution:
         if error is not None:
             # Where the service keeps its files is nobody's business.
             error = self._host.files.without_place(error)
-            error = f"stage {stage}: {error}" if result.outcome == "failed" else error
+            error = Sentence("server.stage_error", stage=stage, error=error) if result.outcome == "failed" else error
         return {"outcome": result.outcome, "stage": stage, "error": error, "summary": result.summary}
 
     def finish(self, result: Mapping[str, Any]) -> str:
@@ -284,15 +285,19 @@ class Execution:
         found: Result | None = None
         state: State
         if result["outcome"] == "done":
-            state, text = "done", "Done"
+            state, text = "done", Sentence("server.done")
             try:
                 found = kind.result(row, self._directory / (place or ""))
             except JobError as failure:
-                state, text, error = "failed", "Failed", str(failure)
+                state, text, error = "failed", Sentence("server.failed"), str(failure)
         elif result["outcome"] == "stopped":
-            state, text = "cancelled", "Cancelled"
+            state, text = "cancelled", Sentence("server.cancelled")
         else:
-            state, text, error = "failed", f"{kind.words(result['stage'])}: failed", result["error"]
+            state, text, error = (
+                "failed",
+                Sentence("server.stage_failed", stage=kind.words(result["stage"])),
+                result["error"],
+            )
         kind.ended(row, state, error)  # first: whoever sees the end of the job sees what follows from it
         files = result.get("files")
         self._host.jobs.finish(row.id, state, text, error, claim=self._claim, result=found, place=place, files=files)

@@ -12,12 +12,14 @@ from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.jobs.claims import Claim
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
 from server.platform.database.outbox import put_out
 from server.platform.database.repository import Repository, Value
 from server.platform.database.schema import metadata, store_identity
 from server.platform.database.stored import BESIDE, HIDDEN, Id, Kept, Stored
+from server.platform.http.bodies import Message
 
 State = Literal["queued", "running", "done", "failed", "cancelled"]
 FINAL = frozenset({"done", "failed", "cancelled"})
@@ -39,7 +41,9 @@ class Job(Stored, table="jobs", noun="job"):
     stage: str | None = None
     fraction: float = 0.0
     text: str = ""
+    text_message: Message | None = None
     error: str | None = None
+    error_message: Message | None = None
     cancel_requested: bool = False
     created: str
     started: str | None = None
@@ -61,6 +65,7 @@ class JobEvent(Stored, table="job_events"):
     stage: str | None
     fraction: float
     text: str
+    text_message: Message | None = None
 
 
 jobs, job_events = Job.table, JobEvent.table
@@ -95,7 +100,7 @@ class Jobs(Repository[Job]):
         self, connection: sa.Connection, *, id: str, kind: str, label: str, subject: str, stages: tuple[str, ...]
     ) -> None:
         """Store a queued job with its first event, in the transaction that also makes the job's subject."""
-        text = "Waiting for its turn"
+        text = Sentence("server.waiting_turn")
         new = Job(
             id=id,
             kind=kind,
@@ -190,7 +195,7 @@ class Jobs(Repository[Job]):
                 jobs.update().where(jobs.c.id == id, jobs.c.state.not_in(FINAL)).values(cancel_requested=True)
             )
         if state == "queued":
-            self.finish(id, "cancelled", "Cancelled before it started", states=("queued",))
+            self.finish(id, "cancelled", Sentence("server.cancelled_before"), states=("queued",))
         return self.get(id)
 
     def finish(

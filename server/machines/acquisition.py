@@ -16,6 +16,7 @@ from daq import Machine, Quality, load_machine
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
+from daq.messages import Sentence, message_of, with_their_messages
 from server.platform.errors import ConflictError, UnavailableError
 
 #: Seconds between two looks at a running acquisition.
@@ -96,7 +97,8 @@ class Supervisor:
         """Return state, restarts, the last error, and what the process counted."""
         with self._lock:
             state = self._state
-            result = {"state": state.state, "restarts": state.restarts, "error": state.error}
+            error = {"error": state.error, "error_message": message_of(state.error)}
+            result = {"state": state.state, "restarts": state.restarts, **error}
             return result if not state.last else {**result, "counts": state.last}
 
     def _set(self, **values: Any) -> None:
@@ -125,7 +127,7 @@ class Supervisor:
                 self._failed(str(error))
             except Exception as error:  # a driver may raise anything; the machine has to come back all the same
                 _log.error("acquisition_failed", machine=self._name, exc_info=error)
-                self._failed("acquisition failed unexpectedly; the log of the service says why")
+                self._failed(Sentence("server.acquisition_failed_unexpectedly"))
             if self._stop.is_set():
                 break
             failures = 1 if ran else failures + 1
@@ -147,15 +149,15 @@ class Supervisor:
             feed.check()
             if self._pause(self._stop, START_LOOK_S):
                 return False
-        raise UnavailableError(f"no frame came within {START_S:g} s; check the buses of the machine")
+        raise UnavailableError(Sentence("server.no_frame_came_within", start_s=START_S))
 
     def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when ordered to stop; raise when the process has died."""
         while not self._pause(self._stop, LOOK_S):
-            self._set(last=asdict(feed.statistics()))
+            self._set(last=with_their_messages(asdict(feed.statistics())))
             if not feed.alive:
                 feed.check()
-                raise UnavailableError("the acquisition process ended by itself; it is started again")
+                raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
 
 
 def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
@@ -164,8 +166,7 @@ def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
         place = bus.place
         if not is_listed(place, places or ()):
             raise ConflictError(
-                f"machine '{machine.name}' cannot be acquired: its bus '{bus.name}' leads to {place}, which is not in "
-                "bus_places; have the administrator of this service add it to the file of --config"
+                Sentence("server.machine_cannot_acquired_bus", machine=machine.name, bus=bus.name, place=place)
             )
 
 
@@ -223,10 +224,8 @@ class Acquisition:
         machine = load_machine(machine_file)
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
-            what = f"channel {silent[0]} has no source" if silent else "no buses"
-            raise ConflictError(
-                f"machine '{machine.name}' cannot be acquired: {what} in its file; add it and upload it again"
-            )
+            lacking = Sentence("server.channel_no_source", channel=silent[0]) if silent else Sentence("server.no_buses")
+            raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=lacking))
         refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
@@ -253,17 +252,17 @@ class Acquisition:
             supervisor = self._supervisors.get(name)
         if supervisor is None:
             raise ConflictError(
-                f"machine '{name}' is not being acquired; enable its acquisition",
+                Sentence("server.machine_not_being_acquired", name=name),
                 "not_acquired",
                 machine=name,
             )
         running = supervisor.running
         if running is None:
             state = supervisor.statistics()
-            reason = f" ({state['error']})" if state["error"] else ""
+            why = Sentence("server.in_brackets", what=state["error"]) if state["error"] else ""
             starts = state["state"] == "starting"  # which is no fault of the service, and soon over
             raise (ConflictError if starts else UnavailableError)(
-                f"acquisition of machine '{name}' is {state['state']}{reason}; try again",
+                Sentence("server.acquisition_of_machine_is", name=name, state=state["state"], why=why),
                 f"acquisition_{state['state']}",
                 machine=name,
             )
@@ -279,7 +278,7 @@ class Acquisition:
             row = reader.latest()
         if row is None:
             raise ConflictError(
-                f"machine '{name}' has not sent a frame yet; try again", "acquisition_starting", machine=name
+                Sentence("server.machine_not_sent_frame", name=name), "acquisition_starting", machine=name
             )
         frame = frame_from_row(row[0])
         channels = {}

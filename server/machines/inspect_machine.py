@@ -11,6 +11,7 @@ from pathlib import Path
 
 from daq import parse_machine
 from daq.machine.device_files import refuse_files_elsewhere
+from daq.messages import Sentence
 from server.platform.processes.child_limits import MACHINE_FILE_CPU_S, limit_child
 from server.platform.processes.child_speech import ended, send
 
@@ -30,9 +31,9 @@ def main(arguments: Sequence[str]) -> int:
     """Run :func:`look`, with this process limited to what such a file may take; return the exit code."""
     source, target = map(Path, arguments)
     limit_child(MACHINE_FILE_CPU_S, source.stat().st_size)
-    too_much = f"{SHOWN_NAME}: takes too much memory to read; make it shorter"
+    too_much = Sentence("server.machine_file_too_large", name=SHOWN_NAME)
     try:
         return ended(lambda: look(source, target), too_much)
     except UnicodeDecodeError:
-        send(error=f"{SHOWN_NAME}: is not text in UTF-8; send the text of a machine file")
+        send(error=Sentence("server.machine_file_no_text", name=SHOWN_NAME))
         return 2

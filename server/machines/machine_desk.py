@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
+from daq.messages import Sentence
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
 from server.machines.machine_uploads import MachineUploads
@@ -87,7 +88,7 @@ class MachineDesk:
         recording = self._recorded(name)
         if recording is not None:
             raise ConflictError(
-                f"machine '{name}' is being recorded as {recording}; stop that recording first", "being_recorded"
+                Sentence("server.machine_being_recorded", machine=name, recording=recording), "being_recorded"
             )
         self._machines.set_acquire(name, False)
         self._acquisition.stop(name)

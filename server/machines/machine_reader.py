@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from daq import Machine
+from daq.messages import Sentence
 from server.machines.inspect_machine import SHOWN_NAME
 from server.platform.errors import InvalidError, UnavailableError
 from server.platform.files import DataDirectory
@@ -62,8 +63,8 @@ class MachineReader:
             target.unlink(missing_ok=True)
         raise refusal(
             result,
-            InvalidError(f"{SHOWN_NAME}: takes too long to read; make it shorter"),
-            UnavailableError(f"{SHOWN_NAME}: could not be read; {result.error}; try again"),
+            InvalidError(Sentence("server.takes_too_long_read", shown_name=SHOWN_NAME)),
+            UnavailableError(Sentence("server.could_not_read", shown_name=SHOWN_NAME, error=result.error)),
         )
 
     def content(self, path: Path) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel
 
+from daq.messages import Sentence
 from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_reader import MachineReader
@@ -130,7 +131,7 @@ async def _detail(service: Service, principal: Principal, name: str, version: in
     content = service[MachineReader].known(path)
     if content is None:  # not since this start: reading it takes a while
         if not path.is_file():
-            raise NotFoundError(f"the file of machine '{name}' is gone; upload it again")
+            raise NotFoundError(Sentence("server.file_machine_gone", row=name))
         content = await service.heavy.run(principal.id, service[MachineReader].content, path)
     return MachineDetail(
         **row.__dict__,

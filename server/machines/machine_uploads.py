@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable
 
 from daq import parse_machine
+from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.machines.machine_reader import MachineReader, ReadMachine
 from server.machines.machine_store import MachineRow, Machines
@@ -70,8 +71,7 @@ class MachineUploads:
             if expected is not None and version is not None and str(version - 1) not in expected:
                 known = " or ".join(sorted(expected))
                 raise PreconditionError(
-                    f"machine '{machine.name}' has version {version - 1} by now, not {known}; read it and put both "
-                    "changes together"
+                    Sentence("server.machine_version_now_not", machine=machine.name, version=version - 1, known=known)
                 )
             if version is not None:
                 _refuse_protected(machine.name, protected)
@@ -103,14 +103,10 @@ class MachineUploads:
         """Parse a text's machine, and its SHA-256; one of our own without its buses' places in this run."""
         machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
         if not allowed(machine.name):
-            raise NotFoundError(f"there is no machine '{machine.name}' for you; ask an admin to bind you to it")
+            raise NotFoundError(Sentence("server.no_machine_you", machine=machine.name))
         return machine, hashlib.sha256(_ADDRESS.sub(b"", content) if own else content).hexdigest()
 
 
 def _refuse_protected(name: str, protected: str | None) -> None:
     if name == protected:
-        raise ConflictError(
-            f"machine '{name}' is the one that this service simulates: with another file it would look for its buses "
-            "elsewhere, and be acquired no more. Recordings of it can be uploaded as they are; for a machine of your "
-            "own change name: in the file, or serve without --simulate"
-        )
+        raise ConflictError(Sentence("server.machine_service_simulates_another", name=name))

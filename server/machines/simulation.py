@@ -15,6 +15,7 @@ from typing import Any
 
 import structlog
 
+from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -113,7 +114,7 @@ class Simulation:
         assert process.stdin is not None and process.stdout is not None
         with self._ordering:
             if not self._runs:
-                raise UnavailableError("the simulated machine does not run; restart the service")
+                raise UnavailableError(Sentence("server.simulated_machine_not_run"))
             try:
                 process.stdin.write(json.dumps({"order": order, **details}) + "\n")
                 process.stdin.flush()
@@ -121,7 +122,7 @@ class Simulation:
             except OSError:
                 line = ""
         if not line:
-            raise UnavailableError("the simulated machine does not answer; restart the service")
+            raise UnavailableError(Sentence("server.simulated_machine_not_answer"))
         reply = json.loads(line)
         if "error" in reply:
             raise InvalidError(reply["error"])
@@ -162,11 +163,13 @@ class SimulatedController:
         """
         status = self._status()
         if name in status["rejected"]:
-            raise UnavailableError(f"the simulated controller refused the motion: {status['rejected'][name]}")
+            raise UnavailableError(
+                Sentence("server.simulated_controller_refused_motion", statu=status["rejected"][name])
+            )
         return name in status["followed"]
 
     def _status(self) -> dict[str, Any]:
         try:
             return dict(json.loads((self._directory / "controller.json").read_text(encoding="utf-8")))
         except (OSError, ValueError):
-            raise UnavailableError("the simulated machine's controller does not answer; restart the service") from None
+            raise UnavailableError(Sentence("server.simulated_machine_controller_not")) from None

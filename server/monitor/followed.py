@@ -124,17 +124,13 @@ class Speeds(Followed):
             self._kept = {joint: drift.Kept.from_json(own["fit"]) for joint, own in axes.items()}
             self._errors = {joint: float(own["errors"]["handed_out"]) for joint, own in axes.items()}
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise NotLiveError(f"valve.json of the calibration cannot be read ({error!r}); identify again") from None
+            raise NotLiveError("server.valve_json_calibration_cannot", error=f"{error!r}") from None
         self._machine = machine
         for joint, own in self._kept.items():
             if machine.channel("command", joint) is None:
-                raise NotLiveError(
-                    f"the machine file has no command of {joint} any more; identify with the present file"
-                )
+                raise NotLiveError("server.machine_file_no_command", joint=joint)
             if "warm_up" in own.structure.effects and machine.channel("oil_temperature", None) is None:
-                raise NotLiveError(
-                    f"{joint}: its warming up follows a recording's clock; add a channel oil_temperature"
-                )
+                raise NotLiveError("server.warming_up_follows_recording", joint=joint)
         self.units = dict.fromkeys(self._kept, "m/s")
         bank, rate = next(iter(self._kept.values())).bank(machine.rate_hz), machine.rate_hz
         past = max(own.shape["delay"] for own in self._kept.values()) + drift.PAST
@@ -157,10 +153,7 @@ class Speeds(Followed):
         self._last = {joint: own for joint, own in blocks.items() if own is not None}
         for joint, own in self._last.items():
             if not np.isfinite(own.score).all():
-                raise NotLiveError(
-                    f"{joint}: pressures that its valve was identified with are no longer measured; identify with the "
-                    "present file"
-                )
+                raise NotLiveError("server.pressures_valve_identified_no", joint=joint)
         return {
             joint: Scored(own.statistics, own.residual, own.slack(self._errors[joint]))
             for joint, own in self._last.items()

@@ -125,10 +125,7 @@ def run(order: Order, send: Send) -> None:
         model = LiveModel.load(order.model)
         missing = {channel.name for channel in model.machine.channels} - set(names)
         if missing:
-            raise NotLiveError(
-                f"the machine file has no channel {min(missing)} any more, which the calibration was fitted on; "
-                "identify with the present file"
-            )
+            raise NotLiveError("server.machine_file_no_channel", missing=min(missing))
         followed = Efforts(model, order.rules)
         with suppress(NotLiveError):  # of long ago, or of too short recordings: the drift is watched still
             overload = OverloadWatch(model, names, order.rules.false_overloads_per_hour)

@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel
 
+from server.platform.http.bodies import Message
+
 
 class MovedNumber(BaseModel):
     """A number of a valve that has moved: ``edge``, ``gain`` or ``delay`` of a direction, by ``value`` in ``unit``."""
@@ -76,6 +78,7 @@ class Monitored(BaseModel):
     calibration: str | None = None
     since: str | None = None
     reason: str | None = None
+    reason_message: Message | None = None
     joints: list[MonitoredJoint] = []
     time: float | None = None
     delay_s: float | None = None

@@ -14,6 +14,7 @@ from typing import Any
 import structlog
 
 from daq.errors import HilfitError
+from daq.messages import Sentence, message_of, named
 from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
@@ -108,16 +109,16 @@ class Monitors:
         with self._lock:
             watch = self._watches.get((machine, of))
             if watch is None:
-                return {"state": "off", "reason": self._why_not(machine, of)}
+                return {"state": "off", **_because(self._why_not(machine, of))}
             common = {"calibration": watch.calibration, "since": watch.since}
             if watch.ended is not None:
-                return {"state": "off", **common, "reason": watch.reason}
-            return {"state": "learning", **common, **watch.found, "reason": None}
+                return {"state": "off", **common, **_because(watch.reason)}
+            return {"state": "learning", **common, **watch.found, **_because(None)}
 
     def _why_not(self, machine: str, of: Of) -> str:
         if not self._acquisition.running(machine):
-            return "the machine is not acquired at the moment"
-        return f"the machine has no active calibration{' of its valves' if of == 'valves' else ''}"
+            return Sentence("server.not_acquired_now")
+        return Sentence("server.no_valves_in_use" if of == "valves" else "server.no_calibration_in_use")
 
     def look(self) -> None:
         """Start what should be watched, end what should not."""
@@ -174,10 +175,10 @@ class Monitors:
                 progress=lambda _, text: self._received(machine, watch, json.loads(text)),
                 should_stop=watch.stop.is_set,
             )
-            reason = (result.error or "the acquisition ended").replace(f"{self._files.root}/", "")
+            reason = (result.error or Sentence("server.acquisition_ended")).replace(f"{self._files.root}/", "")
         except Exception as error:
             _log.error("monitor_failed", machine=machine, exc_info=error)
-            reason = "the monitor failed unexpectedly; the log of the service says why"
+            reason = Sentence("server.monitor_failed_unexpectedly")
         with self._lock:
             watch.reason, watch.ended = reason, time.monotonic()
         if not watch.stop.is_set():
@@ -203,8 +204,8 @@ class Monitors:
         if watch.stop.is_set():
             return
         worst = [joint for joint in found["joints"] if joint["joint"] in drifting]
-        text = "; ".join(f"{joint['joint']}: {words}" for joint in worst for words in changed(watch.of, joint))
-        text = TEXTS[watch.of].format(text)
+        moved = [named(joint["joint"], words) for joint in worst for words in changed(watch.of, joint)]
+        text = Sentence(DRIFTS[watch.of], moved=moved)
         self._alarms.report(machine, ALARMS[watch.of][0], text, "warning", bool(drifting))
         if watch.of == "valves":
             return
@@ -224,14 +225,16 @@ class Monitors:
             self._alarms.report(machine, "overload", as_text(hit) if hit["on"] else "", "critical", hit["on"])
 
 
+def _because(reason: str | None) -> dict[str, Any]:
+    return {"reason": reason, "reason_message": message_of(reason)}
+
+
 #: What a monitor says once, or of its own accord, beside what it says of each block.
 _LASTING = ("overload", "overload_joints", "overload_delay_s")
 #: Alarms of a monitor, by what its calibration is of; the first is that of a drift.
 ALARMS: Mapping[Of, tuple[str, ...]] = {"identification": ("residual_drift", "overload"), "valves": ("valve_drift",)}
-TEXTS: Mapping[Of, str] = {
-    "identification": "measured and predicted effort drift apart: {}; recalibrate, or look for the cause",
-    "valves": "speeds drift from what the valves gave: {}; look at the valve and its amplifier, or identify it again",
-}
+#: Codes of the text of a drift.
+DRIFTS: Mapping[Of, str] = {"identification": "server.effort_drifts", "valves": "server.speeds_drift"}
 #: What a change of each statistic looks like to a person.
 WORDS = {
     "offset": "a constant force more or less",
@@ -247,11 +250,8 @@ WORDS = {
 
 def as_text(hit: Mapping[str, Any]) -> str:
     """Describe an overload to an operator."""
-    return (
-        f"{hit['joint']}: measured and predicted effort differ by {hit['residual']:+.4g} {hit['unit']}, "
-        f"{abs(hit['score']):.1f} times the band (limit {hit['threshold']:.1f}): a collision or an overload; look at "
-        "the arm"
-    )
+    values = {name: hit[name] for name in ("joint", "residual", "unit", "threshold")}
+    return Sentence("server.collision_or_overload", **values, times=abs(hit["score"]))
 
 
 def changed(of: Of, joint: Mapping[str, Any]) -> list[str]:
@@ -260,9 +260,9 @@ def changed(of: Of, joint: Mapping[str, Any]) -> list[str]:
     if of == "identification":
         return [words]
     return [
-        f"{WORDS[own['name']]} has moved by {own['value']:+.3g} {own['unit']} (standard deviation {own['std']:.2g})"
+        Sentence("server.number_has_moved", what=WORDS[own["name"]], by=own["value"], unit=own["unit"], std=own["std"])
         for own in joint.get("moved", ())
-    ] or [f"{words} seems to have moved"]
+    ] or [Sentence("server.seems_to_have_moved", what=words)]
 
 
 def _end(watch: _Watch) -> None:

@@ -74,7 +74,7 @@ class OverloadWatch:
 
     def __init__(self, live: LiveModel, names: Sequence[str], per_hour: float) -> None:
         if live.model.tails is None:
-            raise NotLiveError("the model does not say what residuals are usual; identify on longer recordings")
+            raise NotLiveError("server.model_not_say_residuals")
         self._live = LiveModel(quick(live.model))
         self._names, self._units = tuple(names), [joint.effort_unit for joint in live.machine.joints]
         self.limits = thresholds(live.model.tails, per_hour)

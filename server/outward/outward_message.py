@@ -11,6 +11,8 @@ from pydantic import TypeAdapter
 
 from server.alarms.alarm_conditions import Severity
 
+#: Code and values of the text beside it, to word it in another language.
+MadeOf = dict[str, Any] | None
 Kind = Literal["state", "result", "alarm", "test"]
 
 
@@ -20,6 +22,7 @@ class StateData:
 
     acquisition: Literal["off", "starting", "running", "waiting", "stopped"]
     error: str | None = None
+    error_message: MadeOf = None
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,7 @@ class ResultData:
     verdict: str | None
     started: str | None
     ended: str | None
+    error_message: MadeOf = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class AlarmData:
     raised: str
     cleared: str | None
     count: int
+    text_message: MadeOf = None
 
 
 @dataclass(frozen=True)

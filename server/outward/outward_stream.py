@@ -64,15 +64,14 @@ class MessageReader:
         collection = _COLLECTIONS.get(job.kind, "jobs")
         path = f"/api/v1/{collection}/{job.id if collection == 'jobs' else job.subject}"
         verdict = self._verdict(job.subject) if job.kind == "identification" and job.state == "done" else None
-        assert job.state in ("done", "failed", "cancelled")
-        return ResultData(
-            job.id, job.kind, job.label, job.state, job.error, job.subject, path, verdict, job.started, job.ended
-        )
+        own = {name: getattr(job, name) for name in ResultData.__dataclass_fields__ if hasattr(job, name)}
+        made_of = None if job.error_message is None else job.error_message.model_dump()
+        return ResultData(**own | {"job": job.id, "path": path, "verdict": verdict, "error_message": made_of})
 
 
 def alarm_message(id: str, alarm: Mapping[str, Any], time: str) -> Message:
     """Return the message of an alarm, given its fields."""
-    data = AlarmData(**{name: alarm[name] for name in AlarmData.__dataclass_fields__})
+    data = AlarmData(**{name: alarm[name] for name in AlarmData.__dataclass_fields__ if name in alarm})
     return Message(id, "alarm", alarm["machine"], time, data)
 
 
@@ -149,7 +148,7 @@ class OutwardStream:
 
     def _state(self, name: str) -> StateData:
         statistics = self._states.statistics(name)
-        return StateData(statistics["state"], statistics.get("error"))
+        return StateData(statistics["state"], statistics.get("error"), statistics.get("error_message"))
 
     def look_at_outbox(self) -> int:
         """Send what is in the outbox, the oldest first; return their number."""

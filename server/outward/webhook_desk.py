@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import sqlalchemy as sa
 import structlog
 
+from daq.messages import Sentence
 from server.alarms.alarm_desk import Alarms
 from server.outward.outward_message import Message, TrialData
 from server.outward.webhook_post import post
@@ -85,7 +86,7 @@ class Webhooks:
             raise InvalidError(str(error)) from None
         if not listed(wanted, self._places):
             place = f"{wanted.scheme}://{wanted.host}:{wanted.port}"
-            raise InvalidError(f"{place} is not in webhook_places; have it added to the file of --config")
+            raise InvalidError(Sentence("server.not_webhook_places", place=place))
         id = f"whk-{secrets.token_hex(8)}"
         secret = self._signing.secret(id)
         new = Webhook(
@@ -147,23 +148,23 @@ class Webhooks:
         """Post once; return why it failed, None if it arrived."""
         secret = self._signing.secret(webhook.id)
         if fingerprint(secret) != webhook.secret_sha256:
-            raise _HopelessError("its secret is not on this computer: remove the webhook and add it again")
+            raise _HopelessError(Sentence("server.secret_not_computer_remove"))
         to, body = receiver(webhook.url), delivery.body.encode()
         if not listed(to, self._places):
-            raise _HopelessError("its address is no longer in webhook_places")
+            raise _HopelessError(Sentence("server.address_no_longer_webhook_places"))
         try:
             address = address_of(to, self._places, self._resolve)
             if address is None:
-                return f"{to.host} resolves to addresses that webhook_places does not let through"
+                return Sentence("server.resolves_elsewhere", host=to.host)
             signed = headers(secret, delivery.message, int(time.time()), body)
             status = post(to, address, body, signed, self._tls())
         except (OSError, http.client.HTTPException, ValueError) as error:  # ValueError: a name that cannot be one
-            return f"no answer ({' '.join(str(error).split())[:200] or type(error).__name__})"
-        return None if 200 <= status < 300 else f"the receiver answered {status}"
+            return Sentence("server.no_answer", error=" ".join(str(error).split())[:200] or type(error).__name__)
+        return None if 200 <= status < 300 else Sentence("server.receiver_answered", status=status)
 
     def _report(self) -> None:
         failing = [f"'{webhook.label}'" for webhook in self.store.failing()]
-        text = f"webhook {', '.join(failing)}: messages were given up; look at its deliveries and at its receiver"
+        text = Sentence("server.messages_given_up", webhooks=failing)
         self._alarms.report(None, "webhook_failed", text, "warning", bool(failing))
 
 

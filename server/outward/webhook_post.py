@@ -43,7 +43,7 @@ def receivers_tls(authorities: Path | None) -> ssl.SSLContext:
         return ssl.create_default_context(cafile=None if authorities is None else str(authorities))
     except OSError as error:
         raise StartError(
-            f"the certificates in {authorities}: cannot be read as PEM ({error.strerror or error})"
+            "server.certificates_not_pem", authorities=authorities, reason=error.strerror or error
         ) from None
 
 

@@ -12,6 +12,7 @@ from server.outward.outward_message import Kind, Message
 from server.platform.database.engine import Database
 from server.platform.database.repository import Repository
 from server.platform.database.stored import HIDDEN, Id, Kept, Stored
+from server.platform.http import bodies
 
 Event = Literal["alarm", "result"]
 State = Literal["pending", "delivered", "given_up"]
@@ -45,6 +46,7 @@ class Delivery(Stored, table="webhook_deliveries", label="type"):
     state: Annotated[State, Kept(index=True)] = "pending"
     tries: int = 0
     error: str | None = None
+    error_message: bodies.Message | None = None
     created: str
     ended: str | None = None
 

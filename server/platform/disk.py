@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+from daq.messages import Sentence
 from server.platform.errors import ConflictError
 
 #: Free bytes that recordings and uploads leave to the database, beyond what sealing the running ones takes.
@@ -38,6 +39,10 @@ def require_room(free: int, needed: int = 0) -> None:
     """
     if free - needed <= RESERVE_BYTES:
         raise ConflictError(
-            f"the disk is full: {max(free, 0) // 2**20} MiB are free, {needed // 2**20} MiB are to come and "
-            f"{RESERVE_BYTES // 2**20} MiB are kept for the database; delete recordings or make room"
+            Sentence(
+                "server.disk_full_mib_free",
+                free=max(free, 0) // 2**20,
+                needed=needed // 2**20,
+                reserve_bytes=RESERVE_BYTES // 2**20,
+            )
         )

@@ -26,6 +26,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from daq.errors import HilfitError, InputError
+from daq.messages import Sentence, is_code
 
 
 class ServiceError(HilfitError):
@@ -119,3 +120,9 @@ class ServiceStopping(BaseException):
     It is no ``Exception`` on purpose: the workflow engine records exceptions as the outcome of a step. This
     one passes through unrecorded, so the step is still pending at the next start and runs again.
     """
+
+
+def none_of(noun: str, id: str) -> Sentence:
+    """Word that there is no such thing, of those that ``noun`` names; each has an article of its own in German."""
+    code = f"server.none_{noun.replace(' ', '_')}"
+    return Sentence(code, id=id) if is_code(code) else Sentence("server.no_such", kind=noun, id=id)

@@ -34,6 +34,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
 from server.platform.storage import DataFolder, SharedStorage
@@ -58,7 +59,7 @@ def held(lock: Path, place: str, taken: str) -> Iterator[int]:
     try:
         opened = lock.open("a")
     except OSError as error:
-        raise StartError(f"{place}: cannot be written ({error.strerror}); give another directory") from None
+        raise StartError("server.place_not_writable", place=place, reason=error.strerror) from None
     with opened as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -117,7 +118,9 @@ class DataDirectory:
 
     def without_place(self, text: str) -> str:
         """Remove the place of the directory and of its cache from a text."""
-        return re.sub(f"{re.escape(str(self.root))}/(cache/[0-9a-f]{{64}}/)?", "", text)
+        for place in re.findall(f"{re.escape(str(self.root))}/(?:cache/[0-9a-f]{{64}}/)?", text):
+            text = text.replace(place, "")
+        return text
 
     def incoming(self) -> Path:
         """Return a new name for an upload in progress."""
@@ -158,14 +161,14 @@ class DataDirectory:
         """
         try:
             if self._held is not None and not os.path.samestat((self.root / LOCK_FILE).stat(), os.fstat(self._held)):
-                raise UnavailableError("the data directory is another one than at the start; restart the service")
+                raise UnavailableError(Sentence("server.data_directory_another_start"))
             for directory in (self.machines, self.recordings, self.identifications):
                 directory.stat()
             probe = self.root / f".probe-{secrets.token_hex(4)}"
             probe.write_bytes(b"written")
             probe.unlink()
         except OSError as error:
-            raise UnavailableError(f"the data directory cannot be used ({error.strerror}); put it right") from None
+            raise UnavailableError(Sentence("server.data_directory_cannot_used", reason=error.strerror)) from None
 
 
 def private_files() -> None:
@@ -227,7 +230,7 @@ async def receive(
         async for chunk in chunks:
             size += len(chunk)
             if size > limit:
-                raise TooLargeError(f"the upload is larger than {limit} bytes; split it or raise maximum_upload_bytes")
+                raise TooLargeError(Sentence("server.upload_larger_bytes", limit=limit))
             pending += chunk
             if len(pending) >= WRITE_BYTES:
                 await in_thread(room)
@@ -236,7 +239,7 @@ async def receive(
         await in_thread(_finish, file, bytes(pending))
     except OSError as error:
         await in_thread(path.unlink, True)
-        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space and try again") from None
+        raise ConflictError(Sentence("server.upload_cannot_stored", reason=error.strerror)) from None
     except BaseException:
         path.unlink(missing_ok=True)
         raise

@@ -9,6 +9,7 @@ from typing import Any
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from daq.messages import Sentence
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
 from server.platform.database.engine import Database, utc_now
@@ -96,7 +97,7 @@ class Service(Parts):
         self.database.look_for_damage()
         self[TROUBLES].pop("store_damaged", None)
         if self.database.damage is not None:
-            self[TROUBLES]["store_damaged"] = f"the store is damaged ({self.database.damage}); restore a backup"
+            self[TROUBLES]["store_damaged"] = Sentence("server.store_damaged", damage=self.database.damage)
             _log.critical("store_damaged", reason=self.database.damage)
 
     @property
@@ -113,11 +114,11 @@ class Service(Parts):
         """Raise UnavailableError if the store cannot be read, or the data directory not be written."""
         self.files.check()
         if self.database.is_sqlite and not self.files.database.is_file():
-            raise UnavailableError("the store's file is gone; restore a backup and restart the service")
+            raise UnavailableError(Sentence("server.store_file_gone"))
         if self.database.damage is not None:
-            raise UnavailableError(f"the store is damaged ({self.database.damage}); restore a backup")
+            raise UnavailableError(Sentence("server.store_damaged", damage=self.database.damage))
         try:
             self.database.check()
         except SQLAlchemyError as error:
             _log.error("store_unavailable", exc_info=error)
-            raise UnavailableError("the store cannot be read; the log of the service says why") from None
+            raise UnavailableError(Sentence("server.store_cannot_read")) from None

@@ -234,7 +234,7 @@ def _read_config(path: Path) -> Mapping[str, Any]:
     try:
         content = safe_yaml.read(path.read_text(encoding="utf-8"))[1]
     except OSError as error:
-        raise StartError(f"{path}: cannot be read ({error.strerror})") from None
+        raise StartError("server.not_readable", path=path, reason=error.strerror) from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise StartError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
     if content is None:

@@ -38,12 +38,12 @@ def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray,
         recording = read_recording(path, model.machine, "operation")
         rows = (len(recording.time) - model.overlap) // model.bank.decimation
         if rows < 5:
-            raise InputError(f"{path.name}: is too short to compare calibrations by; record a minute at least")
+            raise InputError("server.too_short_compare_calibrations", path=path.name)
         use = slice(0, model.overlap + rows * model.bank.decimation)
         values = {name: column[use] for name, column in recording.values.items()}
         blocks = model.evaluate(recording.time[use], values)
         if blocks is None:
-            raise InputError(f"{path.name}: has gaps, so calibrations cannot be compared by it; record again")
+            raise InputError("server.gaps_calibrations_cannot_compared", path=path.name)
         for part, block in zip(parts, blocks, strict=True):
             part.append(block.residual[block.moving])
     return tuple(np.concatenate(part) for part in parts)

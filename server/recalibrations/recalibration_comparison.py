@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from daq.messages import Sentence, put_together
+
 #: A new calibration counts as better if what it leaves over is smaller by this share on the (geometric) mean of
 #: the joints, and larger by no more than ``WORSE`` at any of them.
 BETTER = 0.02
@@ -64,7 +66,7 @@ def _ratio(a: float, b: float) -> float:
 def sentence(comparison: Mapping[str, Any]) -> str:
     """Describe a comparison to a person."""
     if not comparison.get("joints"):
-        return str(comparison.get("note") or "there was nothing to compare with")
+        return str(put_together(comparison).get("note") or Sentence("server.nothing_to_compare"))
     change = comparison["change_percent"]
-    text = f"the new calibration leaves {abs(change):.0f} % {'less' if change <= 0 else 'more'} unexplained"
-    return text + (f", and is worse at {', '.join(comparison['worse'])}" if comparison["worse"] else "")
+    text = Sentence("server.leaves_less" if change <= 0 else "server.leaves_more", percent=abs(change))
+    return Sentence("server.worse_at", what=text, joints=comparison["worse"]) if comparison["worse"] else text

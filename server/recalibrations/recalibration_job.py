@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence, named, with_their_messages
 from daq.whole_files import write_whole
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
@@ -110,7 +111,7 @@ class RecalibrationKind:
             if run.should_stop():
                 return ChildResult("stopped")
             if not reported:
-                run.progress(0.0, "Waiting until other machines are recorded")
+                run.progress(0.0, Sentence("server.waiting_for_others"))
                 reported = True
             self._around.pause(LOOK_S)
         try:
@@ -141,19 +142,19 @@ class RecalibrationKind:
                 return ChildResult("stopped")
             if job.text != shown:
                 shown = job.text
-                run.progress(job.fraction, shown)
+                run.progress(job.fraction, job.sentence("text"))
             self._around.pause(LOOK_S)
         if job.state == "cancelled":
-            raise JobError(f"its identification {identification.id} was cancelled; run the schedule again")
+            raise JobError("server.identification_cancelled", identification=identification.id)
         if job.state == "failed":
-            raise JobError(job.error or "its identification failed")
+            raise JobError(job.sentence("error") if job.error else Sentence("server.its_identification_failed"))
         return ChildResult("done", summary={"identification": identification.id})
 
     def _compare(self, run: StageRun, this: Recalibration) -> ChildResult:
         assert this.identification is not None
         active = self._around.calibrations.active(this.machine)
         if active is None:
-            return ChildResult("done", summary={"note": "there was no active calibration to compare with"})
+            return ChildResult("done", summary={"note": Sentence("server.no_active_to_compare")})
         request = {
             "active": self._judged(active.source),
             "new": self._judged(this.identification),
@@ -163,10 +164,10 @@ class RecalibrationKind:
         result = run.child(self._program, [str(path)], run.place / "compare.log")
         if result.outcome == "input":
             # A calibration that cannot be compared can still be looked at by a person.
-            note = f"the two calibrations cannot be compared: {result.error}"
+            note = Sentence("server.cannot_be_compared", error=result.error)
             result = ChildResult("done", summary={"note": note})
         if result.outcome == "done":
-            self._recalibrations.note(this.id, comparison={**result.summary, "active": active.id})
+            self._recalibrations.note(this.id, comparison=with_their_messages({**result.summary, "active": active.id}))
         return result
 
     def _judged(self, identification: str) -> dict[str, Any]:
@@ -188,8 +189,7 @@ class RecalibrationKind:
         self._around.alarms.report(
             this.machine,
             "residual_grew",
-            f"at {', '.join(grew)} the active calibration leaves more unexplained than when it was made; "
-            f"look at the proposed calibration {calibration.id}",
+            Sentence("server.more_unexplained", grew=grew, calibration=calibration.id),
             "warning",
             bool(grew),
         )
@@ -205,7 +205,7 @@ class RecalibrationKind:
         """Raise the alarm of a recalibration that failed, clear it after one that did not."""
         this = self._recalibrations.get(job.subject)
         if state != "cancelled":
-            text = f"{this.label}: {error}"
+            text = named(this.label, error or "")
             self._around.alarms.report(this.machine, "recalibration_failed", text, "warning", state == "failed")
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
+from daq.messages import Sentence
 from server.jobs.job_kinds import JobError, StageRun
 from server.platform.database.engine import as_stored
 from server.platform.errors import ConflictError, UnavailableError
@@ -77,8 +78,8 @@ class RecordedStage:
                     while not controller.follows(name):
                         if self.run.should_stop():
                             return None
-                        self._in_time(deadline, "the simulated controller did not begin the motion")
-                        progress(0.0, "The arm moves to the start of the motion")
+                        self._in_time(deadline, Sentence("server.motion_not_begun"))
+                        progress(0.0, Sentence("server.arm_moves_start_motion"))
                         self.pause(LOOK_S)
                 begun = self._started(role, seconds, deadline, progress)
                 if begun is None:
@@ -90,10 +91,12 @@ class RecordedStage:
                     return None
                 if _whole(ended, seconds * rate_hz):
                     break
-                reason = ended.error or f"recording {ended.id} ended early"
+                reason = (
+                    ended.sentence("error") if ended.error else Sentence("server.recording_ended_early", ended=ended.id)
+                )
                 if attempt == TRIES:
-                    raise JobError(f"{reason}, {TRIES} times over; check the machine and run the schedule again")
-                progress(0.0, f"Recording again: {reason}")
+                    raise JobError("server.times_over", reason=reason, tries=TRIES)
+                progress(0.0, Sentence("server.recording_again", reason=reason))
                 self.pause(LOOK_S)
                 self._in_time(deadline, reason)
         return found
@@ -106,7 +109,7 @@ class RecordedStage:
                 return self.machines.start_recording(self.this.machine, role, label, seconds)
             except (ConflictError, UnavailableError) as error:
                 self._in_time(deadline, str(error))
-                progress(0.0, f"Waiting: {error}")
+                progress(0.0, Sentence("server.waiting_as", why=str(error)))
             if self.run.should_stop():
                 return None
             self.pause(LOOK_S)
@@ -118,14 +121,14 @@ class RecordedStage:
             if self.run.should_stop():
                 self.machines.stop_recording(id)
                 return None
-            progress(min(waited / seconds, 1.0), f"Recording {row.role} for {seconds:.0f} s")
+            progress(min(waited / seconds, 1.0), Sentence("server.recording_for", role=row.role, seconds=seconds))
             self.pause(LOOK_S)
             waited += LOOK_S
         return None if self.run.should_stop() else row
 
     def _by_a_person(self, asked: str, deadline: str) -> dict[str, str] | None:
         """Wait until somebody recorded the motion as train and as validate since it was asked for."""
-        motions = " and ".join(dict.fromkeys(self.this.plan.excitations))
+        motions = list(dict.fromkeys(self.this.plan.excitations))
         progress = _Progress(self.run, 0.0, 1.0)
         while True:
             found = {}
@@ -136,17 +139,17 @@ class RecordedStage:
             if len(found) == 2:
                 self.store.note(self.this.id, recordings=found)
                 return found
-            missing = " and ".join(f"'{role}'" for role in ("train", "validate") if role not in found)
-            text = f"load the motion of {motions} into the arm's controller, and record it as {missing}"
-            progress(len(found) / 2, f"Waiting for a person until {deadline[:16]} UTC: {text}")
+            missing = [f"'{role}'" for role in ("train", "validate") if role not in found]
+            text = Sentence("server.load_motion", motions=motions, missing=missing)
+            progress(len(found) / 2, Sentence("server.waiting_for_person", deadline=deadline[:16], text=text))
             if self.run.should_stop():
                 return None
-            self._in_time(deadline, f"nobody recorded the standard motion as {missing}; run the schedule again")
+            self._in_time(deadline, Sentence("server.nobody_recorded", missing=missing))
             self.pause(LOOK_S)
 
     def _in_time(self, deadline: str, text: str) -> None:
         if self.machines.now() > deadline:
-            raise JobError(f"until {deadline[:16]} UTC {text}")
+            raise JobError("server.until_utc", deadline=deadline[:16], text=text)
 
 
 def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str | None]]:
@@ -155,7 +158,7 @@ def _wanted(this: Recalibration, machines: Site) -> list[tuple[str, float, str |
         fitted = this.plan.duration_s * FITTED
         return [("operation", fitted, None), ("validate", this.plan.duration_s - fitted, None)]
     if not this.plan.excitations:
-        raise JobError("the schedule names no excitation for its standard motion; add one to it")
+        raise JobError("server.schedule_names_no_excitation")
     train, validate = this.plan.excitations[0], this.plan.excitations[-1]
     return [
         ("train", machines.motion_seconds(train) - MARGIN_S, train),

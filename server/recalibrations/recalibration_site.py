@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from daq import load_machine
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from server.excitations.excitation_job import ExcitationKind
 from server.excitations.excitation_store import Excitations
 from server.excitations.motion_delivery import MotionDelivery
@@ -64,7 +65,7 @@ class Site:
             return read_motion(self._designs.motion(excitation)).seconds
         except HilfitError as error:
             text = str(error).replace(f"{self._files.root}/", "")
-            raise JobError(f"{text}; design the excitation first and name it in the schedule") from None
+            raise JobError("server.design_excitation_first_name", text=text) from None
 
     def rate_hz(self, machine: str) -> float:
         """Return cycles a second."""
@@ -82,4 +83,4 @@ class Site:
         except NotFoundError as error:
             raise ConflictError(str(error)) from None
         if not row.acquire:
-            raise ConflictError(f"machine '{machine}' is not being acquired; enable its acquisition", "not_acquired")
+            raise ConflictError(Sentence("server.machine_not_being_acquired", name=machine), "not_acquired")

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import sqlalchemy as sa
 from pydantic import Field
 
+from daq.messages import Sentence
 from server.jobs.job_store import FINAL, Jobs, JobState, MadeByJobs, jobs
 from server.platform.database.engine import Database
 from server.platform.database.stored import HIDDEN, Id, OfJob, OfMachine, Stored
@@ -81,7 +82,7 @@ class Recalibrations(MadeByJobs[Recalibration]):
         running = self.unfinished(connection, new.machine)
         if running is not None:
             raise ConflictError(
-                f"machine '{new.machine}' is being recalibrated by {running}; wait for it or cancel it",
+                Sentence("server.machine_being_recalibrated", machine=new.machine, running=running),
                 "being_recalibrated",
             )
         self._jobs.insert(connection, id=new.job, kind="recalibration", label=new.label, subject=new.id, stages=STAGES)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from daq import InputError, Machine, Recording, load_machine, read_recording
+from daq.messages import Sentence, message_of
 from fitting.checks import check_recordings
 from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained, for_report
@@ -29,7 +30,16 @@ def findings_on(machine: Machine, recording: Recording, machine_file: Path) -> l
         return []
     content = for_report(found)
     # The file has another name here than the one that people know it by.
-    return [{**own, "recording": None, "text": own["text"].replace(f"{recording.file}: ", "")} for own in content]
+    shown = [{**own, "recording": None, "text": _without(recording.file, own["text"])} for own in content]
+    return [own | {f"{name}_message": message_of(own[name]) for name in ("text", "cure")} for own in shown]
+
+
+def _without(file: str, text: str) -> str:
+    """Return a finding's text without the file's name in front."""
+    if isinstance(text, Sentence) and text.code == "daq.named" and text.values["name"] == file:
+        return str(text.values["what"])
+    plain = str.replace(text, f"{file}: ", "")
+    return text if plain == text else plain
 
 
 def look(recording_file: Path, machine_file: Path, role: str) -> dict[str, Any]:
@@ -55,5 +65,5 @@ def main(arguments: Sequence[str]) -> int:
     """Run :func:`look`, of ``FILE MACHINE_FILE ROLE``, with this process limited to what such a file may take."""
     file, machine_file, role = arguments
     limit_child(RECORDING_CPU_S, Path(file).stat().st_size)
-    too_much = f"{file}: needs too much memory; record or export a shorter one"
+    too_much = Sentence("server.needs_too_much_memory", file=file)
     return ended(lambda: look(Path(file), Path(machine_file), role), too_much)

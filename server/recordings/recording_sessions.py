@@ -21,6 +21,7 @@ import structlog
 from daq import Machine
 from daq.acquisition.journal import journal_path
 from daq.errors import HilfitError, StorageError
+from daq.messages import Sentence
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
@@ -157,14 +158,13 @@ class Sessions:
         with self._lock:
             session = self._sessions.get(id)
         if session is None:
-            raise ConflictError(f"recording '{id}' is {state}; there is nothing to stop", "not_recording", recording=id)
+            raise ConflictError(
+                Sentence("server.recording_not_running", id=id, state=state), "not_recording", recording=id
+            )
         session.stop.set()
         session.thread.join(SEALING_S)
         if session.thread.is_alive():
-            raise UnavailableError(
-                f"recording '{id}' has ended, its rows are safe, and it is sealed as soon as disk and store take it; "
-                "make room"
-            )
+            raise UnavailableError(Sentence("server.recording_ended_rows_safe", id=id))
         return self._recordings.get(id)
 
     def statistics(self, id: str) -> dict[str, Any] | None:
@@ -217,7 +217,7 @@ class Sessions:
                 self._fail(id, error)
             except Exception as error:
                 _log.error("recording_failed", recording=id, exc_info=error)
-                text = "recording failed unexpectedly; the log of the service says why"
+                text = Sentence("server.recording_failed_unexpectedly")
                 self._patience.patiently(lambda: self._recordings.fail(id, text))
         except ServiceStopping:
             _log.warning("recording_left", recording=id)  # the next start finds it
@@ -233,7 +233,7 @@ class Sessions:
         self._seal(id, order.path, statistics)
 
     def _recover_later(self, id: str, path: Path) -> None:
-        full = StorageError(f"{path}: what a killed server left cannot be sealed; run 'hilfit recover'", "sealing")
+        full = StorageError(Sentence("server.killed_not_sealed", path=path), "sealing")
         self._seal(id, path, self._sealed_later(path, full) | {"recovered": True})
 
     def _sealed_later(self, path: Path, error: StorageError) -> dict[str, Any]:

@@ -7,9 +7,11 @@ from typing import Any, Literal
 import sqlalchemy as sa
 from pydantic import Field
 
+from daq.messages import Sentence
 from server.platform.database.repository import Repository
 from server.platform.database.stored import Id, OfMachine, Stored
 from server.platform.errors import ConflictError
+from server.platform.http.bodies import Message
 
 RecordingRole = Literal["unloaded", "train", "repeat", "validate", "operation"]
 State = Literal["recording", "sealed", "failed"]
@@ -32,6 +34,7 @@ class RecordingRow(Stored, table="recordings", noun="recording"):
     sha256: str | None = None
     statistics: dict[str, Any] = Field(default_factory=dict)
     error: str | None = None
+    error_message: Message | None = None
 
 
 recordings = RecordingRow.table
@@ -56,7 +59,7 @@ class Recordings(Repository[RecordingRow]):
                 running = connection.execute(sa.select(recordings.c.id).where(*under_way)).scalar()
                 if running is not None:
                     raise ConflictError(
-                        f"machine '{row.machine}' is being recorded already as {running}; stop that one first",
+                        Sentence("server.machine_being_recorded_already", machine=row.machine, running=running),
                         "being_recorded",
                         machine=row.machine,
                         recording=running,
@@ -98,15 +101,15 @@ class Recordings(Repository[RecordingRow]):
         with self._database.write("recordings") as connection:
             if self.found(connection, id).state == "recording":
                 raise ConflictError(
-                    f"recording '{id}' is still being recorded; stop it first", "being_recorded", recording=id
+                    Sentence("server.recording_still_being_recorded", id=id), "being_recorded", recording=id
                 )
             used = _used_by(connection, id)
             if used is not None:
-                raise ConflictError(f"recording '{id}' is the data of {used}; it has to stay", "in_use", recording=id)
+                raise ConflictError(Sentence("server.recording_data", id=id, used=used), "in_use", recording=id)
             connection.execute(recordings.delete().where(recordings.c.id == id))
 
 
-def _used_by(connection: sa.Connection, id: str) -> str | None:
+def _used_by(connection: sa.Connection, id: str) -> Sentence | None:
     """Return what was made of a recording, ``identification 'idn-1'``; None: nothing, it may go.
 
     Whatever is made of recordings has a table that refers to them, whose first key is what was made.
@@ -117,5 +120,5 @@ def _used_by(connection: sa.Connection, id: str) -> str | None:
                 made = next(iter(table.primary_key.columns))
                 found = connection.execute(sa.select(made).where(reference.parent == id)).scalar()
                 if found is not None:
-                    return f"{made.name} '{found}'"
+                    return Sentence("server.named_thing", kind=made.name, id=found)
     return None

@@ -6,10 +6,11 @@ import secrets
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 from daq import ROLES
 from daq.frames.events import events_path
+from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
@@ -60,16 +61,12 @@ class RecordingUploads:
         """
         self._machines.get(machine)
         if role not in ROLES:
-            raise InvalidError(f"role '{role}' is unknown; use one of {', '.join(ROLES)}")
+            raise InvalidError(Sentence("server.role_unknown", role=role, roles=", ".join(ROLES)))
         suffix = Path(name).suffix.lower()
         if suffix not in ENDINGS:
-            raise UnsupportedFormatError(
-                f"'{name}' is none of {', '.join(ENDINGS)}; export the recording as one of them"
-            )
+            raise UnsupportedFormatError(Sentence("server.file_kind_unknown", name=name, endings=", ".join(ENDINGS)))
         if suffix == ".mf4" and find_spec("asammdf") is None:
-            raise UnsupportedFormatError(
-                f"'{name}': this service reads no MDF4 (hilfit[export] is not installed); upload .csv or .parquet"
-            )
+            raise UnsupportedFormatError(Sentence("server.service_reads_no_mdf", name=name))
         require_room(self._free(), length)
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
@@ -154,17 +151,19 @@ class RecordingUploads:
             return result
         raise refusal(
             replace(result, error=(result.error or "").replace(str(file), label)),
-            InvalidError(f"{label}: cannot be read; export it again"),
-            UnavailableError(f"{label}: looking at it failed; {result.error}"),
+            InvalidError(Sentence("server.cannot_read_export", shown=label)),
+            UnavailableError(Sentence("server.looking_failed", label=label, error=result.error)),
         )
 
 
-def _same_file(other: str | None) -> list[dict[str, str | None]]:
+def _same_file(other: str | None) -> list[dict[str, Any]]:
     """Report a file that is there already, in the form of what the checks find."""
     if other is None:
         return []
-    texts = {"text": f"is byte for byte the file of recording {other}", "cure": "delete one of the two"}
-    return [{"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None, **texts}]
+    texts = {"text": Sentence("server.same_file", other=other), "cure": Sentence("server.delete_one_of_two")}
+    made_of = {f"{name}_message": text.to_json() for name, text in texts.items()}
+    place = {"code": "same_file", "severity": "note", "joint": None, "channel": None, "recording": None}
+    return [place | texts | made_of]
 
 
 def _moved(incoming: Path, target: Path) -> None:
@@ -172,4 +171,4 @@ def _moved(incoming: Path, target: Path) -> None:
         incoming.replace(target)
         sync_directory(target.parent)
     except OSError as error:
-        raise ConflictError(f"the upload cannot be stored ({error.strerror}); free some space") from None
+        raise ConflictError(Sentence("server.upload_cannot_stored_free", reason=error.strerror)) from None

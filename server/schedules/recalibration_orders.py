@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import structlog
 
+from daq.messages import Sentence
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
@@ -56,7 +57,5 @@ class RecalibrationOrders:
         """
         schedule = next((own for own in self._schedules.enabled() if own.machine == machine), None)
         if schedule is None:
-            raise ConflictError(
-                f"machine '{machine}' drifts and no enabled schedule says how to recalibrate it; make one"
-            )
+            raise ConflictError(Sentence("server.machine_drifts_no_enabled", machine=machine))
         _log.info("recalibration_ordered", machine=machine, job=self.order(schedule), reason=reason)

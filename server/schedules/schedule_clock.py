@@ -13,6 +13,7 @@ from datetime import datetime, timedelta
 import structlog
 
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from server.platform.database.engine import Database, as_stored
 from server.platform.errors import ConflictError
 from server.platform.processes.rounds import Rounds
@@ -26,7 +27,7 @@ LOOK_S = 2.0
 HORIZON = timedelta(days=1)
 #: Most missed slots that are written down one by one.
 KEPT = 50
-_TOGETHER = "had its turn together with a later slot"
+_TOGETHER = Sentence("server.had_its_turn_together")
 _log = structlog.stdlib.get_logger(__name__)
 
 
@@ -79,7 +80,7 @@ class ScheduleClock:
             _log.warning("slot_missed", schedule=schedule.id, slot=written[-1], reason=str(error))
             return None
         new = new_recalibration(schedule.machine, schedule.id, schedule.label, schedule.plan, self._database.now())
-        note = f"stands for {len(due) - 1} earlier" if len(due) > 1 else ""
+        note = Sentence("server.stands_for_earlier", count=len(due) - 1) if len(due) > 1 else ""
         try:
             if not self._schedules.claim(schedule, written, new, (note, _TOGETHER)):
                 return None

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
+from daq.messages import Sentence
 from server.excitations.excitation_store import Excitations
 from server.identifications.identification_schemas import IdentificationOptions
 from server.jobs.job_schemas import JobResource
@@ -187,9 +188,13 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Sch
     for excitation in wish.excitations:
         machine = service[Excitations].get(excitation).machine
         if machine != wish.machine:
-            raise InvalidError(f"excitation '{excitation}' is of machine '{machine}', not of '{wish.machine}'")
+            raise InvalidError(
+                Sentence(
+                    "server.excitation_machine_not", excitation=excitation, machine=machine, machine_2=wish.machine
+                )
+            )
     if wish.motion == "standard" and not wish.excitations:
-        raise InvalidError("the standard motion needs excitations: give the id of one or two that were designed")
+        raise InvalidError(Sentence("server.standard_motion_needs_excitations"))
     return Schedule(
         id=id,
         label=wish.label or f"Recalibration of {wish.machine}",

@@ -15,6 +15,7 @@ from datetime import UTC, datetime, timedelta
 from itertools import takewhile
 from zoneinfo import ZoneInfo, available_timezones
 
+from daq.messages import Sentence
 from server.platform.errors import InvalidError
 from server.schedules.cron import Cron
 
@@ -33,24 +34,22 @@ def check(cron: str, timezone: str, now: datetime) -> None:
         One line: the time zone is unknown, the expression is none, never comes, or comes too often.
     """
     if timezone not in available_timezones():
-        raise InvalidError(f"timezone '{timezone}' is unknown; write one like Europe/Vienna or UTC")
+        raise InvalidError(Sentence("server.timezone_unknown", timezone=timezone))
     try:
         Cron.parse(cron)
     except ValueError:
-        raise InvalidError(
-            f"cron '{cron}' cannot be read; write minute hour day month weekday, like '30 2 * * 1'"
-        ) from None
+        raise InvalidError(Sentence("server.cron_cannot_read", cron=cron)) from None
     following = upcoming(cron, timezone, now)
     first = next(following, None)
     if first is None:
-        raise InvalidError(f"cron '{cron}' never comes; check its day and month")
+        raise InvalidError(Sentence("server.cron_never_comes", cron=cron))
     for _ in range(12):
         second = next(following, None)
         if second is None:
             return
         if second - first < SHORTEST:
             least = SHORTEST.seconds // 60
-            raise InvalidError(f"cron '{cron}' comes more often than every {least} minutes; hourly is '0 * * * *'")
+            raise InvalidError(Sentence("server.cron_comes_more_often", cron=cron, least=least))
         first = second
 
 

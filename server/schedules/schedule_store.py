@@ -7,13 +7,14 @@ from typing import Literal
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence, message_of
 from server.jobs.job_store import jobs
 from server.platform.database.engine import Database
 from server.platform.database.repository import Repository
 from server.platform.database.schema import metadata
 from server.platform.database.stored import Id, OfMachine, Revision, Stored
 from server.platform.errors import PreconditionError
-from server.platform.http.bodies import Shown
+from server.platform.http.bodies import Message, Shown
 from server.platform.http.route_parameters import Tags
 from server.recalibrations.recalibration_store import Plan, Recalibration, Recalibrations, recalibrations
 
@@ -40,6 +41,7 @@ class SlotResource(Shown):
     job: str | None
     state: Literal["done", "failed", "missed", "coalesced", "running"]
     note: str
+    note_message: Message | None = None
     calibration: str | None
 
 
@@ -52,6 +54,7 @@ schedule_slots = sa.Table(
     sa.Column("job", sa.String, sa.ForeignKey("jobs.id")),  # none: it never ran
     sa.Column("state", sa.String, nullable=False),  # ordered, coalesced, missed
     sa.Column("note", sa.String, nullable=False),
+    sa.Column("note_message", sa.JSON(none_as_null=True)),
 )
 
 
@@ -96,7 +99,7 @@ class Schedules(Repository[Schedule]):
     def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Schedule:
         found = self.found(connection, id)
         if revisions is not None and str(found.revision) not in revisions:
-            raise PreconditionError(f"schedule '{id}' was changed meanwhile; read it again")
+            raise PreconditionError(Sentence("server.schedule_changed_meanwhile", id=id))
         return found
 
     def enabled(self) -> tuple[Schedule, ...]:
@@ -157,6 +160,7 @@ class Schedules(Repository[Schedule]):
                 self._recalibrations.order(connection, new)
             for slot in (slot for slot in slots if slot not in had):
                 last = slot == newest
+                note = notes[0] if last else notes[1]
                 state = "coalesced" if not last else "missed" if new is None else "ordered"
                 connection.execute(
                     schedule_slots.insert().values(
@@ -164,7 +168,8 @@ class Schedules(Repository[Schedule]):
                         slot=slot,
                         job=new.job if last and new is not None else None,
                         state=state,
-                        note=notes[0] if last else notes[1],
+                        note=note,
+                        note_message=message_of(note),
                     )
                 )
         return True

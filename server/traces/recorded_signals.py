@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.messages import Sentence
 from server.platform.errors import InvalidError
 from server.platform.files import DataDirectory
 from server.recordings.formats.exports import Exports
@@ -100,9 +101,7 @@ class RecordedSignals:
         whole = _longest(time, np.isfinite(values))
         values, time = values[whole], time[whole]
         if len(values) < 16:
-            raise InvalidError(
-                f"recording '{row.id}': {channel}: fewer than 16 rows without a gap; choose a longer part"
-            )
+            raise InvalidError(Sentence("server.recording_fewer_rows_without", row=row.id, channel=channel))
         rate = (len(time) - 1) / float(time[-1] - time[0])
         window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
         from scipy import signal  # the service starts without it
@@ -156,7 +155,7 @@ def _about(kept: Any) -> About:
 def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int]:
     for name in wanted:
         if name not in about.channels:
-            raise InvalidError(f"channel '{name}': recording '{row.id}' has none of that name")
+            raise InvalidError(Sentence("server.channel_recording_none_name", name=name, row=row.id))
     return [about.channels.index(name) for name in wanted]
 
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from daq import load_machine, read_recording
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
+from daq.messages import message_of
 from daq.quality import MEASURED, Quality
 from daq.recordings.recorded_events import recorded_events
 from daq.recordings.recording_files import Table, read_table, write_columns
@@ -37,7 +38,9 @@ def write_signals(source: Path, target: Path, machine: Machine) -> None:
         "channels": names,
         "units": [units[name] for name in names],
         "first_utc": None if utc is None else float(utc[0]) / 1e9,
-        "events": [asdict(event) for event in recorded_events(table.metadata, utc)],
+        "events": [
+            asdict(event) | {"text_message": message_of(event.text)} for event in recorded_events(table.metadata, utc)
+        ],
     }
     arrays: dict[str, npt.NDArray[np.generic]] = {
         "time": time - time[0] if len(time) else time,
@@ -73,7 +76,7 @@ def write_cut(source: Path, target: Path, start: float, end: float) -> None:
     time = np.asarray(table.columns["time"], dtype=np.float64)
     first, behind = np.searchsorted(time - time[0], [start, end]) if len(time) else (0, 0)
     if behind - first < 2:
-        raise RecordingError(f"{source}: has no rows from {start:g} s to {end:g} s; choose a part that it has")
+        raise RecordingError("server.no_rows", source=source, start=start, end=end)
     part = slice(int(first), int(behind))
     write_columns(target, Table({n: c[part] for n, c in table.columns.items()}, table.metadata, ""))
 

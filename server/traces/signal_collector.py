@@ -10,6 +10,7 @@ import numpy.typing as npt
 from daq import Machine
 from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
+from daq.messages import Sentence
 from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
 from server.machines.acquisition import Acquisition
@@ -116,7 +117,7 @@ class SignalCollector:
         names = machine.channels.names
         unknown = [one for one in wanted or () if one not in names]
         if unknown:
-            raise InvalidError(f"channel '{unknown[0]}': machine '{name}' has none of that name")
+            raise InvalidError(Sentence("server.channel_machine_none_name", unknown=unknown[0], name=name))
         columns = [names.index(one) for one in (names if wanted is None else wanted)]
         last = machine.memory.newest if end is None else end
         if last is None:

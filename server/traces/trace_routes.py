@@ -10,11 +10,12 @@ from fastapi import APIRouter, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, Field, model_validator
 
+from daq.messages import Sentence
 from daq.recordings.recording import MINIMUM_SECONDS
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.bodies import Body, Label
+from server.platform.http.bodies import Body, Label, Message
 from server.platform.http.route_parameters import ServiceDep, problems
 from server.recordings.recording_schemas import RecordingResource
 from server.recordings.recording_store import Recordings
@@ -71,6 +72,7 @@ class RecordedEventResource(BaseModel):
     device: str
     what: str
     text: str
+    text_message: Message | None = None
     seconds: float | None
     count: int
 
@@ -92,7 +94,7 @@ class Cut(Body, json_schema_extra={"examples": [{"start": 12.5, "end": 42.5, "la
     @model_validator(mode="after")
     def _forward(self) -> Cut:
         if self.end - self.start < MINIMUM_SECONDS:
-            raise ValueError(f"end must be at least {MINIMUM_SECONDS:g} s later than start")
+            raise ValueError(Sentence("server.end_before_start", minimum_seconds=MINIMUM_SECONDS))
         return self
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 
+from daq.messages import Sentence
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT
 from server.identifications.identification_order import Wish
 from server.platform.authorization.guard import require
@@ -82,7 +83,7 @@ def inverse(
     wanted = [ending for ending, own in ENDINGS.items() if format in (None, own)]
     files = sorted(path for path in folder.glob("*") if path.suffix in wanted)
     if not files:
-        raise NotFoundError(f"valves '{id}' have no inverse: none was seen to move its axis", valve=id)
+        raise NotFoundError(Sentence("server.valves_no_inverse_none", id=id), valve=id)
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in files:

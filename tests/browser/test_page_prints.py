@@ -42,6 +42,12 @@ CHECK = {
     "findings": [f"joint{k}.pressure: noise is 0.2 bar, 4.0 times what noise_std and resolution say; look at shield "
                  "and earth, or correct noise_std" for k in range(1, 4)],
     "notes": ["bus 'can': is listen_only, so no device was asked who it is"],
+    "messages": {
+        "bus 'can': is listen_only, so no device was asked who it is": {
+            "code": "server.bus_listen_only_no_device",
+            "values": {"bus": "can"},
+        }
+    },
 }  # fmt: skip
 
 

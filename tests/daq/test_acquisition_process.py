@@ -31,6 +31,7 @@ from daq.frames.channels import channel_table
 from daq.frames.clock import Tick
 from daq.frames.events import EventLog, RecordedEvents
 from daq.frames.frame import frame_from_row
+from daq.messages import Sentence
 from daq.recordings.recording_files import read_table
 
 MACHINE = parse_machine(modbus(502))
@@ -218,8 +219,9 @@ def test_a_bus_that_is_down_at_the_start_costs_only_itself(server: FakeModbus) -
         raise AssertionError(f"{acquisition.statistics().buses}")
 
     fresh, down = int(Quality.FRESH), int(Quality.BUS_ERROR)
-    with pytest.raises(AcquisitionError, match="nothing answers"), AcquisitionProcess(machine):
+    with pytest.raises(AcquisitionError, match="nothing answers") as refused, AcquisitionProcess(machine):
         raise AssertionError("not reached")
+    assert isinstance(str(refused.value), Sentence)  # in this process too
     with (
         AcquisitionProcess(machine, strict=False, required=["j1.angle"]) as acquisition,
         RingReader(acquisition.ring_name) as reader,

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from daq import parse_machine, read_recording
 from daq.frames.events import EventLog
+from daq.messages import Sentence
 from daq.recordings.recorded_events import TEXT_LENGTH, recorded_events
 from daq.recordings.recording import recording_table
 from daq.recordings.recording_files import write_table
@@ -23,7 +24,11 @@ JSON: st.SearchStrategy[Any] = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
     lambda inner: (
         st.lists(inner, max_size=3)
-        | st.dictionaries(st.sampled_from(["utc_ns", "device", "what", "text", "seconds", "count"]), inner, max_size=6)
+        | st.dictionaries(
+            st.sampled_from(["utc_ns", "device", "what", "text", "seconds", "count", "message", "code", "values"]),
+            inner,
+            max_size=6,
+        )
     ),
     max_leaves=20,
 )
@@ -62,3 +67,25 @@ def test_metadata_of_any_content_gives_events_or_none(text: str) -> None:
 
 def test_a_recording_without_events_has_none() -> None:
     assert recorded_events({}) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "known"),
+    [("can: twice", True), ("can: another text", False)],
+)
+def test_a_text_is_a_sentence_only_if_its_message_makes_it(text: str, known: bool) -> None:
+    message = {"code": "daq.named", "values": {"name": "can", "what": "twice"}}
+    event = {"utc_ns": 1, "device": "can", "what": "x", "seconds": 0.0, "count": 1, "text": text, "message": message}
+    (read,) = recorded_events({"hilfit.events": json.dumps([event])}, np.array([1]))
+    assert (read.text, isinstance(read.text, Sentence)) == (text, known)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [None, 3, "daq.named", [], {"code": 3}, {"code": "daq.named"}, {"code": "os.path", "values": {}},
+     {"code": "daq.named", "values": {"name": {}, "what": 1}}, {"code": "daq.first_of", "values": [1]}],
+)  # fmt: skip
+def test_messages_of_any_content_do_no_harm(message: Any) -> None:
+    event = {"utc_ns": 1, "device": "can", "what": "x", "seconds": 0.0, "count": 1, "text": "a", "message": message}
+    (read,) = recorded_events({"hilfit.events": json.dumps([event])}, np.array([1]))
+    assert read.text == "a"

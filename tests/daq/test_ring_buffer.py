@@ -17,6 +17,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from daq.acquisition.ring import RingReader, RingWriter, ring_buffer
 from daq.errors import AcquisitionError
 from daq.frames.frame import Frame, row_dtype, row_from_frame
+from daq.messages import Sentence, named
 
 DTYPE = row_dtype(3)
 
@@ -155,6 +156,18 @@ def test_the_ring_holds_information_about_its_writer(ring: str) -> None:
             assert reader.writer_alive
             assert not writer.set_info({"long": "x" * 100_000})  # what was there stays
         assert reader.info() == {"cycles": 4, "note": "ö"}
+
+
+def test_statistics_keep_what_sentences_were_made_of_while_there_is_room(ring: str) -> None:
+    line = named("can", "x" * 1000)
+    with RingReader(ring) as reader, RingWriter(ring) as writer:
+        assert writer.set_info({"warnings": [line]})
+        assert isinstance(reader.info()["warnings"][0], Sentence)
+        assert writer.set_info({"warnings": [line] * 60})
+        assert reader.info()["warnings"] == [line] * 60
+        longest = [named("can", f"{number}" + "x" * 1000) for number in range(50)]
+        assert writer.set_info({"warnings": longest})
+        assert not isinstance(reader.info()["warnings"][0], Sentence) and reader.info()["warnings"] == longest
 
 
 def test_a_writer_that_comes_back_goes_on_counting(ring: str) -> None:

@@ -3,29 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from string import Formatter
 from typing import Any
 
 from test_report import JOINTS, VERDICTS, sample_report
 
+from daq.messages import Sentence, messages_in, texts
 from fitting.effects import effects
 from fitting.effects.base import Effect
 from fitting.report import clean
 from fitting.report.joint_words import _AS_WRITTEN, MOTOR, SLEW, JointWords
-from fitting.report.languages import NAMES, content_of
+from fitting.report.languages import NAMES
 
-#: Texts of reports, by groups.
-TEXTS: dict[str, dict[str, str]] = content_of("de")["report"]
 #: What a joint is driven by, and the words for it.
 DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(**MOTOR, units={}), "slew": JointWords(**SLEW, units={})}
 EVENTS = ("silent", "boot_up", "emergency", "bus_off", "bus_down", "utc_jump", "heartbeat_lost", "second_master")
 
 
-def filled(group: str) -> list[str]:
-    """Every sentence of a group of the report's texts, with values; what stands behind others stands behind one."""
-    telling = [text for text in TEXTS[group] if len(text.replace("{}", "")) > 8]  # others are known within others
-    whole = [text for text in telling if text[0] not in " ;"]
-    behind = [whole[0] + text for text in telling if text[0] in " ;"]
-    return [text.replace("'{}'", "'boom'").replace("{}", "1.25") for text in (*whole, *behind)]
+#: Values that are messages or words themselves.
+WITHIN = {
+    "first": Sentence("fitting.differ_these_recordings", rivals=["play", "stribeck"], now=1.25),
+    "now": Sentence("fitting.standard_deviations_effect", standard_deviations=2.5, share=4.2),
+    "why": Sentence("fitting.no_unloaded_recording"),
+    "way": "slow",
+    "late": "early",
+    "better": "worse",
+    "quantity": "joint position",
+    "range": "stroke",
+}
+
+
+def said(code: str) -> Sentence:
+    """A message of fitting with values: numbers where its text formats one, else names, messages or lists."""
+    fields = [(name, spec) for _, name, spec, _ in Formatter().parse(texts("fitting", "en")["messages"][code]) if name]
+    values = {name: 1.25 if spec and spec[-1] in "gf%" else WITHIN.get(name, "boom") for name, spec in fields}
+    lists = {name: ["boom", "bucket"] for name, spec in fields if spec and spec[-1] not in "gf%"}
+    return Sentence(f"fitting.{code}", **values | lists)
+
+
+MOTIONS = ("staircase_constant_speeds_out", "swing_while_creeps_over", "rod_unpinned_free_strokes")
+#: Every message of fitting.
+ALL = [said(code) for code in texts("fitting", "en")["messages"]]
+FINDINGS = [one for one in ALL if one.code.startswith("fitting.check_") and not one.code.endswith("_cure")]
+REASONS = [one for one in ALL if one not in FINDINGS]
 
 
 def catalogue(words: JointWords) -> Iterator[tuple[Effect, dict[str, Any]]]:
@@ -44,32 +64,33 @@ def said_report(verdict: str, drive: str) -> dict[str, Any]:
     _search(report["loop"], known)
     _found(report["loop"], known, words)
     _explained(report["loop"], known, words)
-    report["warnings"] = _warnings()
+    report["warnings"] = REASONS
+    where = Sentence("fitting.in_lines", file="arm.yaml", lines=["39", "43"])
     report["checks"] = [
-        {"severity": "mistake", "text": text, "cure": "swap the two channels in arm.yaml lines 39 and 43"}
-        for text in filled("checks")
+        {"severity": "mistake", "text": text, "cure": said(f"{text.code.removeprefix('fitting.')}_cure") + where}
+        for text in FINDINGS
     ]
     report["plausibility"] = _impossible(words)
     _sizes(report)
     _estimates(report)
     if verdict != "nothing_missing":
         report["one_shot"]["comparison"] = _comparison()
-    happened = [(what, text) for text, what in zip(filled("devices"), EVENTS * 9, strict=False)]
+    event = Sentence("daq.no_heartbeat", place=Sentence("daq.bus_node", bus_name="can", node=31), now=1.25)
     report["data"][0]["events"] = [
-        {"time": 12.34, "device": "can/node 31", "what": what, "text": text, "seconds": 0.4, "count": 1}
-        for what, text in happened
-    ] + [{"time": None, "device": "can", "what": "bus_off", "text": happened[0][1], "seconds": None, "count": 7}]
-    return dict(clean(report))
+        {"time": time, "device": "can/node 31", "what": what, "text": event, "seconds": 0.4, "count": 1}
+        for time, what in zip((None, *[12.34] * len(EVENTS)), ("bus_off", *EVENTS), strict=True)
+    ]
+    return {**clean(report), "messages": messages_in(report)}
 
 
 def _search(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]]) -> None:
-    reasons, outcomes = filled("reasons"), ("rejected", "accepted", "artefact")
+    outcomes = ("rejected", "accepted", "artefact")
     loop["candidates"] = [
-        {**named, "score": 1.5, "status": outcomes[n % 3], "reason": reasons[n % len(reasons)]}
+        {**named, "score": 1.5, "status": outcomes[n % 3], "reason": REASONS[n % len(REASONS)]}
         for n, (_, named) in enumerate(known * 2)
     ]
     loop["detection_limits"] = [{**named, "smallest": 0.0123, "unit": "N m/rad"} for _, named in known]
-    loop["reasons"] = filled("verdicts")[:3] if loop["verdict"] == "check_input" else []
+    loop["reasons"] = REASONS[:3] if loop["verdict"] == "check_input" else []
 
 
 def _found(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]], words: JointWords) -> None:
@@ -80,7 +101,7 @@ def _found(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]], wor
         "place: between piston and joint": {"value": 0.0, "unit": "choice"},
     }
     evidence: dict[str, Any] = dict.fromkeys(NAMES["evidence"], 0.5)
-    evidence |= {"witness": filled("reasons")[0], "outside_band": True, "p": 1e-7}
+    evidence |= {"witness": said("significant_neither"), "outside_band": True, "p": 1e-7}
     evidence["cutoffs"] = [{"hz": 2.1, "value": 0.0141, "std": 0.0001}]
     for effect in loop["effects"]:
         effect.update(known[-1][1], joint="joint2", parameters=sizes, evidence=evidence)
@@ -107,45 +128,24 @@ def _explained(loop: dict[str, Any], known: list[tuple[Effect, dict[str, Any]]],
     ]
     steps = [
         {"before": hypotheses, "motion": {"text": text, "seconds": 60.5}, "after": hypotheses[1:]}
-        for text in filled("motions")
+        for text in map(said, MOTIONS)
     ]
     loop.update(hypotheses=hypotheses, resolution=steps)
     loop["next_experiment"] = {
-        "motion": "; or ".join(words.text(one.experiment) for one, _ in known if one.experiment),
-        "why": f"{ids[0]} and {ids[1]} differ by 2.5 standard deviations (4.2 % of the effect) in these recordings; "
-        "closable by this motion: 7.5 standard deviations (31 % of the effect) with one recording, recordings "
-        "needed: 2, chance of a single name: 99 %",
+        "motion": Sentence(
+            "fitting.either_motion", motions=[words.text(one.experiment) for one, _ in known if one.experiment]
+        ),
+        "why": said("closable_by_motion"),
         "separates": [ids[0], "law of joint2.piston_speed"],
         "joint": "joint2",
     }
 
 
-def _warnings() -> list[str]:
-    return [
-        *filled("warnings"),
-        "friction was estimated with the arm attached on joint1, joint2: no unloaded recording of it",
-        "this motion tells 5 of 9 parameters; assumed: joint1.m; poorly told: joint1.K; not told: ZZ2, MX2",
-        "a.mf4: resampled from 99.5 Hz with uneven steps to 100 Hz with a zero-phase low pass, flat to 12.5 Hz; "
-        "0.02 s beside gaps and at the ends are left out",
-        "stage 1 with the arm attached is refused for joint1: no plausible arm fits these recordings, so the load may "
-        "look like the drive; the values of the joint fit stand in its place",
-        "joint2: validate moves where the training motions tell little: an error of 12.5 N m is to be expected there, "
-        "2.5 N m on those motions; train on a motion that goes there",
-        "the mass matrix is not positive definite at q = (0.5, 1.25), at joint2; the drive inertia of joint1 is below "
-        "zero: efforts are predicted all the same, motions are not",
-        "joint2: viscous friction changed 12.5 s into recording 2",
-    ]
-
-
 def _impossible(words: JointWords) -> dict[str, Any]:
-    texts = (
-        "the stiffness of joint1 is negative",
-        "the friction of joint1 drives the motion at 0.000812 m/s instead of opposing it",
-        "no links that can exist have ZZ1 = -1.25 kg m^2 together with the other base parameters",
-    )
+    wrong = [said(code) for code in ("parameter_negative", "friction_drives", "no_links_can_exist")]
     number = {"value": -22.5, "std": 1.5, "unit": "N/m", "sigmas": 15.2, "possible": 0.5}
     violations = [
-        {"joint": "joint1", "parameter": "K", "text": texts[n % 3], "cause": words.text(cause), **number}
+        {"joint": "joint1", "parameter": "K", "text": wrong[n % 3], "cause": words.text(cause), **number}
         for n, cause in enumerate(NAMES["causes"].values())
     ]
     return {"violations": violations, "constrained": {"price_percent": {"train": 2.5, "validate": 0.75}}}
@@ -168,12 +168,11 @@ def _estimates(report: dict[str, Any]) -> None:
         price_percent={"train": 0.5, "validate": 1.5},
         details={"chi_square_price": 3.5, "standard_parameters": {"m1": 4.25}, "told_by_data": {"ZZ1": 0.85}},
     )
-    said = filled("estimation")
     tried = [
-        {"name": f"way{n}", "what": text, "training_error": 0.0123, "held_out_error": 0.0234}
-        for n, text in enumerate(text for text in said if not text.endswith("."))
+        {"name": f"way{n}", "what": what, "training_error": 0.0123, "held_out_error": 0.0234}
+        for n, what in enumerate(NAMES["ways"].values())
     ]
-    why = " ".join(text for text in said if "rises" in text or text.startswith(("Rows", "All efforts")))
+    why = said("rows_weighted_measured_noise")
     report["estimation"] = {"chosen": "way1", "tried": tried, "why": why}
 
 
@@ -185,8 +184,8 @@ def _comparison() -> dict[str, Any]:
         "contenders": dict.fromkeys(NAMES["contenders"], way),
         "deviation_ratio": 0.45,
         "apart": [{"name": "joint2.f_c"}],
-        "said": "The two stages are better conditioned than the one-shot regression (condition number 17.1 against "
-        "282). Their error on the validation motion is the same within its uncertainty as that of the one-shot "
-        "regression (-0.7 %, 95 % interval -5.5 to +2.2 %). With the unloaded recordings in the one-shot regression "
-        "too, it is smaller than that one's (-8.9 %, 95 % interval -13.1 to -4.2 %): two-stage fitting is better here.",
+        "said": Sentence(
+            "daq.sentences",
+            sentences=[said(code) for code in ("two_stages_conditioned_shot", "no_error_compare")],
+        ),
     }

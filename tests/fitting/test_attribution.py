@@ -26,7 +26,7 @@ from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.laws import Law
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term, fit_model
-from fitting.selection import confirm
+from fitting.selection import confirm, priors
 from fitting.selection.confirm import objection, silence
 from fitting.selection.evidence import least_gain
 from fitting.selection.search import attribute
@@ -120,30 +120,32 @@ def test_without_a_validation_motion_nothing_confirms_and_nothing_is_claimed_to(
     assert attribution.accepted[0].validate_gain is None
 
 
+def two_effects(segment: object, index: int) -> np.ndarray:
+    x, v = segment.x[:, 1], segment.v[:, 1]  # type: ignore[attr-defined]
+    other = segment.v[:, 0]  # type: ignore[attr-defined]
+    return 900.0 * (x - 0.15) * np.sign(v) + 500.0 * other
+
+
 @pytest.mark.slow
 def test_two_effects_are_both_found() -> None:
-    def law(segment: object, index: int) -> np.ndarray:
-        x, v = segment.x[:, 1], segment.v[:, 1]  # type: ignore[attr-defined]
-        other = segment.v[:, 0]  # type: ignore[attr-defined]
-        return 900.0 * (x - 0.15) * np.sign(v) + 500.0 * other
-
-    attribution = run(session_with(law))
+    attribution = run(session_with(two_effects))
     assert {a.score.term.family for a in attribution.accepted} == {
         ("position_dependent_friction", 1),
         ("cross_cylinder_coupling", 1),
     }
+    assert (attribution.verdict, attribution.nothing_more) == ("effect_added", 1.0)
 
 
 @pytest.mark.slow
-def test_two_effects_that_bend_one_curve_are_two_names_and_no_law() -> None:
-    """A trapped gas volume at one end of the stroke and a cushion at the other."""
-
-    def law(segment: object, index: int) -> np.ndarray:
-        x = segment.x[:, 1]  # type: ignore[attr-defined]
-        return 9.0 * (1.0 - (x - 0.045) / 0.25) ** -1.4 - 3.5e4 * np.maximum(0.075 - x, 0.0) ** 2
-
-    attribution = run(session_with(law))
-    assert {a.score.term.family for a in attribution.accepted} == {("end_cushion", 1), ("gas_spring", 1)}
+@pytest.mark.parametrize(("most", "verdict"), [(1, "unexplained"), (2, "effect_added")])
+def test_what_is_missing_beside_as_many_as_are_looked_for_is_said(
+    most: int, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(priors, "MOST", most)
+    attribution = run(session_with(two_effects))
+    assert len(attribution.accepted) == most
+    assert attribution.verdict == verdict
+    assert (attribution.nothing_more < 0.01) if most == 1 else (attribution.nothing_more > 0.5)
 
 
 @pytest.mark.slow

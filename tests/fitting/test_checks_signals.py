@@ -7,7 +7,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from string import Formatter
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 from synthetic_arm import make_recordings, planar_machine, truth
 
 from daq.machine.machine_file import Channel, Machine
+from daq.messages import placeholders, texts
 from daq.recordings.recording import Recording
 from fitting.checks import check_recordings, findings
 from fitting.checks.fast_noise import noise_findings
@@ -325,6 +325,14 @@ def test_the_effort_of_a_joint_that_stands_may_have_few_levels() -> None:
     assert ("coarse", "joint1.head") not in named(signal_findings(MACHINE, stands))
 
 
+#: Keys of findings' texts; their cures are beside them.
+TEXTS = {
+    key.removeprefix("check_")
+    for key in texts("fitting", "en")["messages"]
+    if key.startswith("check_") and not key.endswith("_cure")
+}
+
+
 def _calls() -> dict[str, set[str]]:
     """Keys of texts that findings are made of in the sources, and the names of the values that each is given."""
     found: dict[str, set[str]] = {}
@@ -340,19 +348,18 @@ def _calls() -> dict[str, set[str]]:
             assert isinstance(call, ast.Call)
             words = {str(word.arg) for word in call.keywords}
             words |= {str(key.value) for key in beside} if "None" in words else set()
-            keys = {n.value for n in ast.walk(call.args[0]) if isinstance(n, ast.Constant)}
+            chosen = nodes if isinstance(call.args[0], ast.Name) else ast.walk(call.args[0])  # a name was chosen before
+            keys = {str(n.value).replace("/", "_") for n in chosen if isinstance(n, ast.Constant)}
             if isinstance(call.args[0], ast.JoinedStr):
-                keys = {key for key in findings.TEXTS if key.startswith(tuple(map(str, keys)))}
-            if isinstance(call.args[0], ast.Name):  # chosen before
-                keys = {n.value for n in nodes if isinstance(n, ast.Constant)}
-            for key in keys & findings.TEXTS.keys():
+                keys = {key for key in TEXTS if key.startswith(tuple(keys))}
+            for key in keys & TEXTS:
                 found.setdefault(key, set()).update(words)
     return found
 
 
 def test_every_text_of_a_finding_is_used_and_gets_its_values() -> None:
     calls = _calls()
-    assert calls.keys() == findings.TEXTS.keys()
-    for key, both in findings.TEXTS.items():
-        named = {name for text in both for _, name, _, _ in Formatter().parse(text) if name is not None}
-        assert named - {"channel", "joint"} <= calls[key], key
+    assert calls.keys() == TEXTS
+    for key, values in calls.items():
+        named = {*placeholders(f"fitting.check_{key}"), *placeholders(f"fitting.check_{key}_cure")}
+        assert named - {"channel", "joint"} <= values, key

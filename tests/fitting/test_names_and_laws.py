@@ -14,10 +14,9 @@ from fitting.loop.refits import SessionSignals
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.confirmation.cross_validation import HeldOut
-from fitting.residual.findings import Attribution, Unconfirmed
-from fitting.residual.scoring import catalogue_terms, law_terms, score_terms
+from fitting.residual.findings import Attribution
+from fitting.residual.scoring import catalogue_terms
 from fitting.selection.confirm import Answer
-from fitting.selection.evidence import least_gain
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
 
@@ -105,26 +104,3 @@ def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkey
     other = next(term for term in catalogue_terms(search.base, effects())[0] if term.joint == 0)
     beside = search.gate.with_term(search.model, other)
     assert choice.term.family in {r.term.family for r in search._beside(search._rated(beside), beside.terms)}
-
-
-def test_what_a_joint_without_an_explanation_bends_elsewhere_is_no_effect() -> None:
-    """Beside a law of the joint that lacks something, another joint's term gains what a joint fit of both says."""
-    session = session_with(lambda motion: 1200.0 * np.cos(25.0 * motion.q[:, 1]), only_loaded=True)
-    signals = SessionSignals(session, Corrections(session.machine))
-    base = signals.refit(())
-    search = Search(base, effects(), (), signals, 0, ())
-    terms, grid = law_terms(base)
-    laws = [s for s in score_terms(base, terms, grid) if s.term.joint == 1 and not s.term.everywhere]
-    law = max(laws, key=lambda s: s.gain)
-    others = score_terms(base, *catalogue_terms(base, effects()))
-    others = [s for s in others if s.term.joint == 0 and s.gain > 2 * least_gain(s.live) and not s.term.everywhere]
-    others = sorted(others, key=lambda s: -s.gain)[:12]
-    assert others  # what is not in the model bends the parameters that both joints have
-    nothing = HeldOut(0.0, 0.0, 1)
-    assert not any(search._spilled(s) for s in others)
-    search.unconfirmed.append(Unconfirmed(law, nothing, -1.0))
-    for score in others:
-        worth = signals.refit((law.term, score.term)).wald(1)
-        clear = abs(worth - least_gain(score.live)) > 5.0 and not score.term.uses_model
-        assert not clear or search._spilled(score) == (worth < least_gain(score.live))
-    assert any(search._spilled(score) for score in others)

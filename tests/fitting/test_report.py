@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from daq.messages import Sentence
 from fitting.report import (
     Course,
     Figures,
@@ -692,8 +693,12 @@ def test_dates_are_written_out(stamp: str, text: str) -> None:
 
 
 def test_signals_are_named_in_words_and_other_names_stay() -> None:
-    assert readable("structure in joint2.joint_position is left; see run_head_pressure_2.csv and f_s") == (
-        "structure in joint2 joint position is left; see run_head_pressure_2.csv and f_s"
+    names = ["joint2.joint_position", "joint_position", "run_head_pressure_2.csv", "f_s"]
+    assert readable(Sentence("fitting.differ_these_recordings", rivals=names, now=2.5)).startswith(
+        "joint2 joint position and joint position and run_head_pressure_2.csv and f_s differ"
+    )
+    assert readable("a sentence of joint2.joint_position that nobody made of values") == (
+        "a sentence of joint2.joint_position that nobody made of values"
     )
 
 
@@ -704,9 +709,11 @@ def test_which_variant_an_effect_is_is_no_size() -> None:
 
 def test_effects_in_a_text_are_named_by_their_titles() -> None:
     titles = {"load_dependent_friction": "Friction that grows with the load"}
-    text = "within 31.5 of load_dependent_friction: compare joint_2.load_dependent_friction and no_such_effect"
+    rivals = ["load_dependent_friction", "joint_2.load_dependent_friction", "no_such_effect"]
+    text = Sentence("fitting.differ_these_recordings", rivals=rivals, now=31.5)
     assert readable(text, titles) == (
-        "within 31.5 of friction that grows with the load: compare joint_2.load_dependent_friction and no_such_effect"
+        "friction that grows with the load and joint_2.load_dependent_friction and no_such_effect differ by 31.5 in "
+        "these recordings"
     )
 
 

@@ -10,10 +10,11 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from said_report import DRIVES, TEXTS, said_report
+from said_report import DRIVES, said_report
 from test_report import sample_figures, sample_report
 
 from daq.errors import InputError
+from daq.messages import Sentence, texts
 from fitting.pipeline.stage_names import ReportLanguage
 from fitting.report import Figures, wording, write_report
 from fitting.report import html as pages
@@ -59,6 +60,11 @@ def lines(page: str) -> list[str]:
     ]
 
 
+#: Terms that German has as well, names of keys and options, and those that a value stands for here.
+NAMED = re.compile(
+    r"can/node 31|--\w+|valve\.json|hilfit \w+|\b(limits\.position|rate_hz|noise_std|time|theta|command)\b|"
+    r"\b(joints|cylinder|rigid_body)\.\S+"
+)
 CASES = [(v, d) for v in NAMES["verdicts"] for d in DRIVES]
 
 
@@ -67,11 +73,7 @@ CASES = [(v, d) for v in NAMES["verdicts"] for d in DRIVES]
 def test_no_english_and_no_decimal_point_is_left(verdict: str, drive: str) -> None:
     page = render_html(said_report(verdict, drive), figures(verdict), GERMAN)
     assert '<html lang="de">' in page and 'aria-label="Inhalt"' in page
-    # Node, gateway and CAN terms that German has as well, and names that a value stands for here.
-    said = [
-        re.sub(r"can/node 31|Node-ID|error-passive|\b(limits\.position|rate_hz|noise_std|time|theta)\b", "", line)
-        for line in lines(page)
-    ]
+    said = [NAMED.sub("", line) for line in lines(page)]
     assert [line for line in said if ENGLISH_WORDS.search(line)] == []
     # Two numbers in a row may be a version: dates and software have their own place.
     assert [line for line in said if POINT.search(line)] == []
@@ -86,7 +88,6 @@ def test_what_is_a_name_stays() -> None:
         "train-1.parquet",
         "k1",
         "f_s",
-        "a.mf4",
     ):
         assert name in page, name
     assert "0,8464 (m2 + m6)" in page  # a combination, whose number is one
@@ -105,12 +106,12 @@ def test_the_verdict_is_a_german_sentence() -> None:
     assert wording.follows(law, GERMAN) == (
         "der Fehler an joint2 hängt von der Größe „Kolbengeschwindigkeit von joint3“ und der Größe „Zylinderkraft“ ab"
     )
-    assert wording.readable(
-        "load_dependent_friction at joint2.piston_speed", {"load_dependent_friction": "Reibung"}
-    ) == (
+    placed = Sentence("fitting.at_joint", effect="load_dependent_friction", joint="joint2.piston_speed")
+    assert wording.readable(placed, {"load_dependent_friction": "Reibung"}) == (
         "reibung at joint2 piston speed"  # English has small letters and no quotes
     )
-    said = "position_dependent_friction and stribeck leave the same trace in these recordings"
+    rivals = ["position_dependent_friction", "stribeck"]
+    said = Sentence("fitting.leave_same_trace", effect=rivals[0], rivals=rivals[1])
     titles = {"position_dependent_friction": "Reibung, die vom Kolbenweg abhängt"}
     assert wording.readable(said, titles, GERMAN) == (
         "„Reibung, die vom Kolbenweg abhängt“ und stribeck hinterlassen in diesen Aufzeichnungen dieselbe Spur"
@@ -181,7 +182,7 @@ def _composed() -> set[str]:
 def test_every_text_of_the_page_is_in_the_table_and_nothing_else() -> None:
     template = (Path(pages.__file__).parent / "report.html.j2").read_text("utf-8")
     table = {english for group in CONTENT["page"].values() for english in group}
-    known = table | {english for group in TEXTS.values() for english in group}
+    known = table | texts("fitting", "de")["words"].keys()
     said = {text.replace('\\"', '"') for text in re.findall(r'\bphrase\("((?:[^"\\]|\\.)*)"', template)}
     named = [group for name, group in NAMES.items() if name not in ("open", "drives")]
     said |= (
@@ -197,7 +198,7 @@ def test_every_text_of_the_page_is_in_the_table_and_nothing_else() -> None:
 
 
 def test_a_translation_has_the_values_of_its_text() -> None:
-    both = [pair for part in ("page", "report") for group in CONTENT[part].values() for pair in group.items()]
+    both = [pair for group in CONTENT["page"].values() for pair in group.items()]
     for english, german in both:
         count = english.count("{}")
         assert set(re.findall(r"\$(\d)", german)) <= {str(n + 1) for n in range(count)}, english

@@ -11,7 +11,6 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from fnmatch import fnmatch
 from pathlib import Path
 
 import httpx2
@@ -36,7 +35,7 @@ def files() -> list[Path]:
 def packed(path: Path) -> bool:
     """Whether setuptools takes a file; patterns of ``*`` are for the files of every package."""
     data = SETUPTOOLS["package-data"]
-    everywhere = SOURCES not in path.parents and any(fnmatch(path.name, pattern) for pattern in data["*"])
+    everywhere = SOURCES not in path.parents and any(path.match(pattern) for pattern in data["*"])
     packages = ((ROOT.joinpath(*name.split(".")), patterns) for name, patterns in data.items() if name != "*")
     # To setuptools, unlike fnmatch, a star does not cross directories.
     own = any(path in set(package.glob(pattern)) for package, patterns in packages for pattern in patterns)

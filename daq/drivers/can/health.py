@@ -22,6 +22,7 @@ from daq.drivers.bus_driver import BusDriver
 from daq.frames.clock import NS
 from daq.frames.events import EventLog
 from daq.machine.machine_file import CanBus
+from daq.messages import Sentence
 
 QUIET_S = 2.0
 _CONTROLLER, _BUS_OFF, _RESTARTED, _COUNTERS = 0x004, 0x040, 0x100, 0x200
@@ -47,7 +48,7 @@ class BusHealth:
     @property
     def line(self) -> str:
         """Cure of its state; empty while it is active."""
-        return f"bus '{self._bus}': {_ADVICE[self.state]}" if self.state in _ADVICE else ""
+        return Sentence("daq.on_bus", bus=self._bus, advice=_ADVICE[self.state]) if self.state in _ADVICE else ""
 
     def on_error_frame(self, identifier: int, data: bytes, now_ns: int) -> None:
         """Count an error frame."""

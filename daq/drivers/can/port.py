@@ -198,7 +198,7 @@ def open_bus(config: CanBus) -> Any:
     try:  # a value that was put together in a program has met no grammar yet
         check_can(config.interface, config.channel, options)
     except (ValueError, KeyError) as error:
-        raise BusError(f"bus '{config.name}': {first_line(error)}") from None
+        raise BusError("daq.on_bus", bus=config.name, advice=first_line(error)) from None
     if config.bitrate is not None:
         options.setdefault("bitrate", config.bitrate)
     if config.listen_only:
@@ -210,12 +210,18 @@ def open_bus(config: CanBus) -> Any:
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
         if config.interface == "socketcand":
             raise BusError(
-                f"bus '{config.name}': nothing answers at {options['host']}:{options['port']} ({first_line(error)}); "
-                "start the socketcand server or correct host and port"
+                "daq.bus_nothing_answers",
+                bus=config.name,
+                option=options["host"],
+                option_2=options["port"],
+                error=first_line(error),
             ) from None
         raise BusError(
-            f"bus '{config.name}': {config.interface} {config.channel} cannot be opened ({first_line(error)}); check "
-            "interface, channel and options in the machine file, and that the interface is up"
+            "daq.bus_cannot_opened",
+            bus=config.name,
+            interface=config.interface,
+            channel=config.channel,
+            error=first_line(error),
         ) from None
 
 

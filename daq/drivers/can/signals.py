@@ -20,6 +20,7 @@ from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.can_database import Listed, Wanted, decoded, listed_messages, not_available, pgn_of
 from daq.machine.machine_file import CanSignalsBus, Channel
+from daq.messages import Sentence
 from daq.quality import Quality
 
 FORGET_S = 2.0  # after so long without a frame another sender is not a second one
@@ -93,7 +94,7 @@ class CanSignalsDriver(Listener, CanDriver):
         super().__init__(bus, [channel.name for channel in channels], context, ("not_available", "unknown_part"))
         listed, problems = listed_messages(bus, channels)
         if problems:
-            raise MachineFileError(f"bus '{bus.name}': {problems[0][1]}")
+            raise MachineFileError("daq.on_bus", bus=bus.name, advice=problems[0][1])
         self._bus = bus
         self._received = [_Received(message) for message in listed]
         self.streams = [stream for received in self._received for stream, _ in received.parts]
@@ -128,8 +129,8 @@ class CanSignalsDriver(Listener, CanDriver):
                 value = raw.get(wanted.signal.name)
                 if value is None:
                     self.counts["short"] += 1
-                    stream.fault = (
-                        f"{stream.name} has {len(data)} bytes instead of {message.length}; is it the right file?"
+                    stream.fault = Sentence(
+                        "daq.bytes_instead_right_file", stream=stream.name, bytes=len(data), length=message.length
                     )
                     answers.value(wanted.position, math.nan, Quality.INVALID)
                 elif received.listed.j1939 and not_available(wanted.signal, value):
@@ -146,7 +147,7 @@ class CanSignalsDriver(Listener, CanDriver):
         self.counts["two_senders"] += 1
         senders = " and ".join(f"0x{sender:02X}" for sender in sorted(received.senders))
         for stream, members in received.parts:
-            stream.fault = f"{stream.name} comes from {senders}; add source_address to its sources"
+            stream.fault = Sentence("daq.comes_from_senders", stream=stream.name, senders=senders)
             for wanted in members:
                 if answers.quality[wanted.position] != Quality.MISSING:
                     answers.value(wanted.position, math.nan, Quality.INVALID)

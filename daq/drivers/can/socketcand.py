@@ -18,6 +18,8 @@ from collections import deque
 
 import can
 
+from daq.messages import Sentence
+
 HANDSHAKE_S = 2.0
 _MESSAGE = re.compile(rb"< ?(frame|error) ([0-9A-Fa-f]{1,8}) (\d+\.\d+) ((?:[0-9A-Fa-f]{2} ?)*) *>")
 _LONGEST = 4096  # bytes of a message that does not end
@@ -59,7 +61,9 @@ class SocketcandBus(can.BusABC):  # type: ignore[misc]  # python-can gives it as
         until = time.monotonic() + HANDSHAKE_S
         while answer not in self._rest:
             if time.monotonic() > until or len(self._rest) > _LONGEST:
-                raise OSError(f"answers '{self._rest[:40].decode('ascii', 'replace')}': is no socketcand server")
+                raise OSError(
+                    Sentence("daq.answers_no_socketcand_server", answer=self._rest[:40].decode("ascii", "replace"))
+                )
             self._fill()
         self._rest = self._rest.partition(answer)[2]
 

@@ -19,6 +19,7 @@ from daq.drivers.canopen.profiles import ask
 from daq.drivers.found_setups import FoundSetup
 from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, first_line
+from daq.messages import Sentence
 
 VERIFY_CYCLES = 3
 UNDER_WAY = 4  # cycles that answers may be under way when a node was told to stop
@@ -95,8 +96,9 @@ class NodeCare:
         missing = [f"TPDO{t.mapping.number}" for t in node.tpdos if t.count == 0]
         self.failed(
             node.short()
-            or f"{node.place}: {', '.join(missing)} did not come within {VERIFY_CYCLES} SYNCs; "
-            "see its manual for synchronous transmission",
+            or Sentence(
+                "daq.not_come_within_syncs", place=node.place, missing=", ".join(missing), verify_cycles=VERIFY_CYCLES
+            ),
         )
 
     def failed(self, detail: str) -> None:
@@ -108,7 +110,9 @@ class NodeCare:
     def _broke(self, error: Exception) -> None:
         self._counts["keeper_broke"] += 1
         self.failed(
-            f"{self.node.place}: commissioning broke ({type(error).__name__}: {first_line(error)}); it is tried again"
+            Sentence(
+                "daq.commissioning_broke", place=self.node.place, name=type(error).__name__, error=first_line(error)
+            )
         )
         self._start.tried(self.node.config.node)
 

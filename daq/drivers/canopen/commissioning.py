@@ -13,12 +13,13 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 
 from daq import wire
-from daq.drivers.canopen.link import NoAnswerError, Sdo, SdoRefusedError
+from daq.drivers.canopen.link import NoAnswerError, Sdo, SdoRefusedError, WrongAnswerError
 from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
 from daq.drivers.found_setups import Objects
 from daq.errors import CommissioningError
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode
+from daq.messages import Sentence
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80
@@ -91,12 +92,10 @@ def _await_answer(sdo: Sdo, place: str, monotonic_ns: Callable[[], int], boot_up
             return sdo.read_unsigned(0x1000)
         except NoAnswerError as error:
             if monotonic_ns() >= deadline:
-                if "does not answer" not in str(error):
+                if isinstance(error, WrongAnswerError):
                     raise
-                within = f" within {boot_up_s:g} s" if boot_up_s else ""
-                raise NoAnswerError(
-                    f"{place}: does not answer{within}; check its power, node-ID, bitrate and cable"
-                ) from None
+                within = Sentence("daq.within_boot_up", boot_up_s=boot_up_s) if boot_up_s else ""
+                raise NoAnswerError("daq.does_not_answer", place=place, within=within) from None
 
 
 def _alone(sdo: Sdo, place: str, wait_s: float = 0.0) -> None:
@@ -105,9 +104,7 @@ def _alone(sdo: Sdo, place: str, wait_s: float = 0.0) -> None:
     if not sdo.surplus:
         time.sleep(wait_s)
     if sdo.surplus:
-        raise CommissioningError(
-            f"{place}: two devices answer with this node-ID; give each one of its own, and connect them again"
-        )
+        raise CommissioningError("daq.two_devices_one_node", place=place)
 
 
 def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
@@ -123,16 +120,12 @@ def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
         found = device_type if subindex is None else sdo.read_unsigned(0x1018, subindex)
         if found != expected:
             raise CommissioningError(
-                f"{place}: is another device: {what} is 0x{found:08X}, the machine file says 0x{expected:08X}; "
-                f"connect the right one or correct {key}"
+                "daq.another_device", place=place, what=what, found=f"{found:08X}", expected=f"{expected:08X}", key=key
             )
     if node.firmware is not None:
         version = sdo.read(0x100A).rstrip(b"\0 ").decode("latin-1")
         if version != node.firmware:
-            raise CommissioningError(
-                f"{place}: has firmware '{version[:40]}' (0x100A), the machine file says '{node.firmware}'; see what "
-                "differs, then correct firmware"
-            )
+            raise CommissioningError("daq.firmware_differs", place=place, version=version[:40], firmware=node.firmware)
 
 
 def identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
@@ -248,8 +241,13 @@ def _read_back(sdo: Sdo, index: int, subindex: int, data: bytes, place: str) -> 
             return
     advice = "its mapping may be fixed: see its manual" if is_pdo else "see its manual for the values it takes"
     raise CommissioningError(
-        f"{place}: keeps 0x{int.from_bytes(found, 'little'):X} in 0x{index:04X}:{subindex:02X} although "
-        f"0x{int.from_bytes(data, 'little'):X} was written; {advice}"
+        "daq.keeps_although_written",
+        place=place,
+        found=f"{int.from_bytes(found, 'little'):X}",
+        index=f"{index:04X}",
+        subindex=f"{subindex:02X}",
+        data=f"{int.from_bytes(data, 'little'):X}",
+        advice=advice,
     )
 
 

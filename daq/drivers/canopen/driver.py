@@ -27,6 +27,7 @@ from daq.drivers.listening import FIRST_S
 from daq.errors import BusError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, Channel
+from daq.messages import Sentence
 from daq.quality import Quality
 
 ANSWER_S = (
@@ -94,14 +95,14 @@ class CanopenDriver(CanDriver):
                 self._refused()
             if self.port is not None:
                 self.keeper.soon()  # listens on
-            return (Problem(self.failure or f"bus '{self._bus.name}': is still listened to", self._names),)
+            return (Problem(self.failure or Sentence("daq.bus_still_listened", bus=self._bus.name), self._names),)
         untried = self._start.wait(self.context.start_s)
         ready = [number for number, node in self._nodes.items() if node.operational and number not in untried]
         self._first_syncs(link, [self._nodes[number] for number in ready])
         for number in ready:
             self._cares[number].verify()
         return tuple(
-            Problem(node.detail or f"{node.place}: has not answered yet; check its power", self._channels_of(node))
+            Problem(node.detail or Sentence("daq.not_answered_yet", place=node.place), self._channels_of(node))
             for node in self._nodes.values()
             if node.state != "running"
         )
@@ -109,10 +110,11 @@ class CanopenDriver(CanDriver):
     def _refused(self) -> None:
         """Refuse to start: another master leads, and nothing was sent yet."""
         self.stop()
-        self.failure = (
-            f"bus '{self._bus.name}': another master leads it ({self._leadership.masters_seen()} within "
-            f"{self._bus.listen_s:g} s); nothing was sent; take its sensors as they are with 'listen_only: true', or "
-            "disconnect it; nodes that are operational without one, reset (or listen_s: 0)"
+        self.failure = Sentence(
+            "daq.bus_another_master_leads",
+            bus=self._bus.name,
+            leadership=self._leadership.masters_seen(),
+            listen_s=self._bus.listen_s,
         )
         self.context.events.begin(self._bus.name, "second_master", self.failure)
         raise BusError(self.failure)
@@ -173,14 +175,11 @@ class CanopenDriver(CanDriver):
 
     def _hand_over(self) -> Guest:
         """Go on without sending: another master was noticed while we led, or before."""
-        line = (
-            f"bus '{self._bus.name}': another master leads it ({self._leadership.reason}); nothing is sent any more, "
-            "its PDOs are taken as they are; disconnect it and start again, or describe its PDOs with listen_only: true"
-        )
+        line = Sentence("daq.bus_another_master_leads_nothing", bus=self._bus.name, reason=self._leadership.reason)
         self.context.events.begin(self._bus.name, "second_master", line)
         self._lead.link = None
         refused = {
-            number: f"{node.place}: was not commissioned before another master came; describe its PDOs, listen_only"
+            number: Sentence("daq.not_commissioned_before_another", place=node.place)
             for number, node in self._nodes.items()
             if node.state != "running"
         }
@@ -246,7 +245,11 @@ class CanopenDriver(CanDriver):
         for number, node in self._nodes.items():
             line = failure or node.line()
             yield DeviceStatus(
-                f"node {number}", "failed" if failure else node.state, line, node.latency.mean_std(), node.objects
+                Sentence("daq.node_number", number=number),
+                "failed" if failure else node.state,
+                line,
+                node.latency.mean_std(),
+                node.objects,
             )
 
     def statistics(self) -> DriverStatistics:

@@ -25,6 +25,7 @@ from canopen.objectdictionary.eds import import_eds
 from daq.drivers.canopen.mapping import laid_out
 from daq.errors import MachineFileError
 from daq.machine.device_files import check_device_file
+from daq.messages import Sentence, named
 
 SUFFIXES = (".eds", ".dcf")
 SYNCHRONOUS = 240  # transmission types up to here are sampled at SYNC; 252 to 255 are not
@@ -85,7 +86,7 @@ def pdo_places(path: str, node: int, bus: str) -> dict[tuple[int, int], Place]:
     MachineFileError
         If the file is not there or no EDS.
     """
-    dictionary = read_eds(path, node, f"bus '{bus}' node {node}: {path}")
+    dictionary = read_eds(path, node, named(Sentence("daq.bus_node", bus_name=bus, node=node), path))
     found: dict[tuple[int, int], Place] = {}
     for pdo in pdos_of(partial(value_of, dictionary), _PDOS):
         for key, place in pdo.places().items():
@@ -124,9 +125,9 @@ def read_eds(path: str, node: int, place: str) -> Any:
             raise ValueError("a section that each has is not there")
         return import_eds(_in_order(text), node)
     except OSError as error:
-        raise MachineFileError(f"{place}: cannot be read ({error.strerror})") from None
+        raise MachineFileError("daq.not_readable", place=place, reason=error.strerror) from None
     except (configparser.Error, ValueError, KeyError, IndexError, TypeError, AttributeError):
-        raise MachineFileError(f"{place}: is no EDS or DCF (CiA 306); get it from the device's manufacturer") from None
+        raise MachineFileError("daq.no_eds", place=place) from None
 
 
 def _in_order(text: str) -> io.StringIO:

@@ -34,6 +34,7 @@ import can
 from daq.drivers.base import DriverContext
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus
+from daq.messages import Sentence, in_a_row
 
 NMT_ID, SYNC_ID, LSS_ID = 0x000, 0x080, 0x7E5
 NEGOTIATION = range(0x071, 0x077)  # of several masters (CiA 302-2)
@@ -135,7 +136,8 @@ class Leadership:
 
     def masters_seen(self) -> str:
         """Word signs of another master; empty if there were none."""
-        return ", ".join(f"{count} {sign}" for sign, count in self.signs.most_common(4))
+        signs = self.signs.most_common(4)
+        return in_a_row([Sentence("daq.count_of", count=count, what=sign) for sign, count in signs]) if signs else ""
 
     def count(self, what: str) -> int:
         """Count signs of one kind so far."""

@@ -25,12 +25,15 @@ from daq.drivers.canopen.leadership import NMT_ID, SYNC_ID, Leadership, NotLeadi
 from daq.errors import BusError, CommissioningError, first_line
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus
+from daq.messages import Sentence
 
 Handler = Callable[[bytearray, int], None]
 SDO_TIMEOUT_S = 0.5
 SDO_ATTEMPTS = 3
 SDO_ANSWER_S = 3.0  # after which an answer is taken for lost: behind a gateway, or on a computer, that is too busy
 SDO_SEGMENTS = 64  # answers to one transfer: no object that is read or written here has as many as 448 bytes
+#: Why a transfer failed where nothing came at all.
+_SILENT = "does not answer"
 
 
 class CanLink(CanPort):
@@ -177,7 +180,9 @@ class Sdo:
             If the node does not answer, or refuses.
         """
         what = f"0x{index:04X}:{subindex:02X}"
-        return bytes(self._transfer(lambda: self._client.upload(index, subindex), f"read {what}"))
+        return bytes(
+            self._transfer(lambda: self._client.upload(index, subindex), Sentence("daq.read_object", what=what))
+        )
 
     def read_unsigned(self, index: int, subindex: int = 0) -> int:
         """Read an unsigned object, little endian."""
@@ -186,22 +191,20 @@ class Sdo:
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """Write an object (errors as :meth:`read`)."""
         what = f"0x{index:04X}:{subindex:02X}"
-        self._transfer(lambda: self._client.download(index, subindex, data), f"write {what}")
+        self._transfer(lambda: self._client.download(index, subindex, data), Sentence("daq.write_object", what=what))
 
     def _transfer(self, transfer: Callable[[], Any], what: str) -> Any:
-        reason = "does not answer"
+        reason = _SILENT
         for attempt in range(SDO_ATTEMPTS):
             self._client.left = SDO_SEGMENTS
             try:
                 return transfer()
             except SdoAbortedError as error:
-                raise SdoRefusedError(
-                    f"{self._place}: refuses to {what} ({error}); check the object in its manual"
-                ) from None
+                raise SdoRefusedError(Sentence("daq.refuses_to", place=self._place, what=what, error=error)) from None
             except SdoCommunicationError as error:
-                reason = "does not answer" if "No SDO response" in str(error) else "answers with something else"
+                reason = _SILENT if "No SDO response" in str(error) else "answers with something else"
             except (can.CanError, OSError) as error:
-                raise BusError(f"{self._place}: cannot {what}: {first_line(error)}; check the bus") from None
+                raise BusError("daq.cannot_do", place=self._place, what=what, error=first_line(error)) from None
             except (struct.error, IndexError, ValueError, TypeError, AttributeError):
                 # What canopen makes of a frame that is too short, or whose fields contradict each other.
                 reason = "answers with frames that are no SDO"
@@ -209,7 +212,8 @@ class Sdo:
             if attempt + 1 >= self._client.attempts:
                 break
             time.sleep(0.05)
-        raise NoAnswerError(f"{self._place}: {reason} ({what}); check its power, node-ID, bitrate and cable")
+        kind = NoAnswerError if reason == _SILENT else WrongAnswerError
+        raise kind("daq.no_answer_to", place=self._place, reason=reason, what=what)
 
 
 class SdoRefusedError(CommissioningError):
@@ -218,3 +222,7 @@ class SdoRefusedError(CommissioningError):
 
 class NoAnswerError(CommissioningError):
     """The node did not answer an SDO request."""
+
+
+class WrongAnswerError(NoAnswerError):
+    """A node answers, but with nothing that can be understood."""

@@ -29,6 +29,7 @@ from daq.drivers.listening import FIRST_S, Inbox, Listener, Stream
 from daq.errors import MachineFileError
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanopenBus, CanSource, Channel
+from daq.messages import Sentence
 from daq.quality import Quality
 
 EMERGENCY_ID, HEARTBEAT_ID, SDO_ID = 0x080, 0x700, 0x600
@@ -54,7 +55,10 @@ class _Pdo:
         node = members[0].source.node
         event_ms = max(member.place.event_ms for member in members)
         self.stream = Stream(
-            f"PDO 0x{cob_id:03X}", f"node {node}", [m.position for m in members], event_ms * 1e6 if event_ms else None
+            f"PDO 0x{cob_id:03X}",
+            Sentence("daq.node_number", number=node),
+            [m.position for m in members],
+            event_ms * 1e6 if event_ms else None,
         )
         self.members = tuple(members)
         self.node = node
@@ -127,10 +131,7 @@ class ListeningDriver(Listener, CanDriver):
         every = self.context.period_s * NS / mean
         self._fits = abs(every / max(1, round(every)) - 1) <= RATE_TOLERANCE + STANDARD_ERRORS * error / mean
         if not self._fits:
-            self._wrong_rate = (
-                f"bus '{self._bus.name}': SYNC comes at {NS / mean:.4g} Hz, which is no multiple of the machine file's "
-                "rate_hz; correct rate_hz, or leave out sync: external"
-            )
+            self._wrong_rate = Sentence("daq.sync_no_multiple", bus=self._bus.name, rate=NS / mean)
 
     def next_sync(self, deadline_ns: int) -> int | None:
         """Return the monotonic ns of the next SYNC, or None at the deadline."""
@@ -161,7 +162,7 @@ class ListeningDriver(Listener, CanDriver):
             self._judge_rate()
         line = self._wrong_rate
         if len(self._syncs) < 2:
-            line = f"bus '{self._bus.name}': no SYNC comes; start its master, or leave out sync: external"
+            line = Sentence("daq.bus_no_sync_comes", bus=self._bus.name)
         return (*problems, Problem(line, self._names)) if line else problems
 
     # Frames
@@ -188,7 +189,11 @@ class ListeningDriver(Listener, CanDriver):
         if code & 0xFF00:
             self._emergencies[node] = code
             self.counts["emergency"] += 1
-            self.context.events.begin(name, "emergency", f"bus '{self._bus.name}' node {node}: emergency 0x{code:04X}")
+            self.context.events.begin(
+                name,
+                "emergency",
+                Sentence("daq.bus_node_emergency", bus=self._bus.name, node=node, emergency=f"{code:04X}"),
+            )
         elif self._emergencies.pop(node, None) is not None:
             self.context.events.end(name, "emergency")
 
@@ -197,7 +202,7 @@ class ListeningDriver(Listener, CanDriver):
             return
         name = f"{self._bus.name}/node {node}"
         self.counts["boot_up"] += 1
-        self.context.events.note(name, "boot_up", f"bus '{self._bus.name}' node {node}: booted")
+        self.context.events.note(name, "boot_up", Sentence("daq.bus_node_booted", bus=self._bus.name, node=node))
         if self._emergencies.pop(node, None) is not None:
             self.context.events.end(name, "emergency")
         self.booted(node)
@@ -253,10 +258,7 @@ class ListeningDriver(Listener, CanDriver):
         if len(data) == pdo.length:
             return ""
         self.counts["short"] += 1
-        return (
-            f"{pdo.stream.name} has {len(data)} bytes instead of {pdo.length}: its mapping is another one now; "
-            "check byte, data_type, eds"
-        )
+        return Sentence("daq.bytes_instead_other_mapping", stream=pdo.stream.name, bytes=len(data), length=pdo.length)
 
     def _at_sync(self, pdo: _Pdo, at_ns: int, answers: Answers) -> Quality:
         """Judge a PDO sampled at SYNC: at which, and whether in time."""
@@ -310,16 +312,14 @@ class Guest(ListeningDriver):
         self._refuse(node, "it booted, and its mapping is another one")
 
     def _refuse(self, node: int, why: str) -> None:
-        self.refused.setdefault(
-            node, f"bus '{self._bus.name}' node {node}: {why}; describe its PDOs, listen_only: true"
-        )
+        self.refused.setdefault(node, Sentence("daq.describe_its_pdos", bus=self._bus.name, node=node, why=why))
 
 
 def commissioned(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
     """Return the channels' places in the TPDOs that commissioning maps."""
     found = []
     for node, members in by_device(channels, lambda source: source.node).items():
-        for mapping in map_node(node, members, f"bus '{bus.name}' node {node}"):
+        for mapping in map_node(node, members, Sentence("daq.bus_node", bus_name=bus.name, node=node)):
             for (_, _, bit, bits), positions in zip(laid_out(mapping.entries), mapping.positions, strict=True):
                 place = Place(mapping.cob_id, bit, bits, True, 0, mapping.length)
                 for position in positions:
@@ -348,10 +348,7 @@ def pdo_members(bus: CanopenBus, channels: Sequence[Channel]) -> list[Member]:
         if source.cob_id is not None:
             place = Place(source.cob_id, 8 * source.byte, 8 * wire.size(source.data_type), source.synchronous, 0)
         elif eds is None:
-            raise MachineFileError(
-                f"bus '{bus.name}': is listen_only, so {channel.name} needs the PDO that carries it; add cob_id "
-                f"and byte to its source, or eds to node {source.node}"
-            )
+            raise MachineFileError("daq.needs_its_pdo", bus=bus.name, channel=channel.name, node=source.node)
         else:
             places = known.setdefault(source.node, {}) or pdo_places(eds, source.node, bus.name)
             known[source.node] = places
@@ -364,22 +361,25 @@ def nothing_to_ask(bus: CanopenBus, channels: Sequence[Channel]) -> None:
     """Raise MachineFileError if a channel's decimals would have to be asked for."""
     for channel in channels:
         if isinstance(channel.source, CanSource) and channel.source.asks_decimals:
-            raise MachineFileError(
-                f"bus '{bus.name}': {channel.name}: nothing can be asked on this bus; give decimals instead of "
-                "decimals_object"
-            )
+            raise MachineFileError("daq.nothing_asked_here", bus=bus.name, channel=channel.name)
 
 
 def _fits(
     bus: CanopenBus, channel: Channel, source: CanSource, places: dict[tuple[int, int], Place], eds: str
 ) -> Place:
     place = places.get((source.object, source.subindex))
-    what = f"bus '{bus.name}': {channel.name}: object 0x{source.object:04X}:{source.subindex}"
+    what = Sentence(
+        "daq.channel_object",
+        bus=bus.name,
+        channel=channel.name,
+        object=f"{source.object:04X}",
+        subindex=source.subindex,
+    )
     if place is None:
-        raise MachineFileError(f"{what} is in no PDO of {eds}; add cob_id and byte to its source")
+        raise MachineFileError("daq.in_no_pdo", what=what, eds=eds)
     size = 8 * wire.size(source.data_type)
     if place.bits > size or (place.bits != size and source.data_type.startswith("float")):
         raise MachineFileError(
-            f"{what} has {place.bits} bits in {eds}, and {source.data_type} {size}; correct data_type"
+            "daq.has_other_size", what=what, bits=place.bits, eds=eds, data_type=source.data_type, size=size
         )
     return place

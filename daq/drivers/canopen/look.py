@@ -18,6 +18,7 @@ from daq.drivers.canopen.mapping import PdoDecoder
 from daq.drivers.canopen.node import LATE_TOLERATED, SURPLUS_TOLERATED
 from daq.drivers.canopen.tpdo import Arrival, Cycle
 from daq.frames.clock import NS
+from daq.messages import Sentence
 from daq.quality import Quality
 
 LATENCY_EVERY = 8  # whole cycles, of one of which it is noted how long answers took
@@ -179,6 +180,5 @@ class Look:
             care.keeper.soon()
         elif node.surplus_run >= SURPLUS_TOLERATED:
             care.failed(
-                f"{node.place}: more TPDOs than SYNCs: two devices have this node-ID, or something else sends SYNC as "
-                "well; give each device an ID of its own, and let only one send SYNC",
+                Sentence("daq.more_tpdos_syncs_two", place=node.place),
             )

@@ -98,8 +98,13 @@ def map_node(node: int, channels: Sequence[tuple[int, Channel]], place: str) -> 
         data_type, positions = objects.setdefault(key, (source.data_type, []))
         if data_type != source.data_type:
             raise MachineFileError(
-                f"{place}: object 0x{key[0]:04X}:{key[1]} is {data_type} and {source.data_type} (in {channel.name}); "
-                "give it one data type"
+                "daq.object_two_types",
+                place=place,
+                index=f"{key[0]:04X}",
+                subindex=key[1],
+                one=data_type,
+                other=source.data_type,
+                channel=channel.name,
             )
         positions.append(position)
     pdos: list[list[tuple[tuple[int, int], str, list[int]]]] = [[] for _ in range(TPDO_COUNT)]
@@ -110,8 +115,7 @@ def map_node(node: int, channels: Sequence[tuple[int, Channel]], place: str) -> 
                 break
         else:
             raise MachineFileError(
-                f"{place}: its {len(objects)} objects do not fit {TPDO_COUNT} TPDOs of {TPDO_BYTES} bytes; "
-                "remove channels"
+                "daq.objects_do_not_fit", place=place, count=len(objects), tpdo_count=TPDO_COUNT, tpdo_bytes=TPDO_BYTES
             )
     return tuple(
         Mapping(

@@ -20,6 +20,7 @@ from daq.errors import CommissioningError
 from daq.frames.clock import NS
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
+from daq.messages import Sentence
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
 MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again
@@ -146,9 +147,12 @@ class Node:
         """Word a TPDO of the wrong length, if one came since the last commissioning."""
         for tpdo in self.tpdos:
             if tpdo.wrong_length:
-                return (
-                    f"{self.place}: TPDO{tpdo.mapping.number} has {tpdo.wrong_length} bytes instead of "
-                    f"{tpdo.mapping.length}; its mapping is not the one that was written: see its manual"
+                return Sentence(
+                    "daq.tpdo_bytes_instead",
+                    place=self.place,
+                    number=tpdo.mapping.number,
+                    wrong_length=tpdo.wrong_length,
+                    length=tpdo.mapping.length,
                 )
         return None
 
@@ -184,9 +188,7 @@ class Node:
         for position, text in self.decimals_objects.items():
             places = sdo.read_unsigned(*object_of(text))
             if not self.decimals[position].learn(places):
-                raise CommissioningError(
-                    f"{self.place}: says {places} decimals ({text}), which cannot be; correct decimals_object"
-                )
+                raise CommissioningError("daq.says_decimals_cannot", place=self.place, places=places, text=text)
 
     def accept_boot_ups(self) -> None:
         """Ignore boot-ups up to now."""
@@ -217,7 +219,7 @@ class Node:
         self.limit_ns = max(heartbeat_s, self._context.patience_s) * NS
         if self.away:
             seconds = self._context.events.end(self._name, self.away)
-            self.cause = f"{self.cause} (it was away for {seconds or 0.0:.1f} s)"
+            self.cause = Sentence("daq.was_away", cause=self.cause, seconds=seconds or 0.0)
             self.away = ""
 
     def look(self, received_ns: int) -> bool:
@@ -228,7 +230,7 @@ class Node:
             self.boot_ups_seen = self.boot_ups
             self._counts["boot_up"] += 1
             self.operational = False
-            self.gone("commissioning", "boot_up", f"{self.place}: booted; it is being commissioned again")
+            self.gone("commissioning", "boot_up", Sentence("daq.booted_being_commissioned_again", place=self.place))
             return True
         if self.state not in ("running", "silent"):
             return False
@@ -241,7 +243,9 @@ class Node:
             self.wrong_seen += wrong
             self.wrong_run += wrong
             if self.wrong_run >= WRONG_TOLERATED:
-                self.gone("commissioning", "short_pdo", self.short() or f"{self.place}: TPDOs of a wrong length")
+                self.gone(
+                    "commissioning", "short_pdo", self.short() or Sentence("daq.tpdos_wrong_length", place=self.place)
+                )
                 return True
         return self._signs_of_life(received_ns)
 
@@ -251,7 +255,7 @@ class Node:
         self.emergencies_seen = errors
         self._counts["emergency"] += new
         code = "reset since" if self.emergency is None else f"0x{self.emergency:04X}"
-        text = f"{self.place}: emergency {code}; see its manual"
+        text = Sentence("daq.emergency_see_manual", place=self.place, code=code)
         self._context.events.note(self._name, "emergency", text, new)
 
     def _signs_of_life(self, now: int) -> bool:
@@ -264,7 +268,7 @@ class Node:
             self.gone(
                 "silent",
                 "silent",
-                f"{self.place}: no heartbeat for {(now - alive) / NS:.2f} s; check its power and cable",
+                Sentence("daq.no_heartbeat", place=self.place, now=(now - alive) / NS),
             )
             return False
         if self.state == "silent":
@@ -273,7 +277,7 @@ class Node:
             return False
         self._heartbeat(now - max(self.heartbeat_ns, self.watched_ns), limit)
         if self._out_of_step():
-            self.gone("commissioning", "no_tpdos", f"{self.place}: sends no TPDOs; it is being commissioned again")
+            self.gone("commissioning", "no_tpdos", Sentence("daq.sends_no_tpdos", place=self.place))
             return True
         return False
 
@@ -288,7 +292,7 @@ class Node:
         self.heartbeat_lost = lost
 
     def _no_heartbeat(self) -> str:
-        return f"{self.place}: TPDOs come, but no heartbeat; check what else writes to it (0x1017)"
+        return Sentence("daq.tpdos_come_but_no", place=self.place)
 
     def _out_of_step(self) -> bool:
         """Return whether it is alive but out of its commissioned state by its own doing, not another master's."""
@@ -316,7 +320,7 @@ class Node:
         if self.slow:
             arrivals = [tpdo.latest for tpdo in self.tpdos if tpdo.latest is not None]
             worst = max(((a.at_ns - a.sync_ns) / 1e6 for a in arrivals), default=0.0)
-            return f"{self.place}: its TPDOs come {worst:.0f} ms after SYNC, so they are marked late"
+            return Sentence("daq.tpdos_come_ms_after", place=self.place, worst=worst)
         return self.cause
 
 
@@ -331,7 +335,9 @@ def make_nodes(
     known = {node.node: node for node in bus.nodes}
     nodes = {}
     for number, members in by_device(channels, lambda source: source.node).items():
-        place = f"bus '{bus.name}' node {number} ({', '.join(c.name for _, c in members[:3])})"
+        place = Sentence(
+            "daq.bus_node_named", bus=bus.name, number=number, member=", ".join((c.name for _, c in members[:3]))
+        )
         config = known.get(number) or CanNode(node=number)
         mappings = map_node(number, members, place)
         node = nodes[number] = Node(config, bus.name, place, mappings, cycle, context, counts)

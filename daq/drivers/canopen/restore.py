@@ -14,6 +14,7 @@ from daq.drivers.canopen.link import CanLink
 from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.machine_file import CanopenBus, CanSource, Machine
+from daq.messages import Sentence
 
 
 @dataclass(frozen=True)
@@ -53,19 +54,14 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
     link = CanLink(bus, context, BusHealth(), leadership)
     try:
         if not link.leadership.lead():
-            raise BusError(
-                f"bus '{bus.name}': another master leads it ({link.leadership.masters_seen()}); nothing was sent; end "
-                "what leads it, try again"
-            )
+            raise BusError("daq.led_nothing_sent", bus=bus.name, leadership=link.leadership.masters_seen())
         done = []
         for node, setup in setups.items():
             link.send_nmt(PRE_OPERATIONAL, node)
             try:
-                sdo, place = link.sdo(node), f"bus '{bus.name}' node {node}"
+                sdo, place = link.sdo(node), Sentence("daq.bus_node", bus_name=bus.name, node=node)
                 if identity_of(sdo) != dict(setup.identity):
-                    raise CommissioningError(
-                        f"{place}: is another device than the one that was changed; connect that one"
-                    )
+                    raise CommissioningError("daq.not_the_changed_device", place=place)
                 write_objects(sdo, setup.found, place)
             except AcquisitionError as error:
                 done.append(Restored(bus.name, node, str(error)))

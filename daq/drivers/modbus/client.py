@@ -24,6 +24,7 @@ from pymodbus.pdu import ExceptionResponse
 from daq.errors import BusError
 from daq.machine.bus_places import serial_port
 from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
+from daq.messages import Sentence
 
 ILLEGAL_ADDRESS, DEVICE_FAILURE = 2, 4  # exception codes (Modbus application protocol V1.1b3, section 7)
 HOLDING, INPUT = 3, 4  # function codes
@@ -130,7 +131,7 @@ class ModbusConnection:
             If the other end or the port is not there.
         """
         if not self._client.connect():
-            raise BusError(f"{self.place} cannot be opened; check address and cable, and that the device is on")
+            raise BusError("daq.cannot_opened", place=self.place)
 
     def read(self, unit: int, table: str, address: int, count: int) -> Answer:
         """Read one block of registers; never raises, and takes no longer than three time-outs."""
@@ -153,13 +154,15 @@ class ModbusConnection:
         expected = HOLDING if table == "holding" else INPUT
         if response.function_code & 0x7F != expected:
             self.close()
-            return Answer(failure=f"answers with function {response.function_code} instead of {expected}")
+            return Answer(
+                failure=Sentence("daq.answers_other_function", function_code=response.function_code, expected=expected)
+            )
         if isinstance(response, ExceptionResponse):
             return Answer(exception=int(response.exception_code))
         registers = getattr(response, "registers", None)
         if response.isError() or registers is None or len(registers) != count:
             self.close()
-            return Answer(failure=f"answers with {len(registers or ())} of {count} registers")
+            return Answer(failure=Sentence("daq.answers_fewer_registers", count=len(registers or ()), wanted=count))
         return Answer(registers=tuple(registers))
 
     def identity(self, unit: int) -> dict[str, str]:
@@ -177,7 +180,7 @@ class ModbusConnection:
         """Return the answer to a question that follows on silence; a line without one."""
         try:
             if not self._client.connect():
-                return f"{self.place} cannot be reached"
+                return Sentence("daq.gateway_not_reached", place=self.place)
             self._drop()
             time.sleep(max(0.0, self._spoke + self._silence - time.monotonic()))
             return ask()

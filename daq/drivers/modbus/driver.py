@@ -17,6 +17,7 @@ from daq.drivers.modbus.client import DEVICE_FAILURE, Answer, ModbusConnection
 from daq.drivers.modbus.unit import Block, Reading, Unit, gap_is_to_blame
 from daq.frames.clock import NS
 from daq.machine.machine_file import Channel, ModbusRtuBus, ModbusSource, ModbusTcpBus
+from daq.messages import Sentence
 from daq.quality import Quality
 
 BACK_OFF_S = (0.0, 0.0, 0.25, 0.5, 1.0)  # after so many failures in a row
@@ -71,7 +72,7 @@ class Poller:
             for unit in self.units:
                 unit.forget()
                 if unit.state == "commissioning":
-                    self._is(unit, "silent", f"{unit.place}: has not answered yet; check its power")
+                    self._is(unit, "silent", Sentence("daq.not_answered_yet", place=unit.place))
 
     def patience(self) -> bool:
         """Return whether its round is worth waiting for: some unit answered lately, in time."""
@@ -89,7 +90,10 @@ class Poller:
                     try:
                         self.poll(unit, cycle, sync_ns)
                     except Exception as error:  # a frame that nobody thought of costs this answer, not the thread
-                        self._failed(unit, f"{unit.place}: reading it broke ({type(error).__name__}: {error})")
+                        self._failed(
+                            unit,
+                            Sentence("daq.reading_broke", place=unit.place, name=type(error).__name__, error=error),
+                        )
             self._name_units(cycle)
             if cycle == self._requested[0]:
                 self.done.set()
@@ -186,7 +190,7 @@ class Poller:
             unit.away, unit.cause = state, problem
         elif state == "running" and unit.away:
             seconds = events.end(unit.name, unit.away) or 0.0
-            unit.away, unit.cause = "", f"{unit.cause} (it was away for {seconds:.1f} s)"
+            unit.away, unit.cause = "", Sentence("daq.was_away", cause=unit.cause, seconds=seconds)
         unit.state, unit.detail = state, problem
 
     def stop(self) -> None:
@@ -210,7 +214,7 @@ class _ModbusDriver:
         self._units = [
             Unit(
                 number,
-                f"bus '{bus.name}' unit {number} ({', '.join(c.name for _, c in members[:3])})",
+                Sentence("daq.bus_unit_named", bus=bus.name, number=number, member=[c.name for _, c in members[:3]]),
                 f"{bus.name}/unit {number}",
                 members,
                 bus.maximum_gap,
@@ -306,7 +310,7 @@ class _ModbusDriver:
         """Return the state of every unit, and counters since the start."""
         devices = tuple(
             DeviceStatus(
-                f"unit {u.number}",
+                Sentence("daq.unit_number", number=u.number),
                 u.state,
                 u.detail or u.slowness(self._rate_hz) or u.cause,
                 u.latency.mean_std(),
@@ -322,7 +326,7 @@ class _ModbusDriver:
             **self._counts,
         }
         down = all(unit.state == "silent" for unit in self._units)
-        line = f"bus '{self._bus.name}': no unit answers; check gateway or interface, and cable" if down else ""
+        line = Sentence("daq.no_unit_answers", bus=self._bus.name) if down else ""
         return DriverStatistics(self._bus.name, devices, counts, "down" if down else "active", line)
 
     def stop(self) -> None:

@@ -12,6 +12,7 @@ from daq.drivers.base import Spread
 from daq.drivers.decimals import Decimals
 from daq.drivers.modbus.client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
 from daq.machine.machine_file import Channel, ModbusSource
+from daq.messages import Sentence
 
 BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
 ROUNDS = 9  # whose median says whether a unit is slow: one answer that was late does not
@@ -48,7 +49,9 @@ class Block:
     @property
     def registers(self) -> str:
         """Name in errors."""
-        return f"{self.table} registers {self.address} to {self.address + self.count - 1}"
+        return Sentence(
+            "daq.registers_from_to", table=self.table, first=self.address, last=self.address + self.count - 1
+        )
 
     def parts(self) -> tuple[Block, ...]:
         """Split into blocks of the same channels without a register that no channel needs."""
@@ -138,15 +141,17 @@ class Unit:
 
     def learn_decimals(self, table: str, register: int, answer: Answer) -> str:
         """Take what such a register holds; a line if it is nothing that can be."""
-        what = f"{table} register {register}, decimals"
+        what = Sentence("daq.register_decimals", table=table, register=register)
         if answer.failure is not None:
-            return f"{self.place}: {answer.failure} ({what}); check its power, address and cable"
+            return Sentence("daq.check_power_address_cable", place=self.place, failure=answer.failure, what=what)
         if answer.exception is not None:
             meaning = EXCEPTIONS.get(answer.exception, "unknown")
-            return f"{self.place}: exception {answer.exception} ({meaning}) for {what}; correct decimals_register"
+            return Sentence(
+                "daq.decimals_exception", place=self.place, exception=answer.exception, meaning=meaning, what=what
+            )
         learnt = [decimals.learn(answer.registers[0]) for decimals in self._decimals_at[table, register]]
         if not all(learnt):
-            return f"{self.place}: {what}, holds {answer.registers[0]}, which cannot be; correct decimals_register"
+            return Sentence("daq.holds_cannot", place=self.place, what=what, register=answer.registers[0])
         return ""
 
     def forget_decimals(self) -> None:
@@ -173,8 +178,8 @@ class Unit:
         """Word that in a line, or nothing."""
         if not self.slow:
             return ""
-        rate = f"{rate_hz / self.cycles:.3g} times a second instead of {rate_hz:g}"
-        return f"{self.place}: answers in {self._milliseconds:.0f} ms, so its values come {rate}, and are marked late"
+        rate = Sentence("daq.times_a_second", rate=rate_hz / self.cycles, wanted=rate_hz)
+        return Sentence("daq.answers_ms_values_come", place=self.place, milliseconds=self._milliseconds, rate=rate)
 
     def split(self, block: Block) -> bool:
         """Ask for a block's parts one by one, as some registers do not exist; return whether it had parts."""
@@ -187,10 +192,18 @@ class Unit:
     def problem(self, block: Block, answer: Answer) -> str | None:
         """Return one line on what is wrong with an answer, or None."""
         if answer.failure is not None:
-            return f"{self.place}: {answer.failure} ({block.registers}); check its power, address and cable"
+            return Sentence(
+                "daq.check_power_address_cable", place=self.place, failure=answer.failure, what=block.registers
+            )
         if answer.exception is not None:
             meaning = EXCEPTIONS.get(answer.exception, "unknown")
-            return f"{self.place}: exception {answer.exception} ({meaning}) for {block.registers}; see its manual"
+            return Sentence(
+                "daq.exception_answer",
+                place=self.place,
+                exception=answer.exception,
+                meaning=meaning,
+                registers=block.registers,
+            )
         return None
 
     def forget(self) -> None:

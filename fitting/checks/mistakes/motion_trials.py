@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from fitting.arrays import BoolArray
 from fitting.checks.findings import worded
 from fitting.checks.mistakes.factors import gains
@@ -45,7 +46,7 @@ def misread(machine: Machine, number: int, quantity: str) -> Iterator[tuple[tupl
     for gain, unit in gains(machine.si_unit(channel), machine.conversion(channel).factor).items():
         yield worded("unit/like", says=unit), gain, 0.0
     for gain in COUNTS:
-        times = f"{max(gain, 1 / gain):g} times too {'large' if gain < 1 else 'small'}"
+        times = Sentence(f"fitting.times_too_{'large' if gain < 1 else 'small'}", times=max(gain, 1 / gain))
         yield worded("scale/counts", times_too=times), gain, 0.0
 
 

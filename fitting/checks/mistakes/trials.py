@@ -19,6 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from daq.messages import Sentence
 from fitting.arrays import BoolArray
 from fitting.checks.mistakes.effort_trials import efforts, scales, sizes
 from fitting.checks.mistakes.hypothesis import CLEAR, Build, Hypothesis, Targets
@@ -262,8 +263,8 @@ def everywhere(trial: Trial) -> Iterator[Hypothesis]:
             what = " and ".join(q.replace("_", " ") for q in channels)
             yield Hypothesis(
                 code,
-                f"{what} look swapped at every joint" if code == "swapped_chambers"
-                else f"{what} of every joint look as if they had the wrong sign",
+                Sentence('fitting.look_swapped_every_joint', what=what) if code == "swapped_chambers"
+                else Sentence('fitting.every_joint_look_if', what=what),
                 members[0].cure, tuple(m.joints[0] for m in members),
                 _one_after_another(members), channels, factor=members[0].factor, price=0.9, every=True,
             )  # fmt: skip

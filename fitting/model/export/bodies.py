@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from daq.errors import InputError
 from daq.machine.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine.machine_file import Cylinder
+from daq.messages import Sentence
 from fitting.arm.base_parameters import BaseParameters, base_regressor
 from fitting.arm.geometry import Geometry, geometry_of, link_frames
 from fitting.arrays import FloatArray
@@ -203,7 +204,7 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -
         lines.append("friction and inertia of motors that turn with several joints")
     for term in (own for number, own in enumerate(model.terms) if number not in _tilts(model)):
         name = term.content.title if isinstance(term.content, Effect) else "a law"
-        lines.append(f"{name} at {model.place(term)}")
+        lines.append(Sentence("fitting.at_joint", effect=name, joint=model.place(term)))
     if bodies.apart is not None:
         lines.append(
             "the model's very base parameters: no bodies have them. The links are representative of the base "

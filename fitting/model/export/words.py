@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from daq.errors import InputError
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import narrow
@@ -41,7 +42,7 @@ def model_card(model: ArmModel, left_out: Sequence[str]) -> list[str]:
     errors = model.errors
     lines += [] if errors is None else [f"Error on another motion: {per_joint(model, errors)}."]
     lines += [f"{line[0].upper()}{line[1:]}." for line in narrow(model)]
-    effects = ", ".join(f"{term.id} at {model.place(term)}" for term in model.terms)
+    effects = ", ".join(Sentence("fitting.at_joint", effect=term.id, joint=model.place(term)) for term in model.terms)
     lines += [f"Effects: {effects or 'none'}."]
     lines += [f"Calibration: {made.calibration}"] if made.calibration else []
     return [*lines, *(f"Not in this file: {line}." for line in left_out)]

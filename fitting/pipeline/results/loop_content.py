@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
 from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw, step_to_json
@@ -35,11 +36,10 @@ from fitting.residual.terms import Model, Term
 from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
 
-#: Where play or a compliance is (shape ``sensor``), by the efforts; None of all other effects.
+#: Where play or a compliance is (shape ``sensor``), by the efforts; absent of all other effects.
 _PLACES = {
-    None: "",
-    0.0: "; the efforts follow the piston's own speed, so it is between piston and joint",
-    1.0: "; the efforts follow the joint's speed, so it is between the piston and its sensor",
+    0.0: "fitting.efforts_follow_piston",
+    1.0: "fitting.efforts_follow_joint",
 }
 #: Shapes that are one of two, in words.
 _CHOICES = {
@@ -156,8 +156,12 @@ def kinematic(machine: Machine, finding: KinematicFinding) -> Kinematic:
         "joint": joint,
         "score": finding.score,
         "status": "accepted",
-        "reason": f"the two position sensors disagree by {finding.gap_before * 1e3:.3g} mm, afterwards by "
-        f"{finding.gap_after * 1e3:.3g} mm{_PLACES[shape.get('sensor')]}",
+        "reason": Sentence(
+            "fitting.position_sensors_disagree",
+            before=1e3 * finding.gap_before,
+            after=1e3 * finding.gap_after,
+            place=Sentence(_PLACES[shape["sensor"]]) if "sensor" in shape else "",
+        ),
     }
     return Kinematic(tuple(step_to_json(step) for step in finding.steps), found, tried)
 
@@ -363,7 +367,11 @@ def _shape_values(content: Effect, shape: Mapping[str, float], machine: Machine,
         without = "choice" if key in content.discrete_shapes else "1"
         unit = own_unit(machine, joint, content.shape_units.get(key, without))
         if key == "other":
-            values[f"other joint: {machine.joints[int(value)].name}"] = {"value": value, "std": None, "unit": "index"}
+            values[Sentence("fitting.other_joint", joint=machine.joints[int(value)].name)] = {
+                "value": value,
+                "std": None,
+                "unit": "index",
+            }
         elif key in _CHOICES:
             values[_CHOICES[key][int(value)]] = {"value": value, "std": None, "unit": "choice"}
         else:
@@ -377,7 +385,7 @@ def _next_experiment(effects: list[dict[str, Any]]) -> dict[str, Any] | None:
             rivals = [r["id"] for r in entry["indistinguishable_from"]]
             return {
                 "motion": effect(entry["id"]).experiment,
-                "why": f"{entry['id']} and {', '.join(rivals)} leave the same trace in these recordings",
+                "why": Sentence("fitting.leave_same_trace", effect=entry["id"], rivals=", ".join(rivals)),
                 "separates": [entry["id"], *rivals],
                 "joint": entry["joint"],
             }

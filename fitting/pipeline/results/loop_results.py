@@ -89,6 +89,7 @@ class Attributed:
     limits, unconfirmed : what would have been seen, and laws that were not added: entries of report.json
     hypotheses : explanations of the efforts, the most probable first
     nothing : probability that nothing is missing in the efforts
+    nothing_more : the same beside as many findings as are looked for
     lines, changes, other_bands : what else was seen
     next_experiment : what would close an ambiguity
     warnings : sentences
@@ -101,6 +102,7 @@ class Attributed:
     limits: tuple[Json, ...] = ()
     hypotheses: tuple[StoredHypothesis, ...] = ()
     nothing: float = 1.0
+    nothing_more: float = 1.0
     unconfirmed: tuple[Json, ...] = ()
     lines: tuple[Line, ...] = ()
     changes: tuple[ChangePoint, ...] = ()

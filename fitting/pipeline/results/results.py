@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import Any
 
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence, with_messages
 from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import final_model
@@ -119,6 +120,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
         "checks": for_report(checked.findings),
         "warnings": _warnings(session, results),
     }
+    content = with_messages(content, results.messages)
     for part in ("loop", "estimation", "plausibility", "warnings"):
         content[part] = in_words_of(session.machine, content[part])
     mark(content)
@@ -269,35 +271,32 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
     notes = dict.fromkeys(note for recording in session.recordings for note in recording.notes)
     warnings = [*notes, *session.left_out, *results[Attributed].warnings]
     if not results[Residual].measured:
-        warnings.append(
-            "no repeated motion: the noise floor is an estimate from residuals; record the training motion twice"
-        )
+        warnings.append(Sentence("fitting.no_repeated_motion_noise"))
     if not session.plain.validate:
-        warnings.append("no validation motion: errors are those of the training motion, which was fitted")
+        warnings.append(Sentence("fitting.no_validation_motion_errors"))
     cylinders = results[Cylinders].cylinders
     still = [c.joint for c in cylinders if c.rows == 0]
     if still:
-        warnings.append(f"{', '.join(still)} never moved: nothing is known of its friction and stiffness")
+        warnings.append(Sentence("fitting.never_moved_nothing_known", joints=still))
     refused = [c.joint for c in cylinders if c.refused]
     if refused:
-        warnings.append(
-            f"stage 1 with the arm attached is refused for {', '.join(refused)}: no plausible arm fits these "
-            "recordings, so the load may look like the drive; the values of the joint fit stand in its place"
-        )
+        warnings.append(Sentence("fitting.stage_arm_attached_refused", joints=refused))
     in_situ = [c.joint for c in cylinders if c.in_situ and c.rows > 0 and not c.refused]
     warnings += _in_situ_warnings(session, in_situ)
     parameters = session.plain.design.parameters
     undetermined = [n for n, own in zip(parameters.names, results[Refitted].after.determined, strict=False) if not own]
     if undetermined:
-        warnings.append(f"this motion cannot tell {', '.join(undetermined)}; they are left at zero")
+        warnings.append(Sentence("fitting.motion_cannot_tell", parameters=undetermined))
     warnings += _beyond_training(session, results)
     changed = NAMES["parameters"] | NAMES["changed"]
     for change in results[Attributed].changes:
-        warnings.append(
-            f"{session.machine.joints[change.joint].name}: {changed.get(change.column, change.column)} changed "
-            + ("at the beginning of" if change.time < 1.0 else f"{change.time:.1f} s into")
-            + (" every recording" if change.recording is None else f" recording {change.recording + 1}")
-        )
+        joint, parameter = session.machine.joints[change.joint].name, changed.get(change.column, change.column)
+        where: dict[str, Any] = {} if change.recording is None else {"recording": change.recording + 1}
+        if change.time < 1.0:
+            code = "fitting.changed_at_beginning" if where else "fitting.changed_at_every_beginning"
+        else:
+            code, where["seconds"] = "fitting.changed_into" if where else "fitting.changed_into_every", change.time
+        warnings.append(Sentence(code, joint=joint, parameter=parameter, **where))
     lines = (line for line in results[Attributed].lines if not is_ripple(session.machine, line))
     warnings += [_line_warning(session.machine, line) for line in lines]
     if session.plain.design.indices("operation"):
@@ -308,15 +307,19 @@ def _warnings(session: Session, results: StageResults) -> list[str]:
 def _beyond_training(session: Session, results: StageResults) -> list[str]:
     """List joints whose error on ``validate`` was expected to exceed that on the fitted motion by far."""
     refitted = results[Refitted]
-    lines = []
+    lines: list[str] = []
     for joint, std, trained in zip(
         session.machine.joints, refitted.predicted_std, refitted.errors["after"]["train"], strict=True
     ):
         if std is not None and trained is not None and std > BEYOND * trained:
             lines.append(
-                f"{joint.name}: validate moves where the training motions tell little: an error of {std:.3g} "
-                f"{joint.effort_unit} is to be expected there, {trained:.3g} {joint.effort_unit} on those motions; "
-                "train on a motion that goes there"
+                Sentence(
+                    "fitting.validate_moves_where_training",
+                    joint=joint.name,
+                    std=std,
+                    unit=joint.effort_unit,
+                    trained=trained,
+                )
             )
     return lines
 
@@ -325,21 +328,22 @@ def _in_situ_warnings(session: Session, joints: Sequence[str]) -> list[str]:
     """Explain why friction of these joints was estimated with the arm attached."""
     unloaded = any(recording.role == "unloaded" for recording in session.recordings)
     hidden = set(session.machine.unseen_pistons()) if unloaded else set()
-    attached = "friction was estimated with the arm attached on"
     reasons = (
-        ([j for j in joints if j not in hidden], "no unloaded recording of it"),
-        ([j for j in joints if j in hidden], "with the rods off only a piston_position channel shows the piston"),
+        ([j for j in joints if j not in hidden], Sentence("fitting.no_unloaded_recording")),
+        ([j for j in joints if j in hidden], Sentence("fitting.rods_off_piston_position_channel")),
     )
-    return [f"{attached} {', '.join(own)}: {why}" for own, why in reasons if own]
+    return [Sentence("fitting.friction_with_arm_attached", joints=own, why=why) for own, why in reasons if own]
 
 
 def _line_warning(machine: Machine, line: Line) -> str:
     """Advise on a spectral line where no pump can have made it."""
     joint = machine.joints[line.joint]
-    return (
-        f"{joint.name}: the effort oscillates at {line.frequency_hz:.4g} Hz with an amplitude of "
-        f"{line.amplitude:.3g} {effort_unit(joint)}, which no motion explains; without a cylinder it is "
-        "no ripple of a pump: look at the controller, the power supply and resonances"
+    return Sentence(
+        "fitting.effort_oscillates",
+        joint=joint.name,
+        frequency_hz=line.frequency_hz,
+        amplitude=line.amplitude,
+        unit=effort_unit(joint),
     )
 
 

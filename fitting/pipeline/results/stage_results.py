@@ -14,6 +14,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, TypeAdapter, ValidationError
 
 from daq.errors import HilfitError
+from daq.messages import messages_in
 from daq.validation_words import in_words
 from fitting.checks.findings import Finding
 from fitting.loop.weighting import Weights
@@ -222,9 +223,16 @@ RESULTS: Mapping[str, type[Any]] = {
 
 @dataclass(frozen=True)
 class StageResults:
-    """What the stages have found so far, by type: ``results[Residual].noise_floor``."""
+    """What the stages have found so far, by type: ``results[Residual].noise_floor``.
+
+    Attributes
+    ----------
+    found : results by type
+    messages : sentences of results that were read from files, with their codes and values
+    """
 
     found: Mapping[type[Any], Any] = field(default_factory=dict)
+    messages: Mapping[str, Any] = field(default_factory=dict)
 
     def __getitem__(self, kind: type[_T]) -> _T:
         """Return the result of that type; KeyError where its stage has not run."""
@@ -235,9 +243,9 @@ class StageResults:
         """Return the result of that type, if there is one."""
         return self.found.get(kind)
 
-    def having(self, result: Any) -> StageResults:
+    def having(self, result: Any, messages: Mapping[str, Any] | None = None) -> StageResults:
         """Return these and one more."""
-        return StageResults({**self.found, type(result): result})
+        return StageResults({**self.found, type(result): result}, {**self.messages, **(messages or {})})
 
 
 #: Of a type, made once: it takes longer than what it is made for.
@@ -245,8 +253,10 @@ _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
 
 def to_json(result: Any) -> dict[str, Any]:
-    """Return a stage's result as plain JSON content."""
-    return dict(_adapter(type(result)).dump_python(result, mode="json", by_alias=True, warnings="error"))
+    """Return a stage's result as plain JSON content, with the ``messages`` in it."""
+    content = _adapter(type(result)).dump_python(result, mode="json", by_alias=True, warnings="error")
+    messages = messages_in(result)
+    return {**content, "messages": messages} if messages else dict(content)
 
 
 def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
@@ -258,12 +268,11 @@ def from_json(kind: type[_T], content: Mapping[str, Any], place: str) -> _T:
         One line with the place and the first key that is wrong.
     """
     try:
-        result: _T = _adapter(kind).validate_python(content)
+        result: _T = _adapter(kind).validate_python({name: own for name, own in content.items() if name != "messages"})
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise HilfitError(
-            f"{place}: {where}: {in_words(first)}; "
-            "it is of another version: remove the directory and run the stages again"
+            "fitting.another_version_remove_directory", place=place, where=where, first=in_words(first)
         ) from None
     return result

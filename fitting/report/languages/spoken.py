@@ -1,155 +1,22 @@
 """A language that `report.html` can be in: its texts, its numbers, its dates.
 
-English sentences with values in them are found in a table. The page does the same with the same table
-(`server/web/src/texts/sentences.ts`): a key has ``{}`` where a value stands, its translation ``$1``, ``$2``, ... What
-stands there is looked up as well, unless it stands in quotes: that is a name.
+Sentences of the report are messages, worded by their codes (:mod:`daq.messages`); texts of the page itself stand in the
+language's file by the English one, with ``{}`` where a value stands and ``$1``, ``$2``, ... in the translation.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any
 
 from daq.errors import InputError
+from daq.messages import Sentence, numerals, texts, word
 from fitting.report import text
-
-#: A number with a point, by itself.
-_DECIMAL = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])", re.ASCII)
-#: A name, or a file and its line, in front of what is said of it.
-_NAMED = re.compile(r"([^\s:]+(?::\d+)?): (.+)")
-_VALUE = re.compile(r"\$(\d)")
-#: What a key begins with that may stand behind any sentence.
-_BEHIND = (" ", ";")
-#: What joins several to one: ``; or {}``.
-_JOINT = re.compile(r"; \w+ \{\}")
-#: Letters that a sentence with values needs to be known by itself; one with fewer is known inside of others only.
-_DISTINCT = 9
-
-
-class _Sentence(NamedTuple):
-    pattern: re.Pattern[str]
-    other: str
-    names: frozenset[int]
-    """Numbers of the values that are names."""
-    needed: str
-    """The longest of its own parts: a text without it need not be held against the pattern."""
-
-
-def _sentence(english: str, other: str) -> _Sentence:
-    """Make a key's pattern and translation; a sentence before another text is its first value."""
-    if english.startswith(_BEHIND):
-        rest = _sentence("{}" + english, "$1" + _VALUE.sub(lambda found: f"${int(found[1]) + 1}", other))
-        # As much as there is in front: the same words may stand within it.
-        return rest._replace(pattern=re.compile(rest.pattern.pattern.replace("(.*?)", "(.*)", 1)))
-    parts = english.split("{}")
-    names = {at for at in range(1, len(parts)) if parts[at].startswith("'") and parts[at - 1].endswith("'")}
-    pattern = re.compile("(.*?)".join(map(re.escape, parts)))
-    return _Sentence(pattern, other, frozenset(names), max(parts, key=len))
-
-
-@dataclass(frozen=True)
-class Sentences:
-    """A table, ready to be looked into.
-
-    Attributes
-    ----------
-    fixed : texts without values
-    sentences : those with values, the more telling before the others
-    inner : those that are known only where they stand in others
-    joints : what stands between sentences of a list: ``; or ``
-    decimal : sign between whole and parts of a number
-    """
-
-    fixed: Mapping[str, str]
-    sentences: tuple[_Sentence, ...]
-    inner: tuple[_Sentence, ...]
-    joints: Mapping[str, str]
-    decimal: str
-
-    @classmethod
-    def of(cls, table: Mapping[str, str], decimal: str) -> Sentences:
-        """Read ``table``: English to the other language; keys that begin with a space or ``;`` follow any sentence."""
-        fixed = {key: other for key, other in table.items() if "{}" not in key and not key.startswith(_BEHIND)}
-        opened = sorted((key for key in table if key not in fixed), key=_letters, reverse=True)
-        inner = [key for key in opened if _letters(key) < _DISTINCT]
-        return cls(
-            fixed,
-            tuple(_sentence(key, table[key]) for key in opened if key not in inner),
-            tuple(_sentence(key, table[key]) for key in inner),
-            {key[:-2]: table[key].replace("$1", "") for key in opened if _JOINT.fullmatch(key)},
-            decimal,
-        )
-
-    def translated(self, text: str) -> str:
-        """Translate ``text``; unchanged where no table has it, or has one of its parts only."""
-        known = self._whole(text)
-        return text if known is None else known
-
-    def numerals(self, text: str) -> str:
-        """Set this language's decimal sign in the numbers of ``text``; not in versions and names with points."""
-        return _DECIMAL.sub(rf"\1{self.decimal}\2", text)
-
-    def _found(self, text: str, among: Iterable[_Sentence]) -> str | None:
-        for sentence in among:
-            values = sentence.pattern.fullmatch(text) if sentence.needed in text else None
-            if values is not None:
-                return self._filled(sentence, values)
-        return None
-
-    def _filled(self, sentence: _Sentence, values: re.Match[str]) -> str:
-        """Fill the translation with its values."""
-
-        def value(found: re.Match[str]) -> str:
-            at = int(found[1])
-            return values[at] if at in sentence.names else self._part(values[at])
-
-        return _VALUE.sub(value, sentence.other)
-
-    def _whole(self, text: str) -> str | None:
-        """Translate a sentence, or what is composed of known ones only."""
-        known = self.fixed.get(text) or self._list(text) or self._found(text, self.sentences)
-        if known is not None:
-            return known
-        named = _NAMED.fullmatch(text)
-        rest = None if named is None else self._whole(named[2])
-        if named is not None and rest is not None:
-            return f"{named[1]}: {rest}"
-        if "; " not in text:
-            return None
-        pieces = [piece for piece in map(self._whole, text.split("; ")) if piece is not None]
-        return "; ".join(pieces) if len(pieces) == len(text.split("; ")) else None
-
-    def _list(self, text: str) -> str | None:
-        """Translate what consists of several, all of them known."""
-        for joint, other in self.joints.items():
-            pieces = [self._whole(piece) for piece in text.split(joint)] if joint in text else []
-            known = [piece for piece in pieces if piece is not None]
-            if pieces and len(known) == len(pieces):
-                return other.join(known)
-        return None
-
-    def _part(self, text: str) -> str:
-        """Translate a value within a sentence."""
-        known = self.fixed.get(text) or self.fixed.get(text.replace("_", " ")) or self._whole(text)
-        known = known or self._found(text, self.inner)
-        if known is not None:
-            return known
-        if "; " in text:
-            return "; ".join(map(self._part, text.split("; ")))
-        named = _NAMED.fullmatch(text)
-        if named is not None:
-            return f"{named[1]}: {self._part(named[2])}"
-        return self.numerals(text)
-
-
-def _letters(key: str) -> int:
-    return len(key.replace("{}", ""))
-
 
 #: Files of the languages beside this module; English is what the report is written in.
 _FILES = {"de": "german.json"}
@@ -167,7 +34,6 @@ class Language:
     date : of ``day``, ``month`` (its name) and ``year``
     months : their names
     own : texts of the page itself, English to this language; None: it is English
-    table : texts of `report.json`
     """
 
     code: str
@@ -176,7 +42,6 @@ class Language:
     date: str = "{day} {month} {year}"
     months: Sequence[str] = text.MONTHS
     own: Mapping[str, str] | None = None
-    table: Sentences = field(default_factory=lambda: Sentences({}, (), (), {}, "."))
 
     # --- texts ----------------------------------------------------------------------------------------------------
 
@@ -185,30 +50,27 @@ class Language:
         if self.own is None:
             parts = english.split("{}")
             return parts[0] + "".join(value + part for value, part in zip(values, parts[1:], strict=True))
-        other = self.own.get(english) or self.table.fixed.get(english)
+        other = self.own.get(english) or texts(_PACKAGE, self.code)["words"].get(english)
         if other is None:
             return ENGLISH.phrase(english, *values)
         return re.sub(r"\$(\d)", lambda at: values[int(at[1]) - 1], other)
 
     def translated(self, english: str) -> str:
-        """Translate a text of the report, with values in it or composed of several."""
-        return english if self.own is None else self.table.translated(english)
-
-    def translated_each(self, english: str) -> str:
-        """Translate several sentences of one text of the report, each for itself."""
+        """Word a message of the report, or one of its words; another text stays as it is."""
         if self.own is None:
             return english
-        return " ".join(map(self.translated, re.split(r"(?<=\.) (?=[A-Z])", english)))
+        return english.worded(self.code) if isinstance(english, Sentence) else word(english, self.code, _PACKAGE)
 
     def words(self, name: str) -> str:
         """Return a signal's or key's name in words: ``piston_position``, ``joint2.piston_speed``."""
         spaced = text.words(name)
         if self.own is None:
             return spaced
-        known = self.own.get(spaced) or self.table.fixed.get(spaced)
+        known_words = texts(_PACKAGE, self.code)["words"]
+        known = self.own.get(spaced) or known_words.get(spaced)
         joint, _, signal = name.rpartition(".")
         if known is None and joint:
-            known = self.table.fixed.get(text.words(signal))
+            known = known_words.get(text.words(signal))
             return spaced if known is None else self.phrase("{} of {}", known, joint)
         return spaced if known is None else known
 
@@ -239,7 +101,7 @@ class Language:
 
     def formula(self, formula: str) -> str:
         """Write an equation or combination of parameters: names as they are, this language's numbers."""
-        return formula if self.own is None else self.table.numerals(self.translated(formula))
+        return formula if self.own is None else numerals(self.translated(formula), self.code)
 
     # --- numbers --------------------------------------------------------------------------------------------------
 
@@ -268,6 +130,8 @@ class Language:
         return text.moment(stamp, self.months, self.date)
 
 
+#: Whose words a report has.
+_PACKAGE = "fitting"
 ENGLISH = Language("en")
 
 
@@ -290,7 +154,6 @@ def language(code: str) -> Language:
     if code not in _FILES:
         raise InputError(f"there is no report in the language '{code}'; use one of {', '.join(codes())}")
     content = content_of(code)
-    table = {english: other for group in content["report"].values() for english, other in group.items()}
     return Language(
         code=code,
         decimal=content["decimal"],
@@ -298,12 +161,11 @@ def language(code: str) -> Language:
         date=content["date"],
         months=tuple(content["months"]),
         own={english: other for group in content["page"].values() for english, other in group.items()},
-        table=Sentences.of(table, content["decimal"]),
     )
 
 
 def content_of(code: str) -> dict[str, Any]:
-    """Read a language's file: ``page`` and ``report`` map groups of English texts to it."""
+    """Read a language's file: ``page`` maps groups of English texts to it."""
     return _read(_FILES[code])
 
 

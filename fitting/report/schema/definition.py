@@ -16,6 +16,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from daq.errors import HilfitError
+from daq.messages import Sentence
 from daq.validation_words import in_words
 from fitting.report.schema.loop import Loop
 from fitting.report.schema.parts import Part, Value
@@ -239,6 +240,7 @@ class Report(Part):
     noise_floor_method: str | None = None
     summary: Summary | None = None
     figures: FigureData | None = None
+    messages: dict[str, MessageOf] = Field(default_factory=dict)  # of sentences in it
 
 
 def clean(value: Any) -> Any:
@@ -263,7 +265,7 @@ def clean(value: Any) -> Any:
         return [clean(entry) for entry in value]
     if isinstance(value, date):
         return value.isoformat()
-    raise ReportError(f"the report holds a {type(value).__name__}, which JSON cannot: give numbers, texts or lists")
+    raise ReportError("fitting.report_holds_json_cannot", name=type(value).__name__)
 
 
 def validate_report(report: Mapping[str, Any]) -> dict[str, Any]:
@@ -280,8 +282,8 @@ def validate_report(report: Mapping[str, Any]) -> dict[str, Any]:
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
-        raise ReportError(f"report.json: {place}: {in_words(first)}{more}; write it as {SCHEMA} says") from None
+        more = Sentence("fitting.and_more", error=error.error_count() - 1) if error.error_count() > 1 else ""
+        raise ReportError("fitting.report_json", place=place, first=in_words(first), more=more, schema=SCHEMA) from None
     return cleaned
 
 
@@ -298,6 +300,14 @@ class Said(Part):
 
     label: str
     sentence: str
+
+
+class MessageOf(Part):
+    """Code and values of a sentence (:mod:`daq.messages`); a value may be another one, or a list."""
+
+    code: str
+    values: dict[str, Any]
+    worded: dict[str, str] | None = None  # in other languages, where a text is of another distribution
 
 
 class Summary(Said):

@@ -25,6 +25,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Level
 
@@ -69,16 +70,19 @@ class Witness:
     @property
     def words(self) -> str:
         """One line for the report."""
-        z = f"unloaded {self.unloaded_z:.1f}, loaded {self.loaded_z:.1f} standard errors"
+        z = Sentence("fitting.unloaded_loaded_standard_errors", unloaded_z=self.unloaded_z, loaded_z=self.loaded_z)
         return {
-            "both": f"the unloaded recording shows it as well ({z})",
-            "different": f"in both, but {self.difference_z:.1f} standard errors apart ({z})",
-            "gone_unloaded": f"gone when unloaded, where it would have shown at {self.expected_unloaded:.1f} "
-            f"standard errors ({z})",
-            "only_unloaded": f"only there when unloaded ({z})",
-            "silent": "the unloaded and the loaded recordings cannot be compared for it "
-            f"(it would show at {min(self.expected_unloaded, self.expected_loaded):.1f} standard errors)",
-            "neither": f"significant in neither ({z})",
+            "both": Sentence("fitting.unloaded_recording_shows_well", z=z),
+            "different": Sentence("fitting.both_but_standard_errors", difference_z=self.difference_z, z=z),
+            "gone_unloaded": Sentence(
+                "fitting.gone_when_unloaded_where", expected_unloaded=self.expected_unloaded, z=z
+            ),
+            "only_unloaded": Sentence("fitting.when_unloaded", z=z),
+            "silent": Sentence(
+                "fitting.unloaded_loaded_recordings_cannot",
+                expected_unloaded=min(self.expected_unloaded, self.expected_loaded),
+            ),
+            "neither": Sentence("fitting.significant_neither", z=z),
         }[self.verdict]
 
 

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from daq.messages import Sentence
+
 if TYPE_CHECKING:
     from sim_backends import SimulatedMachine
     from sim_backends.faults.fault_file import Fault
@@ -64,9 +66,9 @@ class FaultOrders:
         if script is None:
             raise ValueError("; ".join(f"{problem.key}: {problem.text}" for problem in problems))
         if len(self._left()) + len(script.faults) > MOST:
-            raise ValueError(f"faults: there are at most {MOST} at once; wait until some are over")
+            raise ValueError(Sentence("server.faults_most", most=MOST))
         if any(fault.every is not None for fault in script.faults):
-            raise ValueError("faults: every is for fault files; order a fault again instead")
+            raise ValueError(Sentence("server.faults_every"))
         FaultRunner(self._simulated, self._machine, script.faults, self._log).start()
         self._running += [
             (time.monotonic() + fault.at + fault.seconds_long, _content(fault)) for fault in script.faults

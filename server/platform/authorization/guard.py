@@ -18,6 +18,7 @@ from fastapi import Depends, WebSocketException
 from fastapi.concurrency import run_in_threadpool
 from starlette.requests import HTTPConnection
 
+from daq.messages import Sentence
 from server.platform.authorization.named_things import things_of_path
 from server.platform.authorization.principals import LEAST_ROLE, Principal, Scope
 from server.platform.errors import ForbiddenError, ServiceError, UnauthenticatedError
@@ -38,7 +39,7 @@ def current_principal(connection: HTTPConnection) -> Principal:
     """
     principal = connection.scope.get("hilfit.principal")
     if not isinstance(principal, Principal):
-        raise UnauthenticatedError("pair this device first, or send 'Authorization: Bearer' with a valid token")
+        raise UnauthenticatedError(Sentence("server.pair_device_first_send"))
     return principal
 
 
@@ -64,12 +65,13 @@ def require(scope: Scope, *, every_machine: bool = False) -> Any:
             principal = current_principal(connection)
             if not principal.may(scope):
                 raise ForbiddenError(
-                    f"this needs the role {LEAST_ROLE[scope]}, '{principal.name}' is {principal.role}; "
-                    "ask an admin for a pairing code of that role"
+                    Sentence(
+                        "server.needs_role", least_role=LEAST_ROLE[scope], principal=principal.name, role=principal.role
+                    )
                 )
             if principal.machines is not None:
                 if every_machine:
-                    raise ForbiddenError(f"this is about all machines, '{principal.name}' is bound to some of them")
+                    raise ForbiddenError(Sentence("server.about_all_machines_bound", principal=principal.name))
                 await _only_its_machines(connection, principal)
         except ServiceError as error:
             if connection.scope["type"] == "websocket":

@@ -6,10 +6,11 @@ from collections.abc import Iterable
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.authorization.named_things import Thing
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
-from server.platform.errors import NotFoundError
+from server.platform.errors import NotFoundError, none_of
 from server.platform.resource import Resource
 
 
@@ -32,7 +33,13 @@ class Ownership:
         with self._database.read() as connection:
             for collection, id in sorted(things):
                 if not principal.may_see(self._machine_of(connection, collection, id)):
-                    raise NotFoundError(f"there is no {collection.removesuffix('s')} '{id}' for '{principal.name}'")
+                    raise NotFoundError(
+                        Sentence(
+                            "server.for_principal",
+                            what=none_of(collection.removesuffix("s"), id),
+                            principal=principal.name,
+                        )
+                    )
 
     def machines_of_jobs(self, jobs: Iterable[str]) -> dict[str, str]:
         """Return the machine of each job."""

@@ -87,8 +87,22 @@ def _to_6(connection: sa.Connection) -> None:
         connection.exec_driver_sql(statement)
 
 
+def _to_7(connection: sa.Connection) -> None:
+    """Keep what sentences were made of beside them; those that there are stay in English."""
+    inspector = sa.inspect(connection)
+    for column in (
+        *("jobs.text", "jobs.error", "job_events.text", "alarms.text", "recordings.error"),
+        "webhook_deliveries.error",
+        "schedule_slots.note",
+    ):
+        table, text = column.split(".")
+        there = inspector.has_table(table)  # else it is made now, with that column
+        if there and f"{text}_message" not in {known["name"] for known in inspector.get_columns(table)}:
+            connection.exec_driver_sql(f"ALTER TABLE {table} ADD COLUMN {text}_message JSON")
+
+
 #: Per version, the step to the next one.
-STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5, 5: _to_6}
+STEPS: Mapping[int, Callable[[sa.Connection], None]] = {1: _to_2, 2: _to_3, 3: _to_4, 4: _to_5, 5: _to_6, 6: _to_7}
 
 
 def migrate(connection: sa.Connection, found: int, wanted: int) -> None:

@@ -11,7 +11,8 @@ import sqlalchemy as sa
 
 from server.platform.database.engine import Database, Page, as_stored, page
 from server.platform.database.stored import Stored
-from server.platform.errors import NotFoundError
+from server.platform.errors import NotFoundError, none_of
+from server.platform.http.bodies import with_messages_of
 
 Value = TypeVar("Value", bound=Stored)
 
@@ -74,7 +75,7 @@ class Repository(Generic[Value]):
         """Return the one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
-            raise NotFoundError(f"there is no {self.of.noun} '{id}'", **{self.of.table.name.removesuffix("s"): id})
+            raise NotFoundError(none_of(self.of.noun, id), **{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
@@ -112,4 +113,5 @@ class Repository(Generic[Value]):
 
     def update(self, connection: sa.Connection, id: str, **values: Any) -> None:
         """Store other values of some columns, in a transaction."""
-        connection.execute(self.of.table.update().where(self.of.table.c.id == id).values(**values))
+        kept = with_messages_of(values, self.of.table.c.keys())
+        connection.execute(self.of.table.update().where(self.of.table.c.id == id).values(**kept))

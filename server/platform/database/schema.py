@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 #: Raised by one whenever a table that was there changes (a new table needs nothing);
 #: :mod:`server.platform.database.migrations` brings an older store up to date, a newer one is refused.
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 metadata = sa.MetaData()
 

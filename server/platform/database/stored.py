@@ -27,7 +27,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, to_jsonable_python
 
 from server.platform.database.schema import metadata
-from server.platform.http.bodies import Shown
+from server.platform.http.bodies import Shown, with_messages_of
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Stored(Shown):
 
     def but(self, **values: Any) -> Self:
         """Return the same with other values of some fields."""
-        return self.model_copy(update=values)
+        return self.model_copy(update=with_messages_of(values, type(self).model_fields))
 
 
 def _columns(fields: Mapping[str, FieldInfo]) -> Iterator[sa.Column[Any]]:

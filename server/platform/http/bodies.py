@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, Generic, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from daq.messages import message_of, with_messages
 from server.platform.database.engine import Page
 
 #: ``true`` or ``false``, not 0, "no" or what else Python takes for one.
@@ -22,10 +23,37 @@ class Body(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+class Message(BaseModel):
+    """What a sentence was made of, for another language: ``code`` of its text, and ``values`` by their names in it."""
+
+    model_config = ConfigDict(frozen=True)
+    code: str
+    values: dict[str, Any]
+
+
+def with_messages_of(values: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    """Add what the texts among ``values`` were made of, where ``names`` has a ``<text>_message``; null of others."""
+    made = ((f"{name}_message", value) for name, value in values.items())
+    return {name: message_of(value) for name, value in made if name in names} | dict(values)
+
+
 class Shown(BaseModel):
-    """What is shown of something that the service knows: what is called like its fields."""
+    """What is shown of something that the service knows: what is called like its fields.
+
+    A field ``<text>_message`` is filled in with what the sentence in ``text`` was made of.
+    """
 
     model_config = ConfigDict(from_attributes=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _messages(cls, content: Any) -> Any:
+        return with_messages_of(content, cls.model_fields) if isinstance(content, Mapping) else content
+
+    def sentence(self, name: str) -> str:
+        """Return a text as the sentence that it was made as."""
+        text, made_of = str(getattr(self, name)), getattr(self, f"{name}_message")
+        return text if made_of is None else str(with_messages(text, {text: made_of.model_dump()}))
 
     @classmethod
     def of(cls, value: object, /, **beside: object) -> Self:

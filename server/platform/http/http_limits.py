@@ -14,6 +14,7 @@ from typing import Any
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
+from daq.messages import Sentence
 from server.platform.http.problems import status_phrase
 
 
@@ -55,7 +56,7 @@ class BoundedHttp(HttpToolsProtocol):
         """Note that a connection came."""
         super().connection_made(transport)
         if len(self.connections) > self.limits.connections:
-            self._refuse(503, "there are too many connections; try again in a few seconds", ((b"retry-after", b"5"),))
+            self._refuse(503, Sentence("server.too_many_connections"), ((b"retry-after", b"5"),))
             return
         self._start(self.limits.header_s)
 
@@ -87,7 +88,7 @@ class BoundedHttp(HttpToolsProtocol):
     def send_400_response(self, msg: str) -> None:
         """Refuse what is no HTTP."""
         if not self._refused:
-            self._refuse(400, "this is no request of HTTP/1.1 that can be read; see RFC 9112")
+            self._refuse(400, Sentence("server.no_request_of_http"))
 
     def on_header(self, name: bytes, value: bytes) -> None:
         """Note a whole header, or one that follows a body."""
@@ -116,7 +117,7 @@ class BoundedHttp(HttpToolsProtocol):
         super().on_message_complete()
 
     def _too_large(self) -> None:
-        self._refuse(431, f"line and headers have more than {self.limits.header_bytes} bytes, or are too many")
+        self._refuse(431, Sentence("server.head_too_long", header_bytes=self.limits.header_bytes))
 
     def _start(self, seconds: float) -> None:
         self._stop()
@@ -134,9 +135,9 @@ class BoundedHttp(HttpToolsProtocol):
         elif self._awaits_body and self.cycle is not None and self.cycle.response_started:
             self.transport.close()
         else:
-            self._refuse(408, "the request did not come to its end in time; send it again")
+            self._refuse(408, Sentence("server.request_not_in_time"))
 
-    def _refuse(self, status: int, detail: str, more: tuple[tuple[bytes, bytes], ...] = ()) -> None:
+    def _refuse(self, status: int, detail: Sentence, more: tuple[tuple[bytes, bytes], ...] = ()) -> None:
         """Answer with a problem document (RFC 9457) and hang up."""
         if self._refused or self.transport.is_closing():
             return
@@ -145,7 +146,7 @@ class BoundedHttp(HttpToolsProtocol):
         phrase = status_phrase(status)
         slug = phrase.lower().replace(" ", "-")
         content = {"type": f"urn:hilfit:problem:{slug}", "title": phrase, "status": status, "detail": detail}
-        body = json.dumps({**content, "instance": "/"}).encode()
+        body = json.dumps({**content, "instance": "/", "message": detail.to_json()}).encode()
         headers = [
             (b"content-type", b"application/problem+json"),
             (b"content-length", str(len(body)).encode()),

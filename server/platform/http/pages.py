@@ -20,6 +20,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from daq.messages import Sentence
 from server.platform.http.problems import problem
 
 INDEX, NOT_FOUND = "index.html", "404.html"
@@ -109,7 +110,7 @@ class Pages:
             return
         request = Request(scope)
         if scope["method"] not in _READING:
-            text = f"{scope['method']} is not possible here; see the header Allow"
+            text = Sentence("server.not_possible_here", scope=scope["method"])
             answer: Response = problem(request, 405, text, headers={"Allow": ", ".join(_READING)})
         else:
             answer = self._page(path.removeprefix("/") or INDEX, request.headers)

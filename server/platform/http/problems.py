@@ -18,10 +18,12 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from daq.errors import AcquisitionError, HilfitError, InputError
+from daq.messages import Sentence, first_of, message_of, named, one_line
 from daq.validation_words import in_words
 from server.platform.database.patience import away
 from server.platform.errors import InvalidError, ServiceError, UnavailableError
 from server.platform.http.base_path import below
+from server.platform.http.bodies import Message
 
 #: Names of statuses that Python 3.13 renamed with RFC 9110; types of problems are made of them and stay what they were.
 _PHRASES = {
@@ -37,7 +39,8 @@ _log = structlog.stdlib.get_logger(__name__)
 class Problem(BaseModel):
     """A problem document: what went wrong with one request, and what to do.
 
-    ``code`` tells a program what it was, ``values`` what that is about; ``detail`` says both to a person.
+    ``code`` tells a program what it was, ``values`` what that is about; ``detail`` says both to a person, and
+    ``message`` is what it was made of, to word it in another language.
     """
 
     type: str
@@ -47,6 +50,7 @@ class Problem(BaseModel):
     instance: str
     code: str
     values: dict[str, str | int] = {}
+    message: Message | None = None
     errors: list[dict[str, Any]] | None = None
 
 
@@ -72,15 +76,16 @@ def problem(
     ``code`` is the slug where nothing more is known.
     """
     phrase = title or status_phrase(status)
-    slug = slug or phrase.lower().replace(" ", "-")
+    slug, made = slug or phrase.lower().replace(" ", "-"), message_of(detail)
     document = Problem(
         type=f"urn:hilfit:problem:{slug}",
         title=phrase,
         status=status,
-        detail=" ".join(detail.split()),  # one line, whatever the request named
+        detail=one_line(detail),  # one line, whatever the request named
         instance=below(request.scope, request.url.path),
         code=code or slug.replace("-", "_"),
         values=values or {},
+        message=None if made is None else Message(**made),
         errors=errors,
     )
     return JSONResponse(
@@ -128,17 +133,17 @@ def _as_ours(request: Request, error: Exception) -> ServiceError:
         case AcquisitionError():
             return UnavailableError(str(error))
         case HTTPException(status_code=400):  # nested without end, or not in UTF-8
-            return InvalidError("the body is no JSON that can be read")
+            return InvalidError(Sentence("server.body_no_json_can"))
         case UnicodeEncodeError():
             # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
-            return InvalidError("a text in the request is not Unicode; correct it")
+            return InvalidError(Sentence("server.text_request_not_unicode"))
         case DBAPIError() if away(error):  # also in a layer around the routes
             _log.error("store_unavailable", path=request.url.path, exc_info=error)
-            text = "the store is busy, full, read-only or gone; try again, and see the log of the service"
+            text = Sentence("server.store_busy_full_read")
             return UnavailableError(text)
     # The text of an unexpected error may hold paths and values; it belongs in the log only.
     _log.error("request_failed", path=request.url.path, exc_info=error)
-    return ServiceError("the service failed on this request; its log says why")
+    return ServiceError(Sentence("server.service_failed_request"))
 
 
 async def _refused(request: Request, error: Exception) -> JSONResponse:
@@ -157,8 +162,8 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
     if error.status_code == 405:
         headers["Allow"] = ", ".join(methods_of(request))
     detail = {
-        404: f"there is nothing at {request.url.path}; the resources are listed in openapi.json",
-        405: f"{request.method} is not possible here; see the header Allow",
+        404: Sentence("server.nothing_there", url=request.url.path),
+        405: Sentence("server.not_possible_here", scope=request.method),
     }.get(error.status_code, str(error.detail))
     return problem(request, error.status_code, detail, headers=headers)
 
@@ -166,13 +171,14 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     errors = [
-        {"place": ".".join(str(part) for part in entry["loc"]), "text": in_words(entry), "code": entry["type"]}
+        {"place": ".".join(str(part) for part in entry["loc"]), "text": text, "message": message_of(text)}
+        | {"code": entry["type"]}
         for entry in error.errors()
+        for text in [in_words(entry)]
     ]
-    first = errors[0] if errors else {"place": "request", "text": "cannot be read"}
-    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-    detail = " ".join(f"{first['place']}: {first['text']}{more}".split())
-    detail = detail.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
+    line = first_of([named(own["place"], own["text"]) for own in errors])
+    shown = line.encode("utf-8", "backslashreplace").decode()  # it may quote what is not Unicode
+    detail = line if shown == line else shown
     return problem(request, 422, detail, slug=InvalidError.slug, title=InvalidError.title, errors=errors)
 
 
@@ -180,13 +186,13 @@ async def _storage_failed(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)
     _log.error("storage_failed", path=request.url.path, exc_info=error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    text = "the disk is full; make room" if full else "the data directory cannot be used; the log says why"
+    text = Sentence("server.disk_full") if full else Sentence("server.data_directory_cannot_used_log")
     return refused(request, UnavailableError(text), {"Retry-After": "30"})
 
 
 async def _cut(request: Request, error: Exception) -> JSONResponse:
     _log.warning("request_cut", path=request.url.path)  # its client has gone, and hears nothing of this
-    return problem(request, 400, "the request was cut off; send it again")
+    return problem(request, 400, Sentence("server.request_cut_off"))
 
 
 _ANSWERS: dict[type[Exception], Callable[[Request, Exception], Awaitable[JSONResponse]]] = {

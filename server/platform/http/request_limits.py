@@ -10,6 +10,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from daq.messages import Sentence
 from server.platform.errors import ForbiddenError, TooLargeError
 from server.platform.http.problems import refused
 from server.platform.settings import is_loopback
@@ -42,7 +43,7 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         limit = self._limit(scope["path"])
-        text = f"the request is larger than {limit} bytes, the most that is taken here"
+        text = Sentence("server.request_larger_bytes_most", limit=limit)
         declared = Headers(scope=scope).get("content-length", "0")
         if declared.isdecimal() and int(declared) > limit:
             await refused(Request(scope), TooLargeError(text))(scope, receive, send)
@@ -85,9 +86,9 @@ class OwnPagesOnly:
             host = headers.get("host", "")
             refusal = None
             if not self._ours(host):
-                refusal = f"'{host}' is no name of this service; reach it by its address, or list it in public_hosts"
+                refusal = Sentence("server.no_name_service", host=host)
             elif _from_elsewhere(scope, headers, f"{_SCHEMES[scope['scheme']]}://{host}"):
-                refusal = "requests are taken from programs and from pages of this service only"
+                refusal = Sentence("server.requests_taken_programs_pages")
             if refusal is not None and scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008})  # before it is accepted: the client sees 403
                 return

@@ -7,6 +7,7 @@ from typing import Annotated, Any, TypedDict
 
 from fastapi import Depends, Header, Query, Request
 
+from daq.messages import Sentence
 from server.platform.authorization.guard import PrincipalDep
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
@@ -58,9 +59,9 @@ async def _between(
     for moment in (since, until):
         try:
             if moment is not None and (moment.tzinfo is None or not as_stored(moment)):
-                raise InvalidError(f"{moment.isoformat()} has no time zone; write 2026-06-01T02:00:00Z")
+                raise InvalidError(Sentence("server.no_time_zone", moment=moment.isoformat()))
         except OverflowError:
-            raise InvalidError("since and until have to be moments of UTC; write 2026-06-01T02:00:00Z") from None
+            raise InvalidError(Sentence("server.since_until_moments_utc")) from None
     return Between(since, until, label)
 
 

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 from daq.errors import HilfitError, InputError
+from daq.messages import with_their_messages
 
 
 def send(**content: Any) -> None:
     """Write a line of the protocol."""
-    print(json.dumps(content), flush=True)
+    print(json.dumps(with_their_messages(content)), flush=True)
 
 
 def ended(work: Callable[[], dict[str, Any] | None], too_much: str = "needs too much memory") -> int:

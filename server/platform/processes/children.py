@@ -1,7 +1,8 @@
 """Work in a process of its own, gone when it is cancelled, takes too long, or its parent dies.
 
 The child writes JSON lines to standard output: any number of ``{"fraction": 0.4, "text": "..."}`` and last
-``{"summary": {...}}`` or ``{"error": "one line"}``. Exit code 0 is done, 2 an input that cannot be used,
+``{"summary": {...}}`` or ``{"error": "one line"}``, each with the ``messages`` that its sentences were made of
+(:func:`daq.messages.with_their_messages`). Exit code 0 is done, 2 an input that cannot be used,
 anything else failed.
 
 A child writes only in its room of the data directory (:func:`room_of`) and to devices, where the kernel can confine it
@@ -32,6 +33,7 @@ from pathlib import Path
 from typing import IO, Any, Literal, Self
 
 from daq import confinement
+from daq.messages import Sentence, one_line, put_together
 from server.platform.files import LOCK_FILE, TEMPORARY
 
 #: Within the session of a child, and of that among others: a third of an ordinary one. At 19 nothing was ever done on a
@@ -145,7 +147,7 @@ class Child:
                 if reply is not None:
                     last = reply
                     if "fraction" in reply:
-                        progress(float(reply["fraction"]), " ".join(str(reply.get("text", "")).split()))
+                        progress(float(reply["fraction"]), one_line(str(reply.get("text", ""))))
                     if isinstance(reply.get("summary"), dict) and reply.get("stays") is True:
                         self._staying = (known, process)
                         return ChildResult("done", summary=reply["summary"])
@@ -156,7 +158,7 @@ class Child:
                 if should_stop():
                     return ChildResult("stopped")
                 if now > deadline:
-                    error = f"took longer than {timeout_s:g} s and was ended"
+                    error = Sentence("server.took_longer", timeout_s=timeout_s)
                     return ChildResult("failed", error=error)
             process.wait()
         finally:
@@ -255,7 +257,7 @@ def _parse(line: bytes) -> dict[str, Any] | None:
         return None
     if not isinstance(content.get("fraction", 0.0), int | float) or not isinstance(content.get("ended", 0), int):
         return None
-    return content
+    return put_together(content)
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:
@@ -276,14 +278,14 @@ def _end(child: subprocess.Popen[bytes]) -> None:
 def _result(code: int, last: dict[str, Any], log: Path) -> ChildResult:
     if code == 0 and isinstance(last.get("summary"), dict):
         return ChildResult("done", summary=last["summary"])
-    error = " ".join(str(last["error"]).split()) if "error" in last else None
+    error = one_line(str(last["error"])) if "error" in last else None
     if error is not None and code == 2:
         return ChildResult("input", error=error)
     if error is not None:
         return ChildResult("failed", error=error)
     if code < 0:
-        error = f"was ended by {signal.Signals(-code).name}; is the memory too small?"
+        error = Sentence("server.ended_by_signal", name=signal.Signals(-code).name)
         return ChildResult("failed", error=error, killed=code == -signal.SIGKILL, exceeded=True)
     if code == 0:
-        return ChildResult("failed", error="ended without a result")
-    return ChildResult("failed", error=f"ended with exit code {code}; {log.name} says why")
+        return ChildResult("failed", error=Sentence("server.ended_without_result"))
+    return ChildResult("failed", error=Sentence("server.ended_with_code", exit=code, log=log.name))

@@ -17,6 +17,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any, TypeVar
 
+from daq.messages import Sentence
 from server.platform.errors import BusyError, TooManyError
 
 #: Processes that read or write files at once: a core is left to acquisition and HTTP.
@@ -77,9 +78,9 @@ class Heavy:
             If all places are taken.
         """
         if self._taken[who] >= self._share:
-            raise TooManyError(f"{self._share} of your requests of this kind are under way; try again when one is done")
+            raise TooManyError(Sentence("server.your_requests_kind_under", share=self._share))
         if self._taken.total() >= self._places:
-            raise BusyError("the service is busy with the files of others; try again in a few seconds")
+            raise BusyError(Sentence("server.service_busy_files_others"))
         self._taken[who] += 1
         try:
             yield Place(self._slots, self._aside)

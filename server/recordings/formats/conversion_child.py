@@ -15,6 +15,7 @@ from pathlib import Path
 from daq import load_machine
 from daq.formats import mcap_file, mdf4
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.recordings.column_map import load_map
 from daq.recordings.recording_files import Table, read_table, write_columns
 from daq.recordings.recording_source import import_file
@@ -66,12 +67,12 @@ def main(arguments: Sequence[str], do: Callable[..., None] = do) -> int:
     """
     what, source, target, machine_file, shown, *rest = arguments
     limit_child(RECORDING_CPU_S, Path(source).stat().st_size)
-    too_much = f"{shown}: needs too much memory; use a shorter recording"
+    too_much = Sentence("server.needs_memory", shown=shown)
     try:
         return ended(lambda: do(what, Path(source), Path(target), Path(machine_file), shown, *rest), too_much)
     except ModuleNotFoundError as error:
         extra = NEEDS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        send(error=f"this needs {error.name}; run: pip install 'hilfit[{extra}]'")
+        send(error=Sentence("server.needs_extra", error=error.name, extra=extra))
         return 1

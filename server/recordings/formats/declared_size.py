@@ -21,8 +21,10 @@ def refuse_bombs(path: Path, shown: str) -> None:
     declared = _declared(path)
     if declared > max(ALWAYS, RATIO * path.stat().st_size):
         raise RecordingError(
-            f"{shown}: says that it unpacks to {declared / 2**20:.0f} MiB, {declared // path.stat().st_size} times its "
-            "size; export it again, in parts"
+            "server.says_unpacks_mib_times",
+            shown=shown,
+            declared=declared / 2**20,
+            declared_2=declared // path.stat().st_size,
         )
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
+from daq.messages import Sentence
 from server.platform.errors import ConflictError, InvalidError, NotFoundError, UnavailableError
 from server.platform.files import DataDirectory
 from server.platform.processes.file_children import FileChildren, refusal
@@ -43,10 +44,10 @@ class Exports:
             If it is not sealed, or its file is gone.
         """
         if row.state != "sealed":
-            raise ConflictError(f"recording '{row.id}' is {row.state}; there is no whole file to read")
+            raise ConflictError(Sentence("server.recording_not_whole", row=row.id, state=row.state))
         path = self._files.recording(row.id, row.format)
         if not path.is_file():
-            raise NotFoundError(f"the file of recording '{row.id}' is gone; record or upload it again")
+            raise NotFoundError(Sentence("server.file_recording_gone", row=row.id))
         return path
 
     def file(self, row: RecordingRow, format: str) -> Path:
@@ -125,7 +126,9 @@ class Exports:
         target.unlink(missing_ok=True)
         error = (result.error or "").replace(str(source), shown)
         failed = UnavailableError(
-            error if "pip install" in error else f"{shown}: could not be written as {what}; {error}"
+            error
+            if "pip install" in error
+            else Sentence("server.could_not_written", shown=shown, what=what, error=error)
         )
-        too_much = InvalidError(f"{shown}: cannot be read; export it again") if what in IMPORTS else failed
+        too_much = InvalidError(Sentence("server.cannot_read_export", shown=shown)) if what in IMPORTS else failed
         raise refusal(replace(result, error=error), too_much, failed)

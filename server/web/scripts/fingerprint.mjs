@@ -11,17 +11,23 @@ const FILES = [
   "scripts/types.mjs",
   "tsconfig.json",
   "vite.config.ts",
-  // What types.mjs makes the rest of.
+  // What types.mjs makes the rest of, and texts that Python has.
   "../../docs/openapi.json",
   "../../docs/report.schema.json",
-  "../../fitting/report/languages/german.json",
+  "../../daq/texts/de.json",
+  "../../fitting/texts/de.json",
+  "../texts/de.json",
 ];
 
 /** SHA-256 over the names and contents of all sources but their tests and what is made of them, in the order of names. */
 export function fingerprint(folder) {
   const hash = createHash("sha256");
   for (const name of [...ROOTS.flatMap((root) => walk(folder, root)), ...FILES].sort()) {
-    hash.update(name).update("\0").update(readFileSync(join(folder, name))).update("\0");
+    hash
+      .update(name)
+      .update("\0")
+      .update(readFileSync(join(folder, name)))
+      .update("\0");
   }
   return hash.digest("hex");
 }

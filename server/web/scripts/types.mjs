@@ -1,5 +1,5 @@
-// Types of the REST interface and of report.json, and what a report says in German: made of files that the service and
-// its reports have, before the page is checked, tested or built, and kept by nobody.
+// Types of the REST interface and of report.json: made of files that the service and its reports have, before the page is
+// checked, tested or built, and kept by nobody.
 import { execFileSync } from "node:child_process";
 import { readFileSync, rmSync, writeFileSync } from "node:fs";
 
@@ -32,9 +32,3 @@ try {
 } finally {
   rmSync(components);
 }
-
-// `report.html` reads the same file; texts of its own (`page`) are nothing that a report holds.
-const german = readFileSync("../../fitting/report/languages/german.json", "utf8");
-const groups = Object.values(JSON.parse(german).report);
-const table = JSON.stringify(Object.assign({}, ...groups), null, 2);
-writeFileSync("src/texts/report_de.gen.ts", `export const REPORT: Record<string, string> = ${table};\n`);

@@ -97,6 +97,7 @@ def test_signals_are_listed_and_searched(running: Running) -> None:
             "messages": 1,
             "signals": 3,
             "error": None,
+            "error_message": None,
         }
     ]
     uses = {item["signal"]: item["channels"] for item in found["items"]}

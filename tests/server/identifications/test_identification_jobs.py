@@ -11,6 +11,7 @@ from typing import Any, get_args
 import pytest
 from service_fakes import API, NICENESS, REPORT, Running, ran
 
+from daq.messages import message_from_json
 from fitting.loop.session import Options
 from fitting.pipeline.stage_names import ReportLanguage
 from fitting.report.languages import codes
@@ -131,6 +132,9 @@ def test_a_stage_that_fails_ends_the_job_and_says_why(
     assert says in job["error"]
     assert "\n" not in job["error"]
     assert str(running.service.files.root) not in job["error"]
+    made_of = job["error_message"]  # none of a line that a stage wrote by itself
+    assert (made_of is None) == (options["fail"][1] == 2 if "fail" in options else False)
+    assert made_of is None or message_from_json(made_of) == job["error"]
     assert running.client.get(f"{IDENTIFICATIONS}/{order.id}/report.json").status_code == 409
 
 

@@ -208,11 +208,12 @@ def world(identified: Path) -> Iterator[World]:
 
 def test_a_monitor_that_is_off_says_why(world: World) -> None:
     world.monitors.look()
-    reason = "the machine is not acquired at the moment"
+    reason, message = "the machine is not acquired at the moment", {"code": "server.not_acquired_now", "values": {}}
     assert world.monitors.state("lever") == {
         "state": "off",
         "reason": reason,
-        "valves": {"state": "off", "reason": reason},
+        "reason_message": message,
+        "valves": {"state": "off", "reason": reason, "reason_message": message},
     }
     world.ring_name, world.calibration = "some", None
     world.monitors.look()

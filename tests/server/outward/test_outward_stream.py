@@ -119,6 +119,7 @@ def test_the_end_of_a_job_is_said_once_whoever_ends_it_how_often(site: Site) -> 
         "verdict": None,
         "started": message.data.started,  # type: ignore[union-attr]
         "ended": None,
+        "error_message": None,
     }
 
 

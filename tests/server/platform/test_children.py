@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from daq.confinement import landlock_version
+from daq.messages import Sentence
 from server.platform.files import LOCK_FILE
 from server.platform.processes import children
 from server.platform.processes.children import Child, ChildResult, room_of, run_child
@@ -49,6 +50,23 @@ print('{"summary": {"nice": %d}}' % os.nice(0))
     assert result == ChildResult("done", {"nice": 19})
     assert seen == [(0.25, "a quarter")]
     assert (tmp_path / "log").read_text() == "to the log\n"
+
+
+@pytest.mark.slow
+def test_sentences_of_a_child_are_sentences_here(tmp_path: Path) -> None:
+    code = """
+from daq.errors import InputError
+from daq.messages import Sentence
+from server.platform.processes.child_speech import ended, send
+send(fraction=0.5, text=Sentence("daq.named", name="a", what="b"))
+def work():
+    raise InputError("daq.named", name="file.csv", what=Sentence("daq.not_a_table"))
+raise SystemExit(ended(work))
+"""
+    seen: list[str] = []
+    result = child(code, tmp_path, progress=lambda fraction, text: seen.append(text))
+    assert result.outcome == "input" and isinstance(result.error, Sentence) and isinstance(seen[0], Sentence)
+    assert result.error.worded("de").startswith("file.csv: ist keine Tabelle")
 
 
 @pytest.mark.slow

@@ -160,5 +160,5 @@ def _sources() -> list[str]:
         if path.is_file() and ".test." not in path.name and ".gen." not in path.name
     ]
     named = ("index.html", "package-lock.json", "package.json", "scripts/types.mjs", "tsconfig.json", "vite.config.ts")
-    shared = ("docs/openapi.json", "docs/report.schema.json", "fitting/report/languages/german.json")
-    return sorted([*found, *named, *(f"../../{name}" for name in shared)])
+    shared = ("docs/openapi.json", "docs/report.schema.json", "daq/texts/de.json", "fitting/texts/de.json")
+    return sorted([*found, *named, "../texts/de.json", *(f"../../{name}" for name in shared)])

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from service_fakes import API, Running
 
+from daq.messages import message_from_json
 from server.jobs.job_store import Jobs
 from server.platform.http.problems import status_phrase
 
@@ -198,3 +199,15 @@ def test_words_that_read_otherwise_than_they_are_written_are_refused(running: Ru
     document = problem(running.client.post(f"{API}/recordings", json=wish), 422)
     assert document["detail"].startswith("body.label")
     assert running.client.post(f"{API}/recordings", json={**wish, "label": "Käfig 3, öl/über 40 °C"}).status_code == 404
+
+
+def test_what_a_text_was_made_of_stands_beside_it(running: Running) -> None:
+    absent = problem(running.client.get(f"{API}/jobs/absent"), 404)
+    assert absent["message"] == {"code": "server.none_job", "values": {"id": "absent"}}
+    assert message_from_json(absent["message"]).worded("de") == "Es gibt keinen Auftrag „absent“"
+    wrong = problem(running.client.get(f"{API}/jobs?limit=0"), 422)
+    (entry,) = wrong["errors"]
+    assert entry["message"] == {"code": "daq.value_greater_than_equal", "values": {"ge": 1}}
+    assert message_from_json(wrong["message"]) == wrong["detail"] == f"{entry['place']}: {entry['text']}"
+    file = problem(running.client.post(f"{API}/machines/check", content="schema: [}"), 422)  # worded in a child
+    assert message_from_json(file["message"]) == file["detail"]

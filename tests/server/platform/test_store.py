@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from service_fakes import MACHINE, file_children
 
+from daq.messages import Sentence, named
 from server.composition.declarations import TABLES
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs
@@ -205,3 +206,22 @@ def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
     path.write_text("hello " * 1000)
     with pytest.raises(StartError, match="cannot be opened as the store"):
         Database(path, TABLES, changed=nothing)
+
+
+def test_sentences_are_kept_with_what_they_were_made_of(tmp_path: Path) -> None:
+    with closing(Database(tmp_path / "store", TABLES, changed=nothing)) as database:
+        jobs = Jobs(database)
+        with database.write("jobs") as connection:
+            jobs.insert(connection, id="job-1", kind="demo", label="", subject="s", stages=("a",))
+        jobs.progress("job-1", "a", 0.1, "as somebody wrote it")
+        assert (jobs.get("job-1").text_message, jobs.get("job-1").sentence("text")) == (None, "as somebody wrote it")
+        error = named("arm.yaml", Sentence("server.took_longer", timeout_s=3.5))
+        jobs.finish("job-1", "failed", Sentence("server.failed"), error)
+        found = jobs.get("job-1")
+        assert (found.text, found.error) == ("Failed", "arm.yaml: took longer than 3.5 s and was ended")
+        again = found.sentence("error")
+        assert (
+            isinstance(again, Sentence) and again.worded("de") == "arm.yaml: dauerte länger als 3,5 s und wurde beendet"
+        )
+        messages = [event.text_message for event in jobs.events("job-1")]
+        assert [None if own is None else own.code for own in messages] == ["server.waiting_turn", None, "server.failed"]

@@ -124,7 +124,7 @@ export class Client {
     await tables;
     const text =
       typeof problem?.detail === "string"
-        ? said(problem.detail)
+        ? said(problem.detail, problem.message)
         : t("common.theServiceAnswered", { status: answer.status });
     return { kind: "refused", status: answer.status, text, problem };
   }

@@ -36,7 +36,7 @@ export function AlarmBanner() {
         <Icon name="alarm" />
         <span>
           <strong>{word}:</strong> {first.machine === null ? "" : `${first.machine}: `}
-          {said(first.text)}
+          {said(first.text, first.text_message)}
           {first.state === "cleared" && t("shell.hasGoneNobodyHas")}
           {more}
         </span>

@@ -6,14 +6,16 @@
  */
 import { signal } from "@preact/signals";
 import { type Language, language } from "./language";
+import type { Message } from "./message";
 
-type Said = (text: string) => string;
+type Said = (text: string, message?: Message | null) => string;
 const LOADERS: Record<Language, (() => Promise<Said>) | null> = {
   en: null,
   de: async () => (await import("./said_de")).german,
 };
 
-const table = signal<Said>((text) => text);
+/** What words all of it; another once the tables have come. */
+export const table = signal<Said>((text) => text);
 const load = LOADERS[language];
 
 /** The tables have come, or there are none for them; what was not fetched stays in English. */
@@ -27,5 +29,13 @@ export const tables: Promise<void> =
         () => undefined,
       );
 
-/** A title, a reason, an alarm, what a job does; one that is in no table stays as the service wrote it. */
-export const said: Said = (text) => table.value(text);
+/** A title, a reason, an alarm, what a job does, by the message that came with it; what has no text here stays as it came. */
+export const said: Said = (text, message) => table.value(text, message);
+
+/** Content with its sentences in the language shown, by the messages that came with it. */
+export function inLanguage<T>(content: T, messages: Record<string, Message> = {}): T {
+  if (typeof content === "string") return (content in messages ? said(content, messages[content]) : content) as T;
+  if (Array.isArray(content)) return content.map((one: unknown) => inLanguage(one, messages)) as T;
+  if (typeof content !== "object" || content === null) return content;
+  return Object.fromEntries(Object.entries(content).map(([key, one]) => [key, inLanguage(one, messages)])) as T;
+}

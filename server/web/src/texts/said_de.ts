@@ -1,17 +1,14 @@
 /** German for all that the service says. */
-import { FINDINGS } from "./findings_de";
-import { MACHINE_FILE } from "./machine_file_de";
-import { REFUSALS, VALUES } from "./refusals_de";
-import { REPORT } from "./report_de.gen";
-import { compiled, translated } from "./sentences";
-import { SERVICE_FIXED, SERVICE_SENTENCES } from "./service_de";
-import { VALVE } from "./valve_de";
+import daq from "../../../../daq/texts/de.json";
+import fitting from "../../../../fitting/texts/de.json";
+import server from "../../../texts/de.json";
+import { type Message, wording } from "./message";
 
-const open = compiled({ ...REPORT, ...MACHINE_FILE, ...FINDINGS, ...REFUSALS, ...VALVE });
+const packages = { daq, server, fitting };
+const worded = wording(packages, ",");
+const words: Record<string, string> = Object.assign({}, ...Object.values(packages).map((one) => one.words));
 
-export const german = translated(
-  { ...VALUES, ...open.fixed, ...SERVICE_FIXED },
-  [...SERVICE_SENTENCES, ...open.sentences],
-  open.inner,
-  open.joints,
-);
+/** A message by its code, or as its own distribution words it; a fixed text as a word. Anything else stays. */
+export function german(text: string, message?: Message | null): string {
+  return message?.worded?.de ?? (message ? worded(message) : null) ?? words[text] ?? text;
+}

@@ -30,7 +30,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
             kind="primary"
             busy={command.busy}
             disabled={away}
-            label={t("alarms.acknowledge", { text: said(alarm.text) })}
+            label={t("alarms.acknowledge", { text: said(alarm.text, alarm.text_message) })}
             onClick={() => void command.run({ method: "POST", path: `${path}/acknowledge` })}
           >
             {t("alarms.acknowledge2")}
@@ -40,7 +40,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
           <Button
             busy={command.busy}
             disabled={away}
-            label={t("alarms.letHeardAgain", { text: said(alarm.text) })}
+            label={t("alarms.letHeardAgain", { text: said(alarm.text, alarm.text_message) })}
             onClick={() => void command.run({ method: "POST", path: `${path}/unshelve` })}
           >
             {t("alarms.letHeardAgain2")}
@@ -49,7 +49,7 @@ export function AlarmActions({ alarm, shelved }: { alarm: Alarm; shelved: boolea
           alarm.state === "active" && (
             <Button
               disabled={command.busy || away}
-              label={t("alarms.keepQuiet", { text: said(alarm.text) })}
+              label={t("alarms.keepQuiet", { text: said(alarm.text, alarm.text_message) })}
               onClick={() => setAsking(!asking)}
             >
               {t("alarms.keepQuiet2")}

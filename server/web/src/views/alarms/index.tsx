@@ -88,7 +88,7 @@ function AlarmItem({ alarm }: { alarm: Alarm }) {
           </Mark>
         </p>
         <p>
-          <strong>{alarm.machine ?? t("alarms.service")}:</strong> {said(alarm.text)}
+          <strong>{alarm.machine ?? t("alarms.service")}:</strong> {said(alarm.text, alarm.text_message)}
         </p>
         <p class="hint">
           {t("alarms.since", {

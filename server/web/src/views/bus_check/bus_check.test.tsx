@@ -64,6 +64,7 @@ const check = (given: Partial<Check> = {}): Check => ({
   delays: [],
   findings: ["modbus unit 4: does not answer"],
   notes: [],
+  messages: {},
   ...given,
 });
 const PATH = "/machines/crane/bus-check?depressurised=false";

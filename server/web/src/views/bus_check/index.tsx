@@ -76,13 +76,13 @@ function Found({ check, depressurised }: { check: Check; depressurised: boolean 
         ) : (
           <ul class="findings">
             {check.findings.map((line) => (
-              <li key={line}>{said(line)}</li>
+              <li key={line}>{said(line, check.messages[line])}</li>
             ))}
           </ul>
         )}
         {check.notes.map((line) => (
           <p key={line} class="hint">
-            {said(line)}
+            {said(line, check.messages[line])}
           </p>
         ))}
       </Panel>

@@ -103,7 +103,9 @@ function Residual({ machine }: { machine: Machine }) {
   const joint = machine.joint;
   if (used === null || joint === null)
     return (
-      <span class="hint reason">{machine.reason === null ? t("fleet.noJointWatchedYet") : said(machine.reason)}</span>
+      <span class="hint reason">
+        {machine.reason === null ? t("fleet.noJointWatchedYet") : said(machine.reason, machine.reason_message)}
+      </span>
     );
   const tone = used >= 1 ? "bad" : used >= 0.5 ? "warning" : "good";
   const measured = joint.residual === null ? t("common.atRest") : `${number(joint.residual, 3)} ${joint.unit}`;

@@ -81,7 +81,7 @@ export function sentence(event: HistoryEvent): string {
       });
     default: {
       const seen = event.by == null ? "" : t("history.seenBy", { by: event.by });
-      return `${ALARMS[event.what] ?? words(event.what)}: ${said(event.text)}${seen}`;
+      return `${ALARMS[event.what] ?? words(event.what)}: ${said(event.text, event.text_message)}${seen}`;
     }
   }
 }

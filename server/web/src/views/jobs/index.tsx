@@ -71,10 +71,10 @@ function JobsPage() {
               ),
               state: <Mark kind={jobWords(job.state)[0]}>{jobWords(job.state)[1]}</Mark>,
               progress: over(job) ? (
-                said(job.error ?? job.text)
+                saidOfEnd(job)
               ) : (
                 <>
-                  <Progress fraction={job.fraction} text={said(job.text)} />
+                  <Progress fraction={job.fraction} text={said(job.text, job.text_message)} />
                   <Remaining job={job} />
                 </>
               ),
@@ -119,6 +119,11 @@ function Remaining({ job }: { job: Job }) {
   return <p class="hint remaining">{remaining(job, useSecond())}</p>;
 }
 
+/** Why a job failed, or how it ended. */
+function saidOfEnd(job: Job): string {
+  return job.error === null ? said(job.text, job.text_message) : said(job.error, job.error_message);
+}
+
 export function over(job: Job): boolean {
   return job.state === "done" || job.state === "failed" || job.state === "cancelled";
 }
@@ -132,9 +137,9 @@ export function JobPanel({ job }: { job: Job }) {
   const took = seconds(job.started, job.ended);
   return (
     <Panel title={KINDS[job.kind] ?? job.kind} actions={<Mark kind={kind}>{words}</Mark>}>
-      {!over(job) && <Progress fraction={job.fraction} text={said(job.text)} />}
+      {!over(job) && <Progress fraction={job.fraction} text={said(job.text, job.text_message)} />}
       {!over(job) && <Remaining job={job} />}
-      {job.state === "failed" && <Notice kind="bad">{said(job.error ?? job.text)}</Notice>}
+      {job.state === "failed" && <Notice kind="bad">{saidOfEnd(job)}</Notice>}
       {job.state === "cancelled" && <Notice kind="info">{t("jobs.wasCancelledNothingWas")}</Notice>}
       <ol class="steps">
         {job.stages.map((stage, index) => {

@@ -15,6 +15,7 @@ import { RecordPanel } from "./record_panel";
 import { SILENT_S } from "./quality";
 import { useLive } from "./use_live";
 import { t } from "../../texts";
+import type { Message } from "../../texts/message";
 import { said } from "../../texts/report";
 
 /** They bring what draws: it takes its time on a slow tablet, and comes once the page around them is there. */
@@ -55,7 +56,9 @@ function LiveMachine({ machine }: { machine: string }) {
         <Mark kind={silent && kind === "good" ? "warning" : kind}>{words}</Mark>
         <LinkMark link={live.link} silence={live.silence} answered={session.online.value && detail.error === null} />
       </div>
-      {state !== "running" && typeof error === "string" && <Notice kind="bad">{said(error)}</Notice>}
+      {state !== "running" && typeof error === "string" && (
+        <Notice kind="bad">{said(error, detail.value?.acquisition.error_message as Message | null)}</Notice>
+      )}
       {detail.error !== null && detail.value === null && <Notice kind="bad">{detail.error}</Notice>}
       <div class="live-columns">
         <div class="first">

@@ -18,7 +18,7 @@ export function marksOf(machine: string, alarms: Alarm[], recordings: Recording[
       kind: "alarm",
       from: seconds(alarm.raised),
       to: alarm.cleared === null ? ON : seconds(alarm.cleared),
-      text: said(alarm.text),
+      text: said(alarm.text, alarm.text_message),
     }));
   for (const one of recordings)
     if (one.origin === "recorded")

@@ -51,7 +51,7 @@ function Followed({ of, caption }: { of: Monitored; caption: string }) {
   return (
     <>
       {of.state === "off" && (
-        <p class="hint">{of.reason ? said(of.reason) : t("live.needsActiveCalibrationMachine")}</p>
+        <p class="hint">{of.reason ? said(of.reason, of.reason_message) : t("live.needsActiveCalibrationMachine")}</p>
       )}
       {of.state === "learning" && (
         <p class="hint">{t("live.learnsOnlyWhileArm", { none: learnt === 0 ? t("live.hasNoDataYet") : "" })}</p>

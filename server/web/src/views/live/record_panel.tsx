@@ -99,7 +99,10 @@ export function RecordPanel({ machine, acquired }: { machine: string; acquired: 
         <p class="hint last">
           {t("live.last", {
             label: newest.label,
-            state: newest.state === "failed" ? t("live.failed", { error: said(newest.error ?? "") }) : t("live.stored"),
+            state:
+              newest.state === "failed"
+                ? t("live.failed", { error: said(newest.error ?? "", newest.error_message) })
+                : t("live.stored"),
           })}{" "}
           <a href="#/recordings">{t("live.allRecordings")}</a>
         </p>

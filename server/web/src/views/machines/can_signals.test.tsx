@@ -84,6 +84,7 @@ const list = (items: Signal[], found = items.length): List => ({
         { name: "gone.dbc", sha256: null, messages: 0, signals: 0, error: "bus 'plain': gone.dbc: no such file" },
       ],
       problems: ["tank: there is no signal 'Tonk'"],
+      messages: {},
       left_out: 0,
     },
   ],

@@ -47,7 +47,7 @@ export function CanSignals({ machine, bus, joints, onInsert }: CanSignalsProps) 
             .filter((line) => own.files.every((file) => file.error !== line))
             .map((line) => (
               <Notice key={line} kind="warning">
-                {said(line)}
+                {said(line, own.messages[line])}
               </Notice>
             ))}
         </>
@@ -114,7 +114,7 @@ function Signals({ bus, list, onChoose }: { bus: string; list: List; onChoose: (
           channels: one.channels.length === 0 ? DASH : one.channels.join(", "),
           use:
             one.source === null ? (
-              <span class="hint">{one.refusal}</span>
+              <span class="hint">{said(one.refusal ?? "", one.refusal_message)}</span>
             ) : (
               <Button label={t("canSignals.use", { signal: one.signal })} onClick={() => onChoose(one)}>
                 {t("canSignals.useShort")}
@@ -196,7 +196,7 @@ function Files({ machine, bus, files, onReplaced }: FilesProps) {
           key: file.name,
           name: file.name,
           content:
-            (file.error ? said(file.error) : null) ??
+            (file.error ? said(file.error, file.error_message) : null) ??
             t("canSignals.counts", { messages: count(file.messages), signals: count(file.signals) }),
           actions: (
             <>

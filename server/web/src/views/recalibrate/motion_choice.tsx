@@ -109,6 +109,6 @@ export function MotionChoice({ machine, role, guide, onMotion }: MotionProps) {
 
 function Designing({ job: id }: { job: string }) {
   const job = useResource<Job>(`/jobs/${id}`, "jobs");
-  const text = job.value === null ? t("recalibrate.designingAMotion") : said(job.value.text);
+  const text = job.value === null ? t("recalibrate.designingAMotion") : said(job.value.text, job.value.text_message);
   return <Progress fraction={job.value?.fraction ?? 0} text={text} />;
 }

@@ -21,6 +21,7 @@ const recording = (statistics: Record<string, unknown>, given: Partial<Recording
   sha256: null,
   statistics,
   error: null,
+  error_message: null,
   ...given,
 });
 

@@ -3,6 +3,7 @@ import type { components } from "../../net/api.gen";
 import type { NoticeKind } from "../../ui/controls";
 import { count } from "../../ui/format";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Recording = components["schemas"]["RecordingResource"];
 
@@ -28,7 +29,10 @@ export function seconds(recording: Recording): number | null {
 /** Whether it is good to identify from, and what is wrong with it. */
 export function quality(recording: Recording): Quality {
   if (recording.state === "recording") return { kind: "info", text: t("recordings.beingRecorded") };
-  if (recording.state === "failed") return { kind: "bad", text: recording.error ?? t("common.failed") };
+  if (recording.state === "failed") {
+    const { error, error_message } = recording;
+    return { kind: "bad", text: error === null ? t("common.failed") : said(error, error_message) };
+  }
   const { statistics } = recording;
   const faults: string[] = [];
   const missing = known(statistics.missing_rows) ?? 0;

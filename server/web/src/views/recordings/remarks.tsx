@@ -7,6 +7,7 @@ import { duration, fixed, number } from "../../ui/format";
 import { Table } from "../../ui/layout";
 import { Plot } from "../../ui/plot";
 import { t } from "../../texts";
+import type { Message } from "../../texts/message";
 import { said } from "../../texts/report";
 
 type Remarks = components["schemas"]["RecordingRemarks"];
@@ -26,7 +27,8 @@ export function Findings({ remarks }: { remarks: Remarks }) {
       {remarks.findings.map((finding, index) => (
         <li key={index}>
           <Notice kind={finding.severity === "note" ? "info" : "warning"}>
-            {said(text(finding.text))} <strong>{said(text(finding.cure))}</strong>
+            {said(text(finding.text), finding.text_message as Message | null)}{" "}
+            <strong>{said(text(finding.cure), finding.cure_message as Message | null)}</strong>
           </Notice>
         </li>
       ))}
@@ -50,7 +52,7 @@ export function Events({ remarks }: { remarks: Remarks }) {
         key: String(index),
         time: event.time === null ? "–" : `${fixed(event.time, 1)} s`,
         device: event.device,
-        text: event.text,
+        text: said(event.text, event.text_message),
         seconds: event.seconds === null ? t("recordings.untilItsEnd") : duration(event.seconds),
         count: String(event.count),
       }))}

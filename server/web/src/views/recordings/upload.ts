@@ -2,6 +2,7 @@
 import { API, type Outcome, query } from "../../net/client";
 import type { components } from "../../net/api.gen";
 import { t } from "../../texts";
+import type { Message } from "../../texts/message";
 import { said } from "../../texts/report";
 
 type Recording = components["schemas"]["RecordingResource"];
@@ -63,11 +64,11 @@ function answered(status: number, text: string): Outcome<Recording> {
   }
   if (status >= 200 && status < 300 && content !== null)
     return { kind: "done", value: content as Recording, etag: null, location: null };
-  const detail = (content as { detail?: unknown } | null)?.detail;
+  const { detail, message } = (content ?? {}) as { detail?: unknown; message?: Message };
   return {
     kind: "refused",
     status,
-    text: typeof detail === "string" ? said(detail) : t("common.theServiceAnswered", { status }),
+    text: typeof detail === "string" ? said(detail, message) : t("common.theServiceAnswered", { status }),
     problem: null,
   };
 }

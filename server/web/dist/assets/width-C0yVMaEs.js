@@ -1,1 +1,0 @@
-import{G as e,U as t,q as n}from"./controls-CUefcP-9.js";function r(r){let i=e(null),[a,o]=n(r);return t(()=>{let e=i.current;if(e===null)return;let t=()=>{e.clientWidth>0&&o(e.clientWidth)};t();let n=new ResizeObserver(t);return n.observe(e),()=>n.disconnect()},[]),[i,a]}export{r as t};

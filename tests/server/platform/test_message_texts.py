@@ -1,0 +1,137 @@
+"""Texts of messages: each code that sources name has one in both languages, with the values that they give."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from daq.messages import LANGUAGES, message_from_json, texts
+from fitting.effects import effects
+from fitting.pipeline.stage_names import VALVE_WORDS, WORDS
+from fitting.report.joint_words import _AS_WRITTEN, MOTOR, JointWords
+from fitting.valve.effects import EFFECTS
+from fitting.valve.laws import LAWS
+from server.monitor.monitor_supervisor import WORDS as DRIFTS
+from server.recalibrations.recalibration_job import WORDS as RECALIBRATION
+from tests.server.platform.message_cases import PACKAGES, ROOT, codes, placeholders, sample
+
+
+@cache
+def sources() -> tuple[tuple[str, ast.Module], ...]:
+    """All modules of the product."""
+    files = (file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")))
+    return tuple(
+        (str(file.relative_to(ROOT)), ast.parse(file.read_text("utf-8")))
+        for file in files
+        if "node_modules" not in file.parts
+    )
+
+
+def named() -> Iterator[tuple[str, int, str, frozenset[str] | None]]:
+    """Yield file, line, code and the names of values of each constant that is a code; None where others give values."""
+    known = set(codes())
+    for file, tree in sources():
+        calls = {
+            id(node.args[0]): frozenset(own.arg or "**" for own in node.keywords)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call) and node.args
+        }
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in known:
+                yield file, node.lineno, node.value, calls.get(id(node))
+
+
+def put_together() -> re.Pattern[str]:
+    """Codes that sources put together: ``fitting.check_{key}``; of one that is nothing but a value, see ``VALUES``."""
+    forms = (
+        "".join(re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".+" for part in node.values)
+        for _, tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+    )
+    named_by = (form for form in forms if re.match(rf"({'|'.join(PACKAGES)})\\\.\w", form) and " " not in form)
+    return re.compile("|".join(sorted(set(named_by))))
+
+
+#: Codes that are a value of the program: how a parameter is told (`fitting.regression.identifiability`).
+VALUES = {"fitting.assumed", "fitting.not_told", "fitting.poorly_told"}
+
+
+@pytest.mark.slow
+def test_sources_give_the_values_that_a_text_names() -> None:
+    off = [
+        f"{file}:{line}: {code} gets {sorted(given)}"
+        for file, line, code, given in named()
+        if given and "**" not in given and given != placeholders(english(code)).keys()
+    ]
+    assert off == []
+
+
+def test_sources_name_no_message_that_there_is_not() -> None:
+    known, found = set(codes()), set()
+    for file, tree in sources():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant):
+                name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+                text = node.args[0].value
+                if (name == "Sentence" or (name.endswith("Error") and node.keywords)) and text not in known:
+                    found.add(f"{file}:{node.lineno}: {text}")
+    assert sorted(found) == []
+
+
+@pytest.mark.slow
+def test_no_message_is_left_over() -> None:
+    used, made = {code for _, _, code, _ in named()} | VALUES, put_together()
+    assert sorted(code for code in codes() if code not in used and not made.fullmatch(code)) == []
+
+
+def english(code: str) -> str:
+    """The English text."""
+    package, _, key = code.partition(".")
+    return texts(package, "en")["messages"][key]
+
+
+def numbers(text: str) -> dict[str, str]:
+    """Name the values of a text, with the formats of numbers; what joins a list is the language's own."""
+    return {name: spec if spec[-1:] in "gf%," else "" for name, spec in placeholders(text).items()}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_languages_have_the_same_keys_and_values(package: str) -> None:
+    for language in LANGUAGES:
+        own = texts(package, language)["messages"]
+        assert list(own) == sorted(texts(package, "en")["messages"])
+        off = [key for key, text in own.items() if numbers(text) != numbers(english(f"{package}.{key}"))]
+        assert off == []
+
+
+def test_every_message_is_worded_and_read_again() -> None:
+    for number, code in enumerate(codes()):
+        message = sample(code, number)
+        again = message_from_json(json.loads(json.dumps(message.to_json())))
+        assert (again, again.worded("de")) == (message, message.worded("de"))
+
+
+def test_files_are_written_as_a_program_would(tmp_path: Path) -> None:
+    for package in PACKAGES:
+        for language in LANGUAGES:
+            text = (ROOT / package / "texts" / f"{language}.json").read_text("utf-8")
+            assert text == json.dumps(json.loads(text), ensure_ascii=False, indent=1) + "\n"
+
+
+def test_fixed_texts_that_are_shown_have_a_german_word() -> None:
+    stages = [*WORDS.values(), *VALVE_WORDS.values(), *RECALIBRATION.values()]
+    said = [*stages, *(text[:1].upper() + text[1:] for text in stages), *DRIFTS.values()]
+    said += [own for one in EFFECTS.values() for own in (one.title, one.look_at, one.experiment)]
+    said += [law.title for law in LAWS.values()]
+    for words in (_AS_WRITTEN, JointWords(**MOTOR, units={})):
+        said += [words.text(own) for one in effects() for own in (one.title, one.look_at, one.experiment) if own]
+    known = {text for package in PACKAGES for text in texts(package, "de")["words"]}
+    assert len(said) > 120
+    assert sorted(set(said) - known) == []
