@@ -34,6 +34,8 @@ _NETWORK = re.compile(r"(https?|no|all)_proxy|SSL_CERT_(FILE|DIR)|REQUESTS_CA_BU
 #: What a process mounts, and its children, are in namespaces of their own and go with it: no folder that is removed
 #: afterwards has anything of this computer mounted in it, whatever was interrupted.
 _APART = ("unshare", "--mount", "--pid", "--fork", "--kill-child")
+#: What pytest writes above what failed.
+_HEADINGS = ("FAILURES", "ERRORS")
 #: Mounts: $1 is the machine, $2 who runs, then places, "--" and a command.
 _ENTER = """
 machine=$1 who=$2; shift 2
@@ -200,7 +202,8 @@ def _tried(machine: Path, who: str, target: str, settings: Told) -> bool:
     lines = output.rstrip().splitlines() or ["nothing was printed"]
     took = f"{time.monotonic() - started:.0f} s"
     if status:
-        print("\n".join(lines[-60:]))
+        told = (number for number, line in enumerate(lines) if line.startswith("=") and line.strip("= ") in _HEADINGS)
+        print("\n".join(lines[min(next(told, len(lines)), len(lines) - 60) if len(lines) > 60 else 0 :]))
         print(f"{machine.name}, {lines[0]}, {who}: make {target} FAILED ({status}) after {took}", flush=True)
         return True
     print(f"{machine.name}, {lines[0]}, {who}: make {target} passed in {took}: {lines[-1]}", flush=True)
