@@ -26,7 +26,7 @@ from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
 from fitting.selection.decision import by_formula, decided
 from fitting.selection.draws import Draws
-from fitting.selection.evidence import named_evidence
+from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.gains import BEYOND_BIAS, margin
 from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rated import Rated, family
@@ -289,6 +289,7 @@ class Search:
 
         Here gains are divided by how much noisier the rows that show them are in what the model leaves.
         """
+        self._without_needless_lines()
         self.settled = True
         self.slots = []
         for number in range(self.known, len(self.accepted)):
@@ -316,6 +317,22 @@ class Search:
                 self._note(item.score, "rejected", Sentence("fitting.improbable_beside_all_others"))
                 self.dropped.append(self.slots.pop(number))
                 self.model = self.signals.refit([a.score.term for a in self.accepted])
+
+    def _without_needless_lines(self) -> None:
+        """Drop spectral lines that an effect found later explains: what is left of them is worth nothing.
+
+        Friction along a periodic motion has such a line; without this it would be a pump's ripple beside its name.
+        """
+        if len(self.accepted) == self.known:
+            return
+        for number in reversed(range(self.known)):
+            if self.model.wald(number) >= least_gain(2):
+                continue
+            place = self.accepted.pop(number).score.term.family
+            self.known -= 1
+            known = self.table[place]
+            self.table[place] = replace(known, status="rejected", reason=Sentence("fitting.not_needed_beside_found"))
+            self.model = self.signals.refit([item.score.term for item in self.accepted])
 
     def _slot(self, number: int, final: bool = False) -> Slot:
         """Rate what could be in one term's place; unless final, the term is dropped or replaced if it is beaten."""
