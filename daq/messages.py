@@ -170,11 +170,9 @@ def with_messages(content: Any, messages: Mapping[str, Any]) -> Any:
     A value that is the sentence of another message is that message.
     """
     if isinstance(content, Sentence):
-        return Sentence(
-            content.code, **{name: with_messages(value, messages) for name, value in content.values.items()}
-        )
+        return content.mapped(lambda value: with_messages(value, messages))
     if isinstance(content, Mapping):
-        return {key: with_messages(value, messages) for key, value in content.items()}
+        return {_known(key, messages): with_messages(value, messages) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
         return [with_messages(value, messages) for value in content]
     return _known(content, messages) if isinstance(content, str) else content
@@ -204,11 +202,8 @@ def _collect(content: Any, found: dict[str, Any]) -> None:
     if isinstance(content, Sentence):
         others = {code: content.worded(code) for code in LANGUAGES if code != ENGLISH} if _of_others(content) else None
         found[str.__str__(content)] = content.to_json() | ({"worded": others} if others else {})
-    elif isinstance(content, Mapping):
-        for value in content.values():
-            _collect(value, found)
-    elif isinstance(content, (list, tuple)):
-        for value in content:
+    elif isinstance(content, (Mapping, list, tuple)):
+        for value in (*content, *content.values()) if isinstance(content, Mapping) else content:
             _collect(value, found)
     elif is_dataclass(content):
         for own in fields(content):

@@ -153,9 +153,7 @@ class _Speaker:
             return [self.converted(entry, about) for entry in content]
         if isinstance(content, Sentence):
             own = self.words.get(content.partition(":")[0], about)
-            return Sentence(
-                content.code, **{name: self.converted(value, own) for name, value in content.values.items()}
-            )
+            return content.mapped(lambda value: self.converted(value, own))
         return self._text(content, about) if isinstance(content, str) else content
 
     def _text(self, text: str, about: JointWords | None) -> str:

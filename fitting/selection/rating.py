@@ -60,11 +60,7 @@ class Rating:
         self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(candidates, sizes, self._trust)
 
-    def rated(
-        self,
-        scores: Mapping[int, Score],
-        surfaces: Sequence[Score] = (),
-    ) -> list[Rated]:
+    def rated(self, scores: Mapping[int, Score], surfaces: Sequence[Score] = ()) -> list[Rated]:
         """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
         ``surfaces``, which are no candidates.
         """

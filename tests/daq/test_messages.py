@@ -76,6 +76,12 @@ CONTENT = st.recursive(
 )
 
 
+def test_a_key_may_be_a_message() -> None:
+    content = {Sentence("fitting.other_joint", joint="joint3"): {"value": 2.0}}
+    back = with_messages(json.loads(json.dumps(content)), messages_in(content))
+    assert [key.worded("de") for key in back] == ["anderes Gelenk: joint3"]
+
+
 @given(CONTENT)
 def test_messages_come_back_into_stored_content(content: object) -> None:
     stored, messages = json.loads(json.dumps([content, messages_in(content)]))

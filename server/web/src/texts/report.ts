@@ -37,5 +37,6 @@ export function inLanguage<T>(content: T, messages: Record<string, Message> = {}
   if (typeof content === "string") return (content in messages ? said(content, messages[content]) : content) as T;
   if (Array.isArray(content)) return content.map((one: unknown) => inLanguage(one, messages)) as T;
   if (typeof content !== "object" || content === null) return content;
-  return Object.fromEntries(Object.entries(content).map(([key, one]) => [key, inLanguage(one, messages)])) as T;
+  const worded = ([key, one]: [string, unknown]) => [inLanguage(key, messages), inLanguage(one, messages)];
+  return Object.fromEntries(Object.entries(content).map(worded)) as T;
 }

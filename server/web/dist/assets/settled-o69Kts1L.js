@@ -1,1 +1,0 @@
-import{W as e,Y as t}from"./controls-BSZ6GALS.js";function n(n,r=400){let[i,a]=t(n);return e(()=>{let e=setTimeout(()=>a(n),r);return()=>clearTimeout(e)},[n,r]),i}export{n as t};

@@ -1,1 +1,0 @@
-import{G as e,Y as t,q as n}from"./controls-BSZ6GALS.js";function r(r){let i=n(null),[a,o]=t(r);return e(()=>{let e=i.current;if(e===null)return;let t=()=>{e.clientWidth>0&&o(e.clientWidth)};t();let n=new ResizeObserver(t);return n.observe(e),()=>n.disconnect()},[]),[i,a]}export{r as t};
