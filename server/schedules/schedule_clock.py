@@ -38,7 +38,7 @@ class ScheduleClock:
     ----------
     enqueue : queues a stored job
     ready : raises HilfitError where a machine cannot be recalibrated now; the slot is missed then
-    now : UTC
+    now : UTC; a schedule's first slot is after it, and every slot is due by it
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class ScheduleClock:
         self._schedules = Schedules(database)
         self._enqueue = enqueue
         self._ready = ready
-        self._now = now
+        self.now = now
         self.rounds = Rounds("schedules", LOOK_S, self.look, at_once=True)
 
     def look(self) -> tuple[str, ...]:
@@ -61,7 +61,7 @@ class ScheduleClock:
         return tuple(job for job in ordered if job is not None)
 
     def _turn(self, schedule: Schedule) -> str | None:
-        considered, now = datetime.fromisoformat(schedule.considered), self._now()
+        considered, now = datetime.fromisoformat(schedule.considered), self.now()
         if considered > now + HORIZON:  # else it would wait for the time that the clock once showed
             self._schedules.go_back(schedule, as_stored(now))
             _log.warning("schedule_set_back", schedule=schedule.id, considered=schedule.considered)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from datetime import datetime
 from functools import partial
 from itertools import islice
 from typing import Annotated, Literal
@@ -36,7 +35,7 @@ from server.platform.service import Service
 from server.recalibrations.recalibration_store import Plan
 from server.schedules import schedule_slots as slots
 from server.schedules.recalibration_orders import RecalibrationOrders
-from server.schedules.schedule_clock import next_slot
+from server.schedules.schedule_clock import ScheduleClock, next_slot
 from server.schedules.schedule_store import Schedule, Schedules, SlotResource
 
 
@@ -142,7 +141,7 @@ def upcoming(
     timezone: Annotated[str, Query(max_length=64)] = "UTC",
 ) -> UpcomingSlots:
     """Return when a schedule with this expression would run next; refused as a schedule with it would be."""
-    now = datetime.fromisoformat(service.now())
+    now = service[ScheduleClock].now()
     slots.check(cron, timezone, now)
     return UpcomingSlots(slots=[as_stored(slot) for slot in islice(slots.upcoming(cron, timezone, now), UPCOMING)])
 
@@ -183,8 +182,8 @@ def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
 
 def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:
     service[Machines].get(wish.machine)
-    now = service.now()
-    slots.check(wish.cron, wish.timezone, datetime.fromisoformat(now))
+    now = service[ScheduleClock].now()
+    slots.check(wish.cron, wish.timezone, now)
     for excitation in wish.excitations:
         machine = service[Excitations].get(excitation).machine
         if machine != wish.machine:
@@ -200,7 +199,7 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Sch
         label=wish.label or f"Recalibration of {wish.machine}",
         **wish.model_dump(include={"machine", "cron", "timezone", "enabled"}),
         plan=wish.plan(),
-        considered=now,
+        considered=as_stored(now),
         created=created,
     )
 

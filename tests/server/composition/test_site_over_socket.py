@@ -93,11 +93,6 @@ class SiteOfTest:
         set_clock(self.place, hours)
 
 
-def hourly() -> str:
-    """A schedule of every hour whose turns come by the clock that is set, not while the test looks on."""
-    return f"{(int(time.time()) // 60 + 30) % 60} * * * *"
-
-
 def set_clock(place: Path, hours: float) -> None:
     (place / "hours.new").write_text(str(hours))
     (place / "hours.new").replace(place / "hours")
@@ -291,7 +286,7 @@ def schedule_fires_twice(place: SiteOfTest, excitations: list[str], active: str)
     wish = {
         "machine": MACHINE,
         "label": "every hour",
-        "cron": hourly(),
+        "cron": "0 * * * *",
         "timezone": "Europe/Vienna",
         "motion": "standard",
         "excitations": excitations,
@@ -341,7 +336,7 @@ def a_days_work_is_compared(place: SiteOfTest, work: list[str], active: str) -> 
     wish = {
         "machine": MACHINE,
         "label": "by day",
-        "cron": hourly(),
+        "cron": "30 * * * *",
         "motion": "operation",
         "duration_s": 30.0,
         "options": OPTIONS,

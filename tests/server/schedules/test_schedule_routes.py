@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from service_fakes import API, MACHINE, Running
 from server.alarms.alarm_desk import Alarms
 from server.machines.machine_desk import MachineDesk
 from server.platform.http.replays import LIFETIME_S, MOST, Replays
+from server.schedules.schedule_clock import ScheduleClock
 
 WISH = {"machine": "lever", "cron": "30 2 * * 1", "timezone": "Europe/Vienna"}
 
@@ -78,6 +80,18 @@ def test_a_change_from_an_old_reading_is_refused(running: Running) -> None:
     assert running.client.get(place).json()["label"] == "second"
     assert running.client.delete(place, headers={"If-Match": second}).status_code == 204
     refusal(running.client.get(place), 404)
+
+
+def test_a_schedule_begins_by_the_clock_by_which_its_slots_come(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running.service[ScheduleClock], "now", lambda: datetime(2031, 3, 4, 0, 59, tzinfo=UTC))
+    hourly = {"cron": "0 * * * *", "timezone": "UTC"}
+    place, tag = made(running, **hourly)
+    for answer in (running.client.get(place), running.client.put(place, json=WISH | hourly, headers={"If-Match": tag})):
+        assert answer.json()["next"] == "2031-03-04T01:00:00.000Z"
+    assert running.client.get(f"{API}/schedules/upcoming", params=hourly).json()["slots"][0] == answer.json()["next"]
+    running.client.delete(place)
 
 
 def test_a_key_makes_one_schedule_and_is_not_taken_for_another(running: Running) -> None:
