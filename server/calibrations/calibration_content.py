@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from server.identifications.report_verdict import verdict_of
+from server.identifications.identification_results import verdict_of
 from server.platform.http.bodies import Shown
 
 #: Of what is kept of a report; the model itself (``hilfit/model/1``) is a file of the identification.

@@ -81,7 +81,7 @@ def _simulated(settings: Settings, stack: ExitStack) -> dict[Key, Any]:
     from server.machines.simulation import Simulation
 
     simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
-    from server.machines.faults.fault_routes import BREAKABLE
+    from server.machines.fault_routes import BREAKABLE
     from server.machines.machine_resource import SIMULATE
 
     return {SIMULATE: simulation.machine, BREAKABLE: simulation}

@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
 
+from server.identifications.identification_results import verdict_of
 from server.identifications.identification_store import Fit, Fits, Identifications
-from server.identifications.report_verdict import verdict_of
 from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
 from server.jobs.job_store import Job, Result, found_by

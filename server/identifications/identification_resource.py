@@ -4,23 +4,121 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Annotated
 
+from fastapi import APIRouter, Header, Query, Response
+from fastapi.responses import FileResponse
+
+from daq.messages import Sentence
+from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_job import IdentificationKind
-from server.identifications.identification_order import IdentificationOrders
+from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
-from server.identifications.identification_routes import router
-from server.identifications.identification_store import (
-    Identifications,
-    identification_recordings,
-    identifications,
+from server.identifications.identification_schemas import (
+    IdentificationList,
+    IdentificationOrder,
+    IdentificationResource,
 )
+from server.identifications.identification_store import Identifications, identification_recordings, identifications
 from server.identifications.stage_request import StageProgram, fitting_program
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
+from server.platform.authorization.guard import require
+from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
+from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
+from server.platform.http.route_parameters import MachineQuery, PageDep, ServiceDep, problems
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
+
+router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
+#: The report is a page of ours, but it shows names from machine files: it may load nothing from elsewhere, and has an
+#: origin of its own, so it can ask nothing of the service. Its own policy, the first thing in it, names the digest of
+#: the one script that may run. It is one file that is read without the service too, so its style sheet stands in it;
+#: without requests an inline style can do no more than look wrong.
+REPORT_POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:; font-src data:; "
+    "sandbox allow-scripts"
+)
+
+
+@router.post("", status_code=202, responses=problems(404, 409, 422), dependencies=[require("engineer")])
+async def order(
+    body: IdentificationOrder,
+    response: Response,
+    service: ServiceDep,
+    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+) -> IdentificationResource:
+    """Order an identification: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
+    wish = Wish(
+        machine=body.machine,
+        recordings=tuple((choice.id, choice.role) for choice in body.recordings),
+        options=body.options.model_dump(),
+        label=body.label,
+    )
+    # Shared storage may have to be filled first, and may be far away.
+    identification = await service.heavy.aside(service[IdentificationOrders].order, wish, idempotency_key)
+    response.headers["Location"] = f"/api/v1/jobs/{identification.job}"
+    return IdentificationResource.of(identification)
+
+
+@router.get("", responses=problems(422), dependencies=[require("read")])
+def list_identifications(service: ServiceDep, page: PageDep, machine: MachineQuery = None) -> IdentificationList:
+    """List identifications, newest first."""
+    return IdentificationList.of(service[Identifications].list(**page, machine=machine))
+
+
+@router.get("/{id}", responses=problems(404, 422), dependencies=[require("read")])
+def get(id: str, service: ServiceDep) -> IdentificationResource:
+    """Read an identification."""
+    return IdentificationResource.of(service[Identifications].get(id))
+
+
+@router.get(
+    "/{id}/report.json",
+    response_class=FileResponse,
+    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def report(id: str, service: ServiceDep) -> FileResponse:
+    """Download the result (schema ``hilfit/report/1``)."""
+    return FileResponse(service[IdentificationResults].written(id, "report.json"), media_type="application/json")
+
+
+@router.get(
+    "/{id}/report.html",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def report_page(
+    id: str,
+    service: ServiceDep,
+    language: Annotated[ReportLanguage, Query(description="Of the page; one of an earlier version is English.")] = "en",
+) -> FileResponse:
+    """Download the result as a self-contained page."""
+    english = service[IdentificationResults].written(id, "report.html")
+    other = english.with_name(f"report.{language}.html")
+    path, spoken = (other, language) if language != "en" and other.is_file() else (english, "en")
+    response = FileResponse(path, media_type="text/html", headers={"Content-Language": spoken})
+    response.headers["Content-Security-Policy"] = REPORT_POLICY
+    return response
+
+
+@router.get(
+    "/{id}/next-experiment.csv",
+    response_class=FileResponse,
+    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
+    dependencies=[require("read")],
+)
+def next_experiment(id: str, service: ServiceDep) -> FileResponse:
+    """Download the motion that separates what these recordings do not (a motion file); 404 if none was designed."""
+    path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
+    if not path.is_file():
+        raise NotFoundError(Sentence("server.identification_designed_no_next", id=id))
+    return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
+
 
 #: The stages of an identification, and the command that runs one; called when the first job needs it.
 STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")

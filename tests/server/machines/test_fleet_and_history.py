@@ -15,8 +15,8 @@ from service_fakes import API
 from server.alarms.alarm_desk import Alarms, alarms
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
-from server.fleet.fleet_view import worst_joint
-from server.history.machine_history import MachineHistory
+from server.fleet.fleet_resource import worst_joint
+from server.history.history_resource import MachineHistory
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs, found_by
 from server.monitor.monitor_supervisor import Monitors

@@ -65,6 +65,6 @@ def test_two_services_share_nothing(running: Running) -> None:
 
 @pytest.mark.slow
 def test_lateness_becomes_cumulative_buckets_in_seconds() -> None:
-    from server.machines.acquisition_metrics import _buckets
+    from server.machines.machine_resource import _buckets
 
     assert _buckets({"0.1": 2, "0.5": 1, "inf": 4}) == [("0.0001", 2), ("0.0005", 3), ("+Inf", 7)]
