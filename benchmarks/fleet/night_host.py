@@ -25,8 +25,8 @@ from daq.acquisition.ring import ring_buffer
 from daq.frames.frame import row_dtype
 from server.composition.serve import serve
 from server.composition.worker import work
+from server.identifications.identification_job import StageProgram
 from server.identifications.identification_resource import STAGE_PROGRAM
-from server.identifications.stage_request import StageProgram
 from server.machines.machine_resource import LAUNCH
 from server.platform.parts import Key
 from server.platform.processes.leaving import leave

@@ -19,8 +19,7 @@ from server.platform.authorization.guard import is_about_every_machine, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.http import problems
 from server.platform.http.base_path import BasePath
-from server.platform.http.conditional import Conditional
-from server.platform.http.kept_answers import KeptAnswers
+from server.platform.http.kept_answers import Conditional, KeptAnswers
 from server.platform.http.metrics import MEDIA_TYPE, Metrics, RequestTimes
 from server.platform.http.pages import CLOSED, Pages, page_files
 from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHeaders

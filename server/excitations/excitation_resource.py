@@ -11,9 +11,8 @@ from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
 from daq.messages import Sentence
-from server.excitations.excitation_job import PROGRAM, ExcitationKind
+from server.excitations.excitation_job import PROGRAM, ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitation, Excitations
-from server.excitations.motion_delivery import MotionDelivery
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.machines.machine_desk import MachineDesk

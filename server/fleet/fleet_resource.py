@@ -13,7 +13,7 @@ from server.calibrations.calibration_desk import Calibrations
 from server.calibrations.calibration_store import Calibration
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
-from server.monitor.monitor_schemas import MonitoredJoint
+from server.monitor.monitor_resource import MonitoredJoint
 from server.monitor.monitor_supervisor import Monitors
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute

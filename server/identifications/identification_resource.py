@@ -4,33 +4,89 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Header, Query, Response
 from fastapi.responses import FileResponse
+from pydantic import Field, JsonValue
 
 from daq.messages import Sentence
 from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
-from server.identifications.identification_job import IdentificationKind
+from server.identifications.identification_job import IdentificationKind, StageProgram, fitting_program
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
-from server.identifications.identification_schemas import (
-    IdentificationList,
-    IdentificationOrder,
-    IdentificationResource,
+from server.identifications.identification_store import (
+    Identification,
+    Identifications,
+    RecordingChoice,
+    identification_recordings,
+    identifications,
 )
-from server.identifications.identification_store import Identifications, identification_recordings, identifications
-from server.identifications.stage_request import StageProgram, fitting_program
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.platform.authorization.guard import require
+from server.platform.authorization.named_things import MachineName
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
+from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import MachineQuery, PageDep, ServiceDep, problems
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
+
+#: What a fit is ordered of.
+RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
+#: An order of one, as the OpenAPI description shows it.
+ORDER_EXAMPLE: dict[str, JsonValue] = {
+    "examples": [
+        {
+            "machine": "folding-arm",
+            "recordings": [
+                {"id": "rec-0123456789abcdef", "role": "train"},
+                {"id": "rec-fedcba9876543210", "role": "validate"},
+            ],
+        }
+    ]
+}
+
+
+class IdentificationOptions(Body):
+    """Choices of an identification (:class:`fitting.loop.session.Options`).
+
+    ``loop``: look for what the model lacks. ``bandwidth_hz``: identification bandwidth, None: from the motion.
+    ``bootstrap``: most replicas that a null distribution is drawn from. ``forgetting``: factor of stage 1's recursion,
+    1 forgets nothing. ``estimator``, ``covariance``: of stage 2. ``prior`` and ``columns`` name files: only the command
+    line has them. ``resample``: stored recordings have the machine's rate already, so it changes nothing.
+    """
+
+    loop: Flag = True
+    bandwidth_hz: Annotated[float, Field(gt=0)] | None = None
+    bootstrap: Annotated[int, Field(ge=0, le=1000)] = 18
+    forgetting: Annotated[float, Field(gt=0, le=1)] = 1.0
+    estimator: Annotated[str, Field(max_length=64)] = "gls"
+    covariance: Literal["hac", "bootstrap", "white"] = "hac"
+    prior: None = None
+    columns: None = None
+    resample: bool = False
+
+
+class IdentificationOrder(Body, json_schema_extra=ORDER_EXAMPLE):
+    """What to identify."""
+
+    machine: MachineName
+    recordings: RecordingChoices
+    options: IdentificationOptions = IdentificationOptions()
+    label: Label = ""
+
+
+class IdentificationResource(Identification):
+    """An identification; ``verdict`` and ``overall`` are there once its job is done."""
+
+
+class IdentificationList(Listed[IdentificationResource]):
+    """A page of identifications."""
+
 
 router = APIRouter(prefix="/identifications", tags=["identifications"], route_class=TypedRoute)
 #: The report is a page of ours, but it shows names from machine files: it may load nothing from elsewhere, and has an

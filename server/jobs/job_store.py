@@ -15,9 +15,8 @@ import sqlalchemy as sa
 from daq.messages import Sentence
 from server.jobs.claims import Claim
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
-from server.platform.database.outbox import put_out
 from server.platform.database.repository import Repository, Value
-from server.platform.database.schema import metadata, store_identity
+from server.platform.database.schema import metadata, put_out, store_identity
 from server.platform.database.stored import BESIDE, HIDDEN, Id, Kept, Stored
 from server.platform.http.bodies import Message
 

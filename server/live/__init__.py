@@ -4,5 +4,5 @@
 - :mod:`server.live.live_client`: one client's outgoing queue; a client that does not keep up is dropped
 - :mod:`server.live.live_reader`: one thread per machine that somebody looks at, from its ring buffer to all clients
 - :mod:`server.live.revisions`: revision counters, read once for all who follow ``/events``
-- :mod:`server.live.overview`: the service at a glance, for ``/status``
+- :mod:`server.live.live_resource`: routes; the service at a glance, for ``/status``
 """

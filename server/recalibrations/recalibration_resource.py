@@ -9,8 +9,7 @@ from fastapi import APIRouter
 
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
-from server.excitations.excitation_job import ExcitationKind
-from server.excitations.motion_delivery import MotionDelivery
+from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.identifications.identification_order import IdentificationOrders
 from server.jobs.job_store import Jobs
 from server.machines.acquisition import Acquisition

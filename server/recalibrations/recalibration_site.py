@@ -5,9 +5,8 @@ from __future__ import annotations
 from daq import load_machine
 from daq.errors import HilfitError
 from daq.messages import Sentence
-from server.excitations.excitation_job import ExcitationKind
+from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitations
-from server.excitations.motion_delivery import MotionDelivery
 from server.jobs.job_kinds import JobError
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines

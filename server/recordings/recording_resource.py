@@ -12,6 +12,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 from prometheus_client.core import GaugeMetricFamily, Metric
+from pydantic import BaseModel, Field
 from starlette.background import BackgroundTask
 
 from daq.acquisition import recorder as ring_recorder
@@ -20,20 +21,62 @@ from daq.errors import AcquisitionError
 from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import BEING_RECORDED
 from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.named_things import MachineName
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.disk import Free, free_bytes
 from server.platform.files import DataDirectory, receive
-from server.platform.http.bodies import PLAIN
+from server.platform.http.bodies import PLAIN, Body, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, OneMachine, PageDep, ServiceDep, problems
 from server.platform.parts import PartName, Parts
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
 from server.recordings.formats.exports import FORMATS, Exports, Format
-from server.recordings.recording_schemas import RecordingList, RecordingResource, RecordingStart, RecordingStatistics
 from server.recordings.recording_sessions import Recorder, RecordOrder, Sessions
-from server.recordings.recording_store import RecordingRole, Recordings, State, recordings
+from server.recordings.recording_store import RecordingRole, RecordingRow, Recordings, State, recordings
 from server.recordings.recording_uploads import RecordingUploads
+
+
+class RecordingStart(
+    Body,
+    json_schema_extra={"examples": [{"machine": "folding-arm", "role": "train", "label": "morning", "seconds": 60}]},
+):
+    """Start recording a machine that is being acquired; without ``seconds`` until it is stopped."""
+
+    machine: MachineName
+    role: RecordingRole
+    label: Label = ""
+    seconds: Annotated[float, Field(gt=0, le=86400)] | None = None
+
+
+class RecordingResource(RecordingRow):
+    """A recording; ``statistics`` count rows, gaps and what the acquisition lost while it ran."""
+
+
+class RecordingList(Listed[RecordingResource]):
+    """A page of recordings."""
+
+
+class ChannelStatistics(BaseModel):
+    """One channel in the unit of the file; null where no value is finite."""
+
+    minimum: float | None
+    maximum: float | None
+    mean: float | None
+    std: float | None
+    missing: int
+    quality: dict[str, int]
+
+
+class RecordingStatistics(BaseModel):
+    """A recording's rows, its time in s, its gaps (steps of more than one and a half periods), and its channels."""
+
+    rows: int
+    seconds: float
+    rate_hz: float
+    gaps: int
+    channels: dict[str, ChannelStatistics]
+
 
 #: Seconds between two looks at whether a recording should stop.
 LOOK_S = 0.2

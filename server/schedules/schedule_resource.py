@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 
 from daq.messages import Sentence
 from server.excitations.excitation_store import Excitations
-from server.identifications.identification_schemas import IdentificationOptions
+from server.identifications.identification_resource import IdentificationOptions
 from server.jobs.job_resource import JobResource
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs

@@ -23,7 +23,7 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.parts import Parts
 from server.platform.resource import Phase, Resource, Running
 from server.recordings.formats.exports import Exports
-from server.recordings.recording_schemas import RecordingResource
+from server.recordings.recording_resource import RecordingResource
 from server.recordings.recording_store import Recordings
 from server.recordings.recording_uploads import RecordingUploads
 from server.traces.extremes import Extremes, runs

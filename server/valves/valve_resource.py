@@ -14,9 +14,9 @@ from pydantic import Field
 
 from daq.messages import Sentence
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, VALVE_STAGE
+from server.identifications.identification_job import StageProgram, fitting_program
 from server.identifications.identification_order import Wish
-from server.identifications.identification_schemas import ORDER_EXAMPLE, RecordingChoices
-from server.identifications.stage_request import StageProgram, fitting_program
+from server.identifications.identification_resource import ORDER_EXAMPLE, RecordingChoices
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.platform.authorization.guard import require

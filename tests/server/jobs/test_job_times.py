@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from server.composition.declarations import TABLES
+from server.jobs.job_resource import JobTimes
 from server.jobs.job_store import Jobs
-from server.jobs.job_times import JobTimes
 from server.platform.database.engine import Database, as_stored
 
 STAGES = ("check", "fit", "report")
