@@ -8,7 +8,7 @@ import platform
 import shutil
 import sys
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
@@ -155,11 +155,7 @@ def scheduling() -> Line:
     """Check that acquisition may have the real-time class; tried in a thread that ends at once."""
     from daq.acquisition.acquisition_child import FIFO_PRIORITY, request_fifo
 
-    got: list[bool] = []
-    thread = threading.Thread(target=lambda: got.append(request_fifo()[0]))
-    thread.start()
-    thread.join()
-    if got and got[0]:
+    if _in_a_thread(lambda: request_fifo()[0]):
         return Line("scheduling", "ok", f"SCHED_FIFO with priority {FIFO_PRIORITY} is granted")
     return Line(
         "scheduling",
@@ -174,11 +170,7 @@ def precedence() -> Line:
     """Check that the service may precede ordinary work; tried as :func:`scheduling` is."""
     from server.platform.processes.precedence import NICENESS, take_niceness
 
-    got: list[bool] = []
-    thread = threading.Thread(target=lambda: got.append(take_niceness()))
-    thread.start()
-    thread.join()
-    if got == [True]:
+    if _in_a_thread(take_niceness):
         return Line("precedence", "ok", f"the service answers before ordinary work (niceness {NICENESS})")
     text = "the service is no more than other programs: answers wait while they keep the processor busy"
     do = f"LimitNICE={NICENESS} in the unit, or '@hilfit - nice {NICENESS}' in /etc/security/limits.d/hilfit.conf; "
@@ -260,6 +252,15 @@ def clock_source(path: Path = Path("/sys/devices/system/clocksource/clocksource0
     if not found or found in _RESIDENT_CLOCKS:
         return Line("clock", "ok", found or "not said by the kernel")
     return Line("clock", "note", f"{found} is slow to read", "look in the kernel's log why it left the processor's own")
+
+
+def _in_a_thread(probe: Callable[[], bool]) -> bool:
+    """Return what ``probe`` finds in a thread that ends at once, which alone is changed by it; False if it fails."""
+    got: list[bool] = []
+    thread = threading.Thread(target=lambda: got.append(probe()))
+    thread.start()
+    thread.join()
+    return got == [True]
 
 
 def _read(path: Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Literal
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import Field, JsonValue
 
@@ -31,7 +31,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
-from server.platform.http.route_parameters import MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
 from server.platform.parts import PartName, Parts
 from server.platform.resource import BackedUp, Resource
 
@@ -104,7 +104,7 @@ async def order(
     body: IdentificationOrder,
     response: Response,
     service: ServiceDep,
-    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=200)] = None,
+    idempotency_key: Idempotency = None,
 ) -> IdentificationResource:
     """Order an identification: its job is at ``Location``; one ``Idempotency-Key`` makes one job."""
     wish = Wish(

@@ -213,10 +213,13 @@ class Acquisition:
         with self._lock:
             return tuple(self._supervisors)
 
+    def _supervisor(self, name: str) -> Supervisor | None:
+        with self._lock:
+            return self._supervisors.get(name)
+
     def running(self, name: str) -> bool:
         """Test whether frames of that machine come at the moment."""
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         return supervisor is not None and supervisor.running is not None
 
     def check(self, machine_file: Path, own: bool = False) -> None:
@@ -230,8 +233,7 @@ class Acquisition:
 
     def statistics(self, name: str) -> dict[str, Any]:
         """Return the state of one machine's acquisition."""
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         return {"state": "off"} if supervisor is None else supervisor.statistics()
 
     def state(self, name: str) -> str:
@@ -248,8 +250,7 @@ class Acquisition:
         UnavailableError
             If its acquisition does not run at the moment.
         """
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         if supervisor is None:
             raise ConflictError(
                 Sentence("server.machine_not_being_acquired", name=name),

@@ -75,14 +75,13 @@ class MachineUploads:
                 )
             if version is not None:
                 _refuse_protected(machine.name, protected)
-                path = self._files.machine_file(machine.name, version)
+            if version is not None or own:  # our own, the same machine as before the restart: its buses are elsewhere
+                current = version or self._machines.get(machine.name).version
+                path = self._files.machine_file(machine.name, current)
                 write_whole(path, content)
                 self._reader.keep(path, machine.content)
+            if version is not None:
                 self._machines.add(machine.name, version, digest, acquire=acquire)
-            elif own:  # the same machine as before the restart; its buses are elsewhere now
-                path = self._files.machine_file(machine.name, self._machines.get(machine.name).version)
-                write_whole(path, content)
-                self._reader.keep(path, machine.content)
         return self._machines.get(machine.name), version is not None
 
     def check(self, content: bytes, allowed: Callable[[str], bool], protected: str | None = None) -> tuple[str, int]:

@@ -103,9 +103,11 @@ class Followed(Protocol):
 
     def of_machine(self) -> dict[str, Any]:
         """Return what else the last blocks show of the machine."""
+        return {}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
         """Return what else they show of a joint, to whoever has just watched the last one."""
+        return {}
 
 
 class Efforts(Followed):
@@ -143,10 +145,6 @@ class Efforts(Followed):
         residual, tip, moving = (np.concatenate(own) for own in zip(*parts, strict=True))
         found = weighed(residual, tip, moving)
         return {"payload": None if found is None else asdict(found)}
-
-    def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
-        """Return nothing: a statistic is all that a block shows."""
-        return {}
 
 
 class Speeds(Followed):
@@ -200,10 +198,6 @@ class Speeds(Followed):
             joint: Scored(own.statistics, own.residual, own.slack(self._errors[joint]))
             for joint, own in self._last.items()
         } or None
-
-    def of_machine(self) -> dict[str, Any]:
-        """Return nothing."""
-        return {}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
         """Find which numbers of its valve have moved, in the blocks since its largest sum began to grow."""

@@ -1,4 +1,4 @@
-"""What a monitor process is told. Free of numerical imports: the process that serves HTTP makes it."""
+"""What a monitor process is given, and what it reports of overloads. Free of numerical imports: HTTP shows it."""
 
 from __future__ import annotations
 
@@ -65,3 +65,30 @@ class Order:
             Path(content["memory"]),
             Rules(**content["rules"]),
         )
+
+
+@dataclass(frozen=True)
+class OverloadNow:
+    """An overload that has not ended: where, measured minus predicted effort there, and that over its band."""
+
+    on: bool  # False: it has ended, and only the time means something
+    time: float  # s of machine time of the newest sample then
+    joint: str
+    residual: float
+    unit: str
+    score: float  # residual over its band
+    threshold: float  # that the score exceeds
+
+
+@dataclass(frozen=True)
+class OverloadJoint:
+    """How near a joint came to an overload within the last second.
+
+    ``residual`` is measured minus predicted effort at its nearest moment; ``share`` is of the threshold, above 1 it is
+    an overload.
+    """
+
+    joint: str
+    residual: float
+    unit: str
+    share: float

@@ -14,6 +14,7 @@ from server.alarms.alarm_desk import Alarms
 from server.identifications.identification_results import MODEL_FILE, IdentificationResults
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
+from server.monitor.monitor_order import OverloadJoint, OverloadNow
 from server.monitor.monitor_supervisor import Monitors
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
@@ -64,31 +65,6 @@ class Payload(BaseModel):
 
     mass: float
     std: float
-
-
-class OverloadNow(BaseModel):
-    """An overload that has not ended: where, measured minus predicted effort there, and that over its band."""
-
-    on: bool
-    time: float
-    joint: str
-    residual: float
-    unit: str
-    score: float
-    threshold: float
-
-
-class OverloadJoint(BaseModel):
-    """How near a joint came to an overload within the last second.
-
-    ``residual`` is measured minus predicted effort at its nearest moment; ``share`` is of the threshold, above 1 it is
-    an overload.
-    """
-
-    joint: str
-    residual: float
-    unit: str
-    share: float
 
 
 class Monitored(BaseModel):

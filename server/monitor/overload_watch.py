@@ -6,55 +6,18 @@ The decisions are those of :mod:`fitting.model.uses.overload`, on windows that e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from fitting.model.uses.overload import QUIET_S, delay_s, quick, scores_in, thresholds
 from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor.monitor_order import OverloadJoint, OverloadNow
 from server.monitor.residual_blocks import measured
 
 FloatArray = npt.NDArray[np.float64]
 #: Samples before the newest that are looked at again, for what a window tells of its sensors.
 _PAST = 48
-
-
-@dataclass(frozen=True)
-class Hit:
-    """What is said when an overload begins or ends.
-
-    Attributes
-    ----------
-    on : whether it began
-    time : s of machine time of the newest sample then
-    joint, residual, unit : where, and measured minus predicted effort there; of the beginning
-    score, threshold : residual over its band, and what it exceeds
-    """
-
-    on: bool
-    time: float
-    joint: str = ""
-    residual: float = 0.0
-    unit: str = ""
-    score: float = 0.0
-    threshold: float = 0.0
-
-
-@dataclass(frozen=True)
-class Nearest:
-    """How near to an overload a joint came since this was last asked.
-
-    Attributes
-    ----------
-    joint, residual, unit : measured minus predicted effort at its nearest moment
-    share : of the threshold that has to be exceeded for as long as an overload takes; above 1 it is one
-    """
-
-    joint: str
-    residual: float
-    unit: str
-    share: float
 
 
 class OverloadWatch:
@@ -83,9 +46,9 @@ class OverloadWatch:
         self._rows: npt.NDArray[np.void] | None = None
         self._judged = -np.inf  # s of machine time up to which samples were judged
         self._since: int | None = None  # samples since the last exceedance; None while nothing is wrong
-        self._nearest: dict[int, Nearest] = {}
+        self._nearest: dict[int, OverloadJoint] = {}
 
-    def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[Hit]:
+    def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[OverloadNow]:
         """Return what begins or ends with these rows; ``missed`` rows were lost before them."""
         if not len(rows):
             return []
@@ -101,13 +64,13 @@ class OverloadWatch:
         own = scores_in(found, 0)
         fresh = own.t > self._judged
         self._judged = max(self._judged, float(own.t[-1]))
-        hits = list[Hit]()
+        hits = list[OverloadNow]()
         for lasting, scores, residual in zip(own.lasting[fresh], own.scores[fresh], own.residual[fresh], strict=True):
             hits += self._step(lasting, scores, residual, float(time[-1]))
             self._note(lasting / self.limits, residual)
         return hits
 
-    def nearest(self) -> list[Nearest]:
+    def nearest(self) -> list[OverloadJoint]:
         """Return joints in the machine's order, since the last call; none that could not be judged."""
         found, self._nearest = self._nearest, {}
         return [found[joint] for joint in sorted(found)]
@@ -117,9 +80,9 @@ class OverloadWatch:
             before = self._nearest.get(joint)
             if np.isfinite(share) and (before is None or share > before.share):
                 name = self._live.model.joints[joint]
-                self._nearest[joint] = Nearest(name, float(residual[joint]), self._units[joint], share)
+                self._nearest[joint] = OverloadJoint(name, float(residual[joint]), self._units[joint], share)
 
-    def _step(self, lasting: FloatArray, scores: FloatArray, residual: FloatArray, now: float) -> list[Hit]:
+    def _step(self, lasting: FloatArray, scores: FloatArray, residual: FloatArray, now: float) -> list[OverloadNow]:
         share = lasting / self.limits
         joint = int(np.argmax(share))
         if share[joint] > 1.0:
@@ -127,10 +90,12 @@ class OverloadWatch:
             if not begins:
                 return []
             name, limit = self._live.model.joints[joint], float(self.limits[joint])
-            return [Hit(True, now, name, float(residual[joint]), self._units[joint], float(scores[joint]), limit)]
+            return [
+                OverloadNow(True, now, name, float(residual[joint]), self._units[joint], float(scores[joint]), limit)
+            ]
         if self._since is not None:
             self._since += 1
             if self._since > self._quiet:
                 self._since = None
-                return [Hit(False, now)]
+                return [OverloadNow(False, now, "", 0.0, "", 0.0, 0.0)]
         return []

@@ -12,7 +12,6 @@ from server.calibrations.calibration_desk import ByPolicy
 from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.identifications.identification_order import IdentificationOrders
 from server.jobs.job_store import Jobs
-from server.machines.acquisition import Acquisition
 from server.platform.authorization.guard import require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
@@ -52,7 +51,6 @@ def _site(parts: Parts) -> Site:
     return Site(
         parts[Database],
         parts[DataDirectory],
-        parts[Acquisition],
         parts[Sessions],
         parts[ExcitationKind],
         parts[MotionDelivery],
