@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 _FORMATS: dict[str, str] = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int24": "3s", "uint24": "3s", "int32": "i", "uint32": "I",
@@ -72,3 +73,37 @@ def from_registers(data_type: str, words: list[int], word_order: str = "big", by
     ordered = words if word_order == "little" else words[::-1]
     data = b"".join(word.to_bytes(2, "little") for word in ordered)
     return decode(data_type, data[: size(data_type)])
+
+
+MOST_DECIMALS = 9
+
+
+class Decimals:
+    """Decimals of one channel, once its device has sent them (CiA 404: 0x6132; a register of many transmitters).
+
+    Parameters
+    ----------
+    sentinels : raw values, before decimals, that mean "no valid measurement"
+    """
+
+    def __init__(self, sentinels: Sequence[float]) -> None:
+        self._sentinels = frozenset(sentinels)
+        self._factor = math.nan
+
+    @property
+    def known(self) -> bool:
+        """Whether the device has sent them."""
+        return not math.isnan(self._factor)
+
+    def learn(self, places: int) -> bool:
+        """Take the device's decimals; return False if they cannot be."""
+        self._factor = 10.0**-places if 0 <= places <= MOST_DECIMALS else math.nan
+        return self.known
+
+    def forget(self) -> None:
+        """Forget them: they may be others when the device is back."""
+        self._factor = math.nan
+
+    def value(self, raw: float) -> float:
+        """Scale a raw value by its decimals; NaN for a sentinel, or while they are unknown."""
+        return math.nan if raw in self._sentinels else raw * self._factor

@@ -13,8 +13,8 @@ from daq import Quality
 from daq.errors import HilfitError
 from daq.messages import Sentence
 from daq.quality import MEASURED
-from server.alarms.alarm_conditions import DeadBand, beyond
 from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_lifecycle import DeadBand, beyond
 from server.machines.acquisition import Acquisition
 from server.platform.disk import RESERVE_BYTES, Free
 from server.platform.processes.rounds import Rounds

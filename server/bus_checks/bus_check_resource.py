@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Query
 from pydantic import BeforeValidator
 
+from daq.machine.machine_file import CanopenBus, Machine
 from daq.messages import Sentence, messages_in
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
@@ -19,6 +22,11 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from daq.acquisition.cycles import AcquisitionStatistics
+    from daq.commissioning.can_questions import FoundNode
     from daq.commissioning.check import ChannelCheck, MachineCheck
 
 LEAST_S = 2.0  # of frames, without which noise and drift say nothing
@@ -41,7 +49,6 @@ class BusChecks:
             If its acquisition does not run at the moment, or has run for less than two seconds.
         """
         from daq.acquisition.ring import RingReader
-        from server.bus_checks.running_check import check_running
 
         machine, feed = self._acquisition.feed(name)
         with RingReader(feed.ring_name, from_start=True) as ring:
@@ -170,6 +177,49 @@ def shown(check: MachineCheck) -> BusCheck:
 
 def _of_device(channel: ChannelCheck) -> dict[str, Any]:
     return {name: getattr(channel, name) for name in ("name", "unit", "bus", "device", "raw")}
+
+
+def check_running(
+    machine: Machine,
+    rows: npt.NDArray[np.void],
+    statistics: AcquisitionStatistics,
+    *,
+    seconds: float = 20.0,
+    depressurised: bool = False,
+) -> MachineCheck:
+    """Check a machine that is being acquired, by frames of it; nothing is sent, and nothing waits.
+
+    Who devices are is what they answered the driver when they had been commissioned.
+
+    Parameters
+    ----------
+    rows : (N,) frames, as the ring buffer has them; delays between buses come from all of them
+    statistics : of the same acquisition, since its start
+    seconds : the newest ones are those in which the machine rests
+    depressurised : as in :func:`check_machine_buses`
+    """
+    from daq.commissioning.check import delays_of_frames, machine_check
+
+    nodes = {
+        (bus["bus"], node.node): node
+        for bus in statistics.buses
+        for device in bus["devices"]
+        if (node := _node(device)) is not None
+    }
+    silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
+    notes = [Sentence("server.bus_listen_only_no_device", bus=bus.name) for bus in silent]
+    resting = rows[-max(1, round(seconds * machine.rate_hz)) :]
+    found = machine_check(machine, resting, statistics, nodes, notes, depressurised=depressurised)
+    return replace(found, delays=delays_of_frames(machine, rows))
+
+
+def _node(device: Mapping[str, Any]) -> FoundNode | None:
+    """Describe a node from its driver's requests; None for a device that was not asked."""
+    from daq.commissioning.can_questions import described
+
+    objects = device.get("objects") or {}
+    kind, _, number = str(device["name"]).rpartition(" ")
+    return described(int(number), objects) if kind == "node" and objects and number.isdigit() else None
 
 
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)

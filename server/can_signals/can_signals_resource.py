@@ -28,8 +28,8 @@ from server.can_signals.can_signals_schemas import (
 )
 from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import BEING_RECORDED
-from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import MachineRow, Machines
+from server.machines.machine_uploads import MachineReader
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute
 from server.platform.errors import (

@@ -18,8 +18,7 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel
 
 from server.jobs.job_store import Jobs
-from server.live.live_client import Client
-from server.live.live_reader import Hub
+from server.live.live_reader import Client, Hub
 from server.live.revisions import Revisions
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines

@@ -23,9 +23,8 @@ from server.machines.acquisition import Acquisition, Launch
 from server.machines.fault_routes import BREAKABLE
 from server.machines.fault_routes import router as fault_router
 from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
-from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import MachineRow, Machines, machine_versions, machines
-from server.machines.machine_uploads import MachineUploads
+from server.machines.machine_uploads import MachineReader, MachineUploads
 from server.machines.simulation import simulated_machine
 from server.platform.authorization.guard import Principal, PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute

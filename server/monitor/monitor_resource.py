@@ -26,7 +26,7 @@ from server.platform.parts import Parts
 from server.platform.resource import Phase, Resource, Running
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_resource import POLICY
-from server.schedules.recalibration_orders import RecalibrationOrders
+from server.schedules.schedule_clock import RecalibrationOrders
 from server.valves.valve_fits import ValveResults
 
 

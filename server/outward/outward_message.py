@@ -9,7 +9,7 @@ from typing import Any, Literal
 import orjson
 from pydantic import TypeAdapter
 
-from server.alarms.alarm_conditions import Severity
+from server.alarms.alarm_lifecycle import Severity
 
 #: Code and values of the text beside it, to word it in another language.
 MadeOf = dict[str, Any] | None

@@ -20,8 +20,7 @@ from server.outward.mqtt_publisher import MqttPublisher, mqtt_publisher
 from server.outward.opcua_server import OpcuaServer, opcua_server
 from server.outward.outward_stream import MessageReader, OutwardStream, alarm_message
 from server.outward.webhook_desk import PAUSES_S, Webhooks
-from server.outward.webhook_post import receivers_tls
-from server.outward.webhook_signing import WebhookSecrets, shown
+from server.outward.webhook_post import WebhookSecrets, receivers_tls, shown
 from server.outward.webhook_store import Delivery, Event, State, Webhook, webhook_deliveries, webhooks
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.typed_route import TypedRoute

@@ -14,8 +14,7 @@ import structlog
 from daq.messages import Sentence
 from server.alarms.alarm_desk import Alarms
 from server.outward.outward_message import Message, TrialData
-from server.outward.webhook_post import post
-from server.outward.webhook_signing import WebhookSecrets, fingerprint, headers
+from server.outward.webhook_post import WebhookSecrets, fingerprint, headers, post
 from server.outward.webhook_store import Delivery, Event, Webhook, WebhookStore
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database

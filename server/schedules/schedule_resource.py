@@ -40,8 +40,7 @@ from server.platform.service import Service
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan
 from server.schedules import schedule_slots as slots
-from server.schedules.recalibration_orders import RecalibrationOrders
-from server.schedules.schedule_clock import ScheduleClock, next_slot
+from server.schedules.schedule_clock import RecalibrationOrders, ScheduleClock, next_slot
 from server.schedules.schedule_store import Schedule, Schedules, SlotResource, schedule_slots, schedules
 
 

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 from daq import Quality
 from daq.drivers import Samples
 from daq.drivers.base import DriverContext
-from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
+from daq.drivers.can.port import ArrivalTimes
 from daq.drivers.canopen.driver import COUNTS, CanopenDriver
 from daq.drivers.canopen.mapping import Mapping
 from daq.drivers.canopen.node import Node

@@ -14,9 +14,8 @@ from dataclasses import replace
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
 from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort
-from daq.drivers.canopen.care import VERIFY_CYCLES, NodeCare, Start
+from daq.drivers.canopen.care import VERIFY_CYCLES, Lead, NodeCare, Start
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL
-from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.listening import Guest, ListeningDriver
