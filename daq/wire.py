@@ -61,7 +61,7 @@ def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
     return float(field)
 
 
-def swapped(word: int) -> int:
+def _swapped(word: int) -> int:
     """Swap a register's two bytes."""
     return (word & 0xFF) << 8 | word >> 8
 
@@ -69,7 +69,7 @@ def swapped(word: int) -> int:
 def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
     """Decode the number in Modbus registers, as many words as :func:`registers`."""
     if byte_order == "little":
-        words = [swapped(word) for word in words]
+        words = [_swapped(word) for word in words]
     ordered = words if word_order == "little" else words[::-1]
     data = b"".join(word.to_bytes(2, "little") for word in ordered)
     return decode(data_type, data[: size(data_type)])

@@ -3,7 +3,7 @@
 Channels of two buses are compared joint by joint. A position on one bus and a position of the same joint on the other
 are functions of each other, whatever the linkage; an effort on one bus follows the motion that the other one sees
 (gravity, friction, inertia). So a channel ``y`` of one bus is regressed on functions ``X`` of the other's
-position (:func:`load_columns`)::
+position (:func:`_load_columns`)::
 
     position    y(t) = X(t - d) b + e,  X = [1, q, q^2, q^3]
     effort      y(t) = X(t - d) b + e,  X = gravity of every link, accelerations, v, tanh(v / v0)
@@ -129,7 +129,7 @@ def _motion(
     if reference.quantity != "joint_position" or len(seen) < len(positions):
         return None
     q = np.stack([values[name] for name in seen], axis=1)
-    return _Motion(q, number, lambda q, v, a: load_columns(machine, number, q, v, a))
+    return _Motion(q, number, lambda q, v, a: _load_columns(machine, number, q, v, a))
 
 
 def _bus(channel: Channel) -> str:
@@ -230,7 +230,7 @@ def _together(bus: str, base: str, pairs: Sequence[PairDelay]) -> BusDelay:
     return BusDelay(bus, base, mean, std, tuple(chosen))
 
 
-def load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+def _load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
     """Build columns (N, p) that span what a drive's effort may be, each of unit deviation, with one of ones.
 
     Gravity of links that nobody has weighed, inertia, friction, as functions of the motion; nothing is identified.

@@ -115,10 +115,10 @@ def apply(command: Any) -> None:
             if word is not None:
                 parameter.own.metavar = word
             if parameter.option is not None and not parameter.own.envvar:
-                parameter.own.envvar = environment_name(words, parameter.option)
+                parameter.own.envvar = _environment_name(words, parameter.option)
 
 
-def environment_name(command: str, option: str) -> str:
+def _environment_name(command: str, option: str) -> str:
     """Return ``HILFIT_EXCITE_SEED`` for ``--seed`` of ``excite``; ``HILFIT_PORT`` for a service setting."""
     name = option[2:].replace("-", "_")
     shared = name in COMMON_OPTIONS or (command in SERVICE_COMMANDS and name in SERVICE_OPTIONS)

@@ -13,7 +13,7 @@ import typer
 from daq.console import print_json, working
 
 
-def no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
+def _no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
     """Return the value of an option that may hold a URL.
 
     Secrets come by files and the environment: every user of a computer can read a command line.
@@ -41,7 +41,7 @@ DataDir = Annotated[Path | None, typer.Option(help="Data directory of the servic
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DatabaseUrl = Annotated[
     str | None,
-    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
+    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=_no_secret),
 ]
 
 
@@ -78,7 +78,7 @@ def pair(
     found = next((known for known in ROLES if known == role), None)
     if found is None:
         raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     if settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file():  # before one is made
         raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
     files = DataDirectory(settings.data_dir)
@@ -117,7 +117,7 @@ def worker(
     from server.platform.processes.leaving import leave
 
     own = name or socket.gethostname()
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
 
     def ready() -> None:
         print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
@@ -141,7 +141,7 @@ def backup(
     from server.platform.errors import StartError
     from server.platform.files import DATABASE_FILE, DataDirectory
 
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
@@ -174,7 +174,7 @@ def restore(
     from server.composition.declarations import RESOURCES
     from server.platform.files import DataDirectory
 
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
     with files.locked(), working("putting files back", show=not json):
@@ -185,7 +185,7 @@ def restore(
         print(f"{count} files of {source} are back in {files.root}")
 
 
-def settings_of(config: Path | None, **given: Any) -> Any:
+def _settings_of(config: Path | None, **given: Any) -> Any:
     """Load a service's settings, with the options given; what this process makes is its user's alone."""
     from server.platform.files import private_files
     from server.platform.settings import load_settings

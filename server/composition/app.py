@@ -156,7 +156,7 @@ def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
         return Response(metrics.text(), media_type=MEDIA_TYPE)
 
 
-def actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
+def _actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
     """Return the audit log's name of each endpoint's call: ``recordings.start``."""
     return {
         route.endpoint: f"{resource.name}.{route.endpoint.__name__}"
@@ -179,7 +179,7 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     lists = {API + path: names for path, names in kept_lists(service.resources).items()}
     app.add_middleware(KeptAnswers, lists=lists, revisions=service[Revisions].current)
     app.add_middleware(BodyLimit, limit=limit)
-    actions = actions_of(service.resources)
+    actions = _actions_of(service.resources)
     rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
     app.add_middleware(Gate, access=access, audit=service[Audit], actions=actions, rate=rate, rates=Rates())
     app.add_middleware(OwnPagesOnly, hosts=settings.public_names, addresses=access.required)

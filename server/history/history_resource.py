@@ -77,7 +77,7 @@ class History(BaseModel):
 MOST_REPORTS = 2000
 
 
-def effects_in(loop: Mapping[str, Any]) -> tuple[FoundEffect, ...]:
+def _effects_in(loop: Mapping[str, Any]) -> tuple[FoundEffect, ...]:
     """Extract the effects in the ``loop`` of a report (or in what a calibration kept of it)."""
     return tuple(
         FoundEffect(id=str(effect["id"]), joint=effect.get("joint"), title=str(effect.get("title", effect["id"])))
@@ -100,7 +100,7 @@ class FoundEffects:
                 return self._known[identification]
         try:
             report = json.loads((self._results.directory(identification) / "report.json").read_bytes())
-            found = effects_in(report["loop"])
+            found = _effects_in(report["loop"])
         except (OSError, ValueError, KeyError, TypeError, NotFoundError):
             return ()
         with self._lock:
@@ -193,7 +193,7 @@ def _calibrations(connection: sa.Connection, machine: str, since: str) -> Iterat
         rows.append(before)
     for row in rows:
         if row.calibration not in kept:
-            kept[row.calibration] = (list(effects_in(row.model)), _error(row.overall))
+            kept[row.calibration] = (list(_effects_in(row.model)), _error(row.overall))
         effects, error = kept[row.calibration]
         yield HistoryEvent(
             time=row.time,

@@ -47,7 +47,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 @dataclass
-class StageWork:
+class _StageWork:
     """A stage while it is done.
 
     Attributes
@@ -219,7 +219,7 @@ class Execution:
 
     def _work(self, stage: str, part: tuple[int, int], place: Path, whole: bool) -> ChildResult:
         host, row, key = self._host, self._row, self._host.files.key
-        work = StageWork(
+        work = _StageWork(
             host.jobs,
             self._claim,
             stage,

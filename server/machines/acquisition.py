@@ -115,7 +115,7 @@ class Supervisor:
             ran = False
             try:
                 machine = load_machine(self._machine_file)
-                refuse_elsewhere(machine, self._places)
+                _refuse_elsewhere(machine, self._places)
                 with self._launch(machine) as feed:
                     if self._comes_up(feed):
                         ran = True
@@ -160,7 +160,7 @@ class Supervisor:
                 raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
 
 
-def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
+def _refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
     """Raise ConflictError if a bus of a machine leads to a place that is not among ``places`` (None: all are)."""
     for bus in machine.buses if places is not None else ():
         place = bus.place
@@ -229,7 +229,7 @@ class Acquisition:
         if not machine.buses or silent:
             lacking = Sentence("server.channel_no_source", channel=silent[0]) if silent else Sentence("server.no_buses")
             raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=lacking))
-        refuse_elsewhere(machine, None if own else self._places)
+        _refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
         """Return the state of one machine's acquisition."""

@@ -49,7 +49,7 @@ _COUNTS = {
 }
 
 
-def acquisition_metrics(acquisition: Acquisition) -> Iterator[Metric]:
+def _acquisition_metrics(acquisition: Acquisition) -> Iterator[Metric]:
     """Yield state, restarts and counts of every machine's acquisition."""
     running = GaugeMetricFamily(
         "hilfit_acquisition_state",
@@ -261,7 +261,7 @@ def _files(connection: sa.Connection) -> NamedFiles:
 
 
 def _metrics(parts: Parts) -> Iterator[Metric]:
-    return acquisition_metrics(parts[Acquisition])
+    return _acquisition_metrics(parts[Acquisition])
 
 
 MACHINES = Resource(

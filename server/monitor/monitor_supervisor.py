@@ -222,7 +222,7 @@ class Monitors:
         with self._lock:
             watch.found["overload"] = hit if hit["on"] else None
         if not watch.stop.is_set():
-            self._alarms.report(machine, "overload", as_text(hit) if hit["on"] else "", "critical", hit["on"])
+            self._alarms.report(machine, "overload", _as_text(hit) if hit["on"] else "", "critical", hit["on"])
 
 
 def _because(reason: str | None) -> dict[str, Any]:
@@ -248,7 +248,7 @@ WORDS = {
 }
 
 
-def as_text(hit: Mapping[str, Any]) -> str:
+def _as_text(hit: Mapping[str, Any]) -> str:
     """Describe an overload to an operator."""
     values = {name: hit[name] for name in ("joint", "residual", "unit", "threshold")}
     return Sentence("server.collision_or_overload", **values, times=abs(hit["score"]))

@@ -54,7 +54,7 @@ class Delivery(Stored, table="webhook_deliveries", label="type"):
 webhooks, webhook_deliveries = Webhook.table, Delivery.table
 
 
-class Deliveries(Repository[Delivery]):
+class _Deliveries(Repository[Delivery]):
     """Repository of deliveries."""
 
     of = Delivery
@@ -67,7 +67,7 @@ class WebhookStore(Repository[Webhook]):
 
     def __init__(self, database: Database) -> None:
         super().__init__(database)
-        self.deliveries = Deliveries(database)
+        self.deliveries = _Deliveries(database)
 
     def add(self, new: Webhook) -> None:
         """Store a new one."""

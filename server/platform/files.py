@@ -94,7 +94,7 @@ class DataDirectory:
             for directory in (self.root, self.machines, self.recordings, self.identifications):
                 directory.mkdir(parents=True, exist_ok=True)
             if self.root.stat().st_mode & 0o077:  # made before its files were private, or by somebody else
-                make_private(self.root)
+                _make_private(self.root)
         except OSError as error:
             raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
         self.storage = DataFolder(self.root) if url is None else SharedStorage(url, self.root, cache_bytes)
@@ -176,7 +176,7 @@ def private_files() -> None:
     os.umask(0o077)
 
 
-def make_private(root: Path) -> None:
+def _make_private(root: Path) -> None:
     """Take all rights of others from a directory and what is in it; links are left alone."""
     for directory, _, names in os.walk(root):
         for path in (Path(directory), *(Path(directory, name) for name in names)):

@@ -223,7 +223,7 @@ class CanPort(Port):
     def lost(self) -> int:
         """Frames that the kernel had no room for; 0 where unknown."""
         with contextlib.suppress(OSError):  # closed: what it told last
-            self._lost = lost_frames(self._bus)
+            self._lost = _lost_frames(self._bus)
         return self._lost
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
@@ -335,7 +335,7 @@ def lengthen(bus: Any) -> None:
             queue.setsockopt(socket.SOL_SOCKET, option, QUEUE_BYTES)
 
 
-def lost_frames(bus: Any) -> int:
+def _lost_frames(bus: Any) -> int:
     """Count frames that the kernel had no room for since opening; 0 where unknown.
 
     Raises

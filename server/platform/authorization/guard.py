@@ -29,7 +29,7 @@ __all__ = ["Principal", "PrincipalDep", "require", "scope_of"]
 POLICY = 1008
 
 
-def current_principal(connection: HTTPConnection) -> Principal:
+def _current_principal(connection: HTTPConnection) -> Principal:
     """Return who asks.
 
     Raises
@@ -45,7 +45,7 @@ def current_principal(connection: HTTPConnection) -> Principal:
 
 async def _principal(connection: HTTPConnection) -> Principal:
     """Return who asks, as a dependency; a coroutine: for a plain function FastAPI takes a costly thread."""
-    return current_principal(connection)
+    return _current_principal(connection)
 
 
 PrincipalDep = Annotated[Principal, Depends(_principal)]
@@ -62,7 +62,7 @@ def require(scope: Scope, *, every_machine: bool = False) -> Any:
 
     async def guard(connection: HTTPConnection) -> None:
         try:
-            principal = current_principal(connection)
+            principal = _current_principal(connection)
             if not principal.may(scope):
                 raise ForbiddenError(
                     Sentence(
