@@ -28,8 +28,8 @@ from server.composition.worker import work
 from server.identifications.identification_job import StageProgram
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.machines.machine_resource import LAUNCH
-from server.platform.parts import Key
 from server.platform.processes.leaving import leave
+from server.platform.resource import Key
 from server.platform.settings import load_settings
 from server.recordings.recording_resource import RECORDER
 from server.recordings.recording_sessions import RecordOrder

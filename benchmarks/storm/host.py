@@ -19,8 +19,8 @@ from server.composition.serve import serve
 from server.composition.worker import work
 from server.identifications.identification_job import StageProgram
 from server.identifications.identification_resource import STAGE_PROGRAM
-from server.platform.parts import Key
 from server.platform.processes.leaving import leave
+from server.platform.resource import Key
 from server.platform.settings import Settings
 from server.schedules.schedule_resource import CLOCK
 

@@ -13,16 +13,14 @@ from server.access.access_desk import Access
 from server.access.connections import Presence
 from server.access.holder_store import Holder, principals
 from server.access.pairing import PairingWork, pairing_codes, pairing_url, qr_svg
-from server.audit.audit_log import Audit
-from server.platform.authorization.guard import PrincipalDep, require
+from server.audit.audit_resource import Audit
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.authorization.principals import Role
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.http.bodies import PLAIN, Body, Listed, Shown
 from server.platform.http.route_parameters import Idempotency, PageDep, ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Resource
+from server.platform.resource import Parts, Resource
 from server.platform.service import Service
 from server.platform.settings import Settings
 

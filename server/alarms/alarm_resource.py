@@ -13,13 +13,11 @@ from server.alarms.alarm_desk import Alarms
 from server.alarms.alarm_lifecycle import LONGEST_SHELF_S, Alarm, tag
 from server.alarms.alarm_watch import Watch
 from server.machines.acquisition import Acquisition
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.database.engine import Database
 from server.platform.http.bodies import PLAIN, Body, Listed
 from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.parts import TROUBLES, Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import TROUBLES, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.recordings.recording_resource import FREE
 from server.recordings.recording_sessions import Sessions

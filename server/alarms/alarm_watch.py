@@ -16,7 +16,7 @@ from daq.quality import MEASURED
 from server.alarms.alarm_desk import Alarms
 from server.alarms.alarm_lifecycle import DeadBand, beyond
 from server.machines.acquisition import Acquisition
-from server.platform.disk import RESERVE_BYTES, Free
+from server.platform.files import RESERVE_BYTES, Free
 from server.platform.processes.rounds import Rounds
 
 LOOK_S = 1.0
@@ -49,7 +49,7 @@ class Watch:
     Parameters
     ----------
     free : free bytes now
-    troubles : see :data:`server.platform.parts.TROUBLES`
+    troubles : see :data:`server.platform.resource.TROUBLES`
     look_for_damage : looks through the store; daily
     end_recordings : lets all that is being recorded be sealed, without waiting for it
     wall, monotonic : s, the two clocks

@@ -9,14 +9,12 @@ from pydantic import BaseModel
 
 from server.backups.backup_archive import BackupResource, Backups, DailyBackups
 from server.backups.backup_files import BackupContent
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.database.engine import Database, utc_now
 from server.platform.errors import ConflictError, StartError
 from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import TROUBLES, Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import TROUBLES, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
 

@@ -14,8 +14,7 @@ from daq.machine.machine_file import CanopenBus, Machine
 from daq.messages import Sentence, messages_in
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.errors import UnavailableError
 from server.platform.http.bodies import Message, Shown
 from server.platform.http.route_parameters import ServiceDep, problems

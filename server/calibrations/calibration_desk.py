@@ -9,7 +9,7 @@ from typing import Any
 
 from daq.messages import Sentence
 from fitting.pipeline.stage_names import VALVE_REPORT
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import content_of, content_of_valves
 from server.calibrations.calibration_store import Calibration, CalibrationStore, Of
 from server.identifications.identification_results import MODEL_FILE, FitResults, IdentificationResults

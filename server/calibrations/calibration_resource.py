@@ -11,21 +11,19 @@ from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, model_validator
 
 from daq.messages import Sentence
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import Parameter
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
 from server.calibrations.calibration_store import Calibration, Of, State, activations, calibration_steps, calibrations
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.authorization.named_things import IdentificationId, Names, ValvesId
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed, Shown
 from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Resource
+from server.platform.resource import Parts, Resource
 from server.platform.settings import Settings
 
 

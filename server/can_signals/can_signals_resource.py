@@ -30,8 +30,7 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import BEING_RECORDED
 from server.machines.machine_store import MachineRow, Machines
 from server.machines.machine_uploads import MachineReader
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.errors import (
     ConflictError,
     InvalidError,

@@ -67,7 +67,7 @@ def pair(
     """Make a code that pairs one device within a quarter of an hour; the service may run meanwhile."""
     from server.access.access_desk import Access
     from server.access.pairing import pairing_url, qr_text
-    from server.audit.audit_log import Audit
+    from server.audit.audit_resource import Audit
     from server.composition.declarations import TABLES
     from server.platform.authorization.principals import ROLES, Principal
     from server.platform.database.engine import Database, utc_now

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from server.platform.parts import Key
+    from server.platform.resource import Key
     from server.platform.settings import Settings
 
 

@@ -13,10 +13,9 @@ from pydantic import BaseModel
 from server.access.access_desk import Access
 from server.access.gate import OPEN, Gate
 from server.access.rates import Rate, Rates
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.live.revisions import Revisions
-from server.platform.authorization.guard import is_about_every_machine, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, is_about_every_machine, require
 from server.platform.http import problems
 from server.platform.http.base_path import BasePath
 from server.platform.http.kept_answers import Conditional, KeptAnswers

@@ -20,8 +20,8 @@ from server.platform import logs
 from server.platform.errors import StartError
 from server.platform.files import private_files
 from server.platform.http.http_limits import BoundedHttp
-from server.platform.parts import Key
 from server.platform.processes.precedence import take_precedence
+from server.platform.resource import Key
 from server.platform.service import Service
 from server.platform.settings import Settings, refuse_open_host
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 from fastapi import APIRouter
 
 from daq.messages import Sentence
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.errors import NotFoundError
 from server.platform.http.route_parameters import problems
 from server.platform.resource import Resource

@@ -16,16 +16,14 @@ from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
 from server.machines.machine_desk import MachineDesk
-from server.platform.authorization.guard import require
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.authorization.named_things import MachineName
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
-from server.platform.resource import BackedUp, Resource
+from server.platform.resource import BackedUp, PartName, Parts, Resource
 
 
 class ExcitationOrder(

@@ -15,8 +15,7 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
 from server.monitor.monitor_resource import MonitoredJoint
 from server.monitor.monitor_supervisor import Monitors
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.http.bodies import Message, Shown
 from server.platform.http.route_parameters import ServiceDep
 from server.platform.resource import Resource

@@ -19,8 +19,7 @@ from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import identifications
 from server.jobs.job_store import jobs
 from server.machines.machine_store import Machines, machine_versions
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.database.engine import Database, as_stored
 from server.platform.errors import NotFoundError
 from server.platform.http.bodies import Message

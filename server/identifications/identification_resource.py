@@ -24,16 +24,14 @@ from server.identifications.identification_store import (
 )
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
-from server.platform.authorization.guard import require
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.authorization.named_things import MachineName
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
-from server.platform.resource import BackedUp, Resource
+from server.platform.resource import BackedUp, PartName, Parts, Resource
 
 #: What a fit is ordered of.
 RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]

@@ -26,14 +26,12 @@ from server.jobs.executors import Heartbeat, Silence, executors, hosts
 from server.jobs.job_kinds import AT_MACHINES
 from server.jobs.job_runner import EXECUTOR, QUEUES, JobRunner
 from server.jobs.job_store import FINAL, Job, Jobs, State, job_events, job_files, jobs
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.database.engine import Database, as_stored
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Listed
 from server.platform.http.route_parameters import PageDep, ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
 from server.platform.storage import StorageAwayError

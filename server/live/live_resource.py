@@ -22,14 +22,12 @@ from server.live.live_reader import Client, Hub
 from server.live.revisions import Revisions
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.http.route_parameters import MachineQuery, OneMachine, ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Resource
+from server.platform.resource import Parts, Resource
 from server.platform.service import Service
 
 

@@ -12,13 +12,11 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query
 from pydantic import BaseModel
 
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.http.bodies import Shown
 from server.platform.http.route_parameters import Limit, ServiceDep, problems
 from server.platform.logs import json_lines
-from server.platform.parts import Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import Parts, Phase, Resource, Running
 
 #: Lines that are kept, and characters of one: a trace of an error may be long.
 MOST, LONGEST = 5000, 20_000

@@ -26,17 +26,15 @@ from server.machines.machine_desk import BEING_RECORDED, MachineDesk, Simulate
 from server.machines.machine_store import MachineRow, Machines, machine_versions, machines
 from server.machines.machine_uploads import MachineReader, MachineUploads
 from server.machines.simulation import simulated_machine
-from server.platform.authorization.guard import Principal, PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import Principal, PrincipalDep, TypedRoute, require
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Listed
 from server.platform.http.route_parameters import KnownTags, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
 from server.platform.processes.file_children import FileChildren
-from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
+from server.platform.resource import BackedUp, NamedFiles, PartName, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
 

@@ -16,14 +16,12 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.monitor.monitor_order import OverloadJoint, OverloadNow
 from server.monitor.monitor_supervisor import Monitors
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Message
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import Parts, Phase, Resource, Running
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_resource import POLICY
 from server.schedules.schedule_clock import RecalibrationOrders

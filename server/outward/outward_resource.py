@@ -22,16 +22,14 @@ from server.outward.outward_stream import MessageReader, OutwardStream, alarm_me
 from server.outward.webhook_desk import PAUSES_S, Webhooks
 from server.outward.webhook_post import WebhookSecrets, receivers_tls, shown
 from server.outward.webhook_store import Delivery, Event, State, Webhook, webhook_deliveries, webhooks
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import PLAIN, Body, Label, Listed
 from server.platform.http.route_parameters import Idempotency, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
 from server.platform.receiver_places import Resolver, resolved
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import PartName, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
 

@@ -12,13 +12,11 @@ from server.calibrations.calibration_desk import ByPolicy
 from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.identifications.identification_order import IdentificationOrders
 from server.jobs.job_store import Jobs
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import PartName, Parts
-from server.platform.resource import Resource
+from server.platform.resource import PartName, Parts, Resource
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_job import PROGRAM, RecalibrationKind, Surroundings
 from server.recalibrations.recalibration_site import Site

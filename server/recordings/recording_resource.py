@@ -20,17 +20,14 @@ from daq.acquisition.journal import recover
 from daq.errors import AcquisitionError
 from server.machines.acquisition import Acquisition
 from server.machines.machine_desk import BEING_RECORDED
-from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.authorization.named_things import MachineName
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
-from server.platform.disk import Free, free_bytes
-from server.platform.files import DataDirectory, receive
+from server.platform.files import DataDirectory, Free, free_bytes, receive
 from server.platform.http.bodies import PLAIN, Body, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, OneMachine, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
 from server.platform.processes.file_children import FileChildren
-from server.platform.resource import BackedUp, NamedFiles, Phase, Resource, Running
+from server.platform.resource import BackedUp, NamedFiles, PartName, Parts, Phase, Resource, Running
 from server.recordings.formats.exports import FORMATS, Exports, Format
 from server.recordings.recording_sessions import Recorder, RecordOrder, Sessions
 from server.recordings.recording_store import RecordingRole, RecordingRow, Recordings, State, recordings

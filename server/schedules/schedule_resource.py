@@ -19,9 +19,8 @@ from server.jobs.job_resource import JobResource
 from server.jobs.job_runner import JobRunner
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.authorization.named_things import ExcitationId, MachineName
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database, as_stored, utc_now
 from server.platform.errors import InvalidError
 from server.platform.http.bodies import Flag, Label, Listed
@@ -34,8 +33,7 @@ from server.platform.http.route_parameters import (
     ServiceDep,
     problems,
 )
-from server.platform.parts import PartName, Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import PartName, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan

@@ -15,13 +15,11 @@ from daq.messages import Sentence
 from daq.recordings.recording import MINIMUM_SECONDS
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Message
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import Parts, Phase, Resource, Running
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_resource import RecordingResource
 from server.recordings.recording_store import Recordings

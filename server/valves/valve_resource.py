@@ -19,16 +19,14 @@ from server.identifications.identification_order import Wish
 from server.identifications.identification_resource import ORDER_EXAMPLE, RecordingChoices
 from server.jobs.job_places import named_results
 from server.jobs.job_runner import JobRunner
-from server.platform.authorization.guard import require
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.authorization.named_things import MachineName
-from server.platform.authorization.typed_route import TypedRoute
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.parts import PartName, Parts
-from server.platform.resource import BackedUp, Resource
+from server.platform.resource import BackedUp, PartName, Parts, Resource
 from server.valves.valve_fits import ValveFit, ValveFits, ValveKind, ValveOrders, ValveResults, valve_recordings, valves
 
 

@@ -11,7 +11,7 @@ import pytest
 from access_fakes import Guarded, guarded_service
 from service_fakes import API, Running, recording_bytes
 
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import Parameter, content_of
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
 from server.calibrations.calibration_resource import compare_errors, compare_parameters
