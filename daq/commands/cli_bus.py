@@ -39,7 +39,7 @@ def restore(
     json: Json = False,
 ) -> None:
     """Put CANopen nodes back to what they were before hilfit changed them: mapping, transmission type, heartbeat."""
-    from daq.drivers.canopen.restore import restore_nodes
+    from daq.drivers.canopen.commissioning import restore_nodes
 
     results = restore_nodes(load_machine(machine), data_dir)
     failed = any(result.failure for result in results)

@@ -1,7 +1,7 @@
 """Bus drivers, a folder for each family of buses (``can``, ``canopen``, ``modbus``).
 
-What one is says :mod:`~daq.drivers.base`, :mod:`~daq.drivers.conformance` what each has to pass; a device is kept by a
-:mod:`~daq.drivers.keeper`. Drivers that have one port are a :mod:`~daq.drivers.bus_driver`, those that only listen a
+What one is says :mod:`~daq.drivers.base`, :mod:`~daq.drivers.conformance` what each has to pass. Drivers that have one
+port are a :mod:`~daq.drivers.bus_driver`, which also keeps devices; those that only listen a
 :mod:`~daq.drivers.listening`.
 """
 

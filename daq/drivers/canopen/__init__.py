@@ -6,6 +6,6 @@
 - :mod:`~daq.drivers.canopen.care`: SYNC and NMT commands; what is done about a node, in its keeper's thread
 - :mod:`~daq.drivers.canopen.node`, ``tpdo``: what is known of a node, and what is noticed about it in each cycle
 - :mod:`~daq.drivers.canopen.link`: frames by their COB-ID, SYNC, NMT, SDO
-- :mod:`~daq.drivers.canopen.commissioning`, ``mapping``, ``profiles``, ``restore``: how nodes are set up and put back
+- :mod:`~daq.drivers.canopen.commissioning`, ``mapping``, ``profiles``: how nodes are set up and put back
 - :mod:`~daq.drivers.canopen.listening`, ``eds``: a bus that another master leads, and where its objects are
 """

@@ -12,6 +12,7 @@ from collections.abc import Collection, Iterable, MutableMapping
 from dataclasses import replace
 
 from daq.drivers.base import DriverContext
+from daq.drivers.bus_driver import Keeper
 from daq.drivers.canopen.commissioning import OPERATIONAL, PRE_OPERATIONAL, commission
 from daq.drivers.canopen.leadership import State
 from daq.drivers.canopen.link import CanLink
@@ -19,7 +20,6 @@ from daq.drivers.canopen.node import Node
 from daq.drivers.canopen.profiles import ask
 from daq.drivers.canopen.tpdo import Cycle
 from daq.drivers.found_setups import FoundSetup
-from daq.drivers.keeper import Keeper
 from daq.errors import AcquisitionError, first_line
 from daq.messages import Sentence
 

@@ -1,5 +1,7 @@
 """Commissioning of one CANopen node: from any state to sending its TPDOs on SYNC, with everything read back.
 
+It is put back to what it was before, too (:mod:`daq.drivers.found_setups`).
+
 The order is the one that makes every later step safe: the listeners are there before the first command, the node is
 stopped from sending before its mapping changes, it is identified before anything is written to it, and what was
 written is read back before it goes operational.
@@ -11,14 +13,19 @@ import contextlib
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from daq import wire
-from daq.drivers.canopen.link import NoAnswerError, Sdo, SdoRefusedError, WrongAnswerError
+from daq.drivers.base import DriverContext
+from daq.drivers.can.health import BusHealth
+from daq.drivers.canopen.leadership import Leadership
+from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError, WrongAnswerError
 from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
-from daq.drivers.found_setups import Objects
-from daq.errors import CommissioningError
+from daq.drivers.found_setups import FoundSetup, FoundSetups, Objects
+from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.buses import object_of
-from daq.machine.machine_file import CanNode
+from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Machine
 from daq.messages import Sentence
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
@@ -265,3 +272,60 @@ def _encode(sdo: Sdo, index: int, subindex: int, data_type: str | None, value: f
     if value != round(value):
         return wire.encode("float64" if size == 8 else "float32", value)
     return int(value).to_bytes(size, "little", signed=value < 0)
+
+
+@dataclass(frozen=True)
+class Restored:
+    """One node, and the line that says why it was not put back (empty if it was)."""
+
+    bus: str
+    node: int
+    failure: str = ""
+
+
+def restore_nodes(machine: Machine, data_directory: Path) -> list[Restored]:
+    """Put back what commissioning changed in the nodes of a machine; nobody may be acquiring from it.
+
+    Raises
+    ------
+    BusError
+        If a bus cannot be opened, or another master leads it; nothing was sent on that one then.
+    """
+    kept = FoundSetups(data_directory, machine.name)
+    done = []
+    for bus in machine.buses:
+        if not isinstance(bus, CanopenBus) or bus.listen_only:
+            continue
+        nodes = sorted(
+            {c.source.node for c in machine.channels if isinstance(c.source, CanSource) and c.source.bus == bus.name}
+        )
+        setups = {node: setup for node in nodes if (setup := kept.read(bus.name, node)) is not None}
+        if setups:
+            done += _bus(bus, setups, kept)
+    return done
+
+
+def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> list[Restored]:
+    context = DriverContext(1.0, 0.0, time.monotonic_ns)
+    leadership = Leadership(bus, context, setups, kept.started(bus.name))
+    link = CanLink(bus, context, BusHealth(), leadership)
+    try:
+        if not link.leadership.lead():
+            raise BusError("daq.led_nothing_sent", bus=bus.name, leadership=link.leadership.masters_seen())
+        done = []
+        for node, setup in setups.items():
+            link.send_nmt(PRE_OPERATIONAL, node)
+            try:
+                sdo, place = link.sdo(node), Sentence("daq.bus_node", bus_name=bus.name, node=node)
+                if identity_of(sdo) != dict(setup.identity):
+                    raise CommissioningError("daq.not_the_changed_device", place=place)
+                write_objects(sdo, setup.found, place)
+            except AcquisitionError as error:
+                done.append(Restored(bus.name, node, str(error)))
+                continue
+            link.send_nmt(LEFT.get(setup.state, PRE_OPERATIONAL), node)
+            kept.put_back(bus.name, node)
+            done.append(Restored(bus.name, node))
+        return done
+    finally:
+        link.close()

@@ -1,7 +1,8 @@
 """The CANopen driver: SYNC out, TPDOs in, and nodes that come and go without disturbing the others.
 
 Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and a keeper for each node and for the bus
-(:mod:`daq.drivers.keeper`), which commission nodes that rebooted and rebuild a bus that failed while the cycle goes on.
+(:mod:`daq.drivers.bus_driver`), which commission nodes that rebooted and rebuild a bus that failed while the cycle
+goes on.
 """
 
 from __future__ import annotations
