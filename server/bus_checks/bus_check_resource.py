@@ -31,30 +31,26 @@ if TYPE_CHECKING:
 LEAST_S = 2.0  # of frames, without which noise and drift say nothing
 
 
-class BusChecks:
-    """Checks machines that are acquired; the acquisition goes on undisturbed."""
+def _checked(acquisition: Acquisition, name: str, seconds: float, depressurised: bool) -> MachineCheck:
+    """Check the last ``seconds`` of a machine, if so many; delays between its buses by the last minute.
 
-    def __init__(self, acquisition: Acquisition) -> None:
-        self._acquisition = acquisition
+    The acquisition goes on undisturbed.
 
-    def check(self, name: str, seconds: float, depressurised: bool) -> MachineCheck:
-        """Check the last ``seconds`` of a machine, if so many; delays between its buses by the last minute.
+    Raises
+    ------
+    ConflictError
+        If it is not acquired.
+    UnavailableError
+        If its acquisition does not run at the moment, or has run for less than two seconds.
+    """
+    from daq.acquisition.ring import RingReader
 
-        Raises
-        ------
-        ConflictError
-            If it is not acquired.
-        UnavailableError
-            If its acquisition does not run at the moment, or has run for less than two seconds.
-        """
-        from daq.acquisition.ring import RingReader
-
-        machine, feed = self._acquisition.feed(name)
-        with RingReader(feed.ring_name, from_start=True) as ring:
-            rows = ring.read().rows
-        if len(rows) < LEAST_S * machine.rate_hz:
-            raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
-        return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
+    machine, feed = acquisition.feed(name)
+    with RingReader(feed.ring_name, from_start=True) as ring:
+        rows = ring.read().rows
+    if len(rows) < LEAST_S * machine.rate_hz:
+        raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
+    return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
 
 
 def _known(value: float | None) -> float | None:
@@ -234,12 +230,8 @@ async def bus_check(
 ) -> BusCheck:
     """Check the buses of an acquired machine by its newest frames: identity, mapping, latency, noise, zero, drift."""
     service[Machines].get(name)
-    checks = service[BusChecks]
-    return shown(await service.heavy.run(principal.id, checks.check, name, seconds, depressurised))
+    acquisition = service[Acquisition]
+    return shown(await service.heavy.run(principal.id, _checked, acquisition, name, seconds, depressurised))
 
 
-BUS_CHECKS = Resource(
-    name="bus_checks",
-    routers=(router,),
-    provides={BusChecks: lambda parts: BusChecks(parts[Acquisition])},
-)
+BUS_CHECKS = Resource(name="bus_checks", routers=(router,))

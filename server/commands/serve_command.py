@@ -51,19 +51,8 @@ def serve(
     def ready(url: str) -> None:
         print(json_format.dumps({"url": url}) if json else f"hilfit serves on {url} (Ctrl-C stops)", flush=True)
 
-    options: dict[str, Any] = {
-        "host": host,
-        "port": port,
-        "data_dir": data_dir,
-        "base_path": base_path,
-        "tls_cert": tls_cert,
-        "tls_key": tls_key,
-        "tls": tls,
-        "simulate": simulate,
-        "simulation_speed": simulation_speed,
-        "faults": faults,
-        "new_store": new_store,
-    }
+    # All options but two are settings, and only the context knows which were given.
+    options = {name: value for name, value in context.params.items() if name not in ("config", "json")}
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
     _check_faults(settings)
     with ExitStack() as stack:

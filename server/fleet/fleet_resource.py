@@ -18,7 +18,7 @@ from server.monitor.monitor_supervisor import Monitors
 from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.http.bodies import Message, Shown
 from server.platform.http.route_parameters import ServiceDep
-from server.platform.resource import Resource
+from server.platform.resource import Parts, Resource
 
 
 class FleetCalibration(BaseModel):
@@ -68,58 +68,43 @@ class Fleet(BaseModel):
 MOST = 500
 
 
-class FleetView:
-    """Gathers the state of all machines; three readings of the store, however many there are."""
+def _gathered(parts: Parts, only: tuple[str, ...] | None) -> Fleet:
+    """Gather the fleet by three readings of the store, however many machines; ``only``: of these machines."""
+    rows = parts[Machines].list(MOST, machines=only).items
+    in_use = parts[Calibrations].list(2 * MOST, machines=only, state="active").items
+    active = {one.machine: one for one in in_use if one.kind == "identification"}
+    alarms = _count_alarms(parts[Alarms])
+    found = [_machine(parts, row, active.get(row.name), alarms.get(row.name, FleetAlarms())) for row in rows]
+    return Fleet(items=sorted(found, key=_order))
 
-    def __init__(
-        self,
-        machines: Machines,
-        acquisition: Acquisition,
-        monitors: Monitors,
-        calibrations: Calibrations,
-        alarms: Alarms,
-    ) -> None:
-        self._machines = machines
-        self._acquisition = acquisition
-        self._monitors = monitors
-        self._calibrations = calibrations
-        self._alarms = alarms
 
-    def gather(self, only: tuple[str, ...] | None) -> Fleet:
-        """Gather the fleet; ``only``: of these machines."""
-        rows = self._machines.list(MOST, machines=only).items
-        in_use = self._calibrations.list(2 * MOST, machines=only, state="active").items
-        active = {one.machine: one for one in in_use if one.kind == "identification"}
-        alarms = self._count_alarms()
-        found = [self._machine(row, active.get(row.name), alarms.get(row.name, FleetAlarms())) for row in rows]
-        return Fleet(items=sorted(found, key=_order))
+def _count_alarms(alarms: Alarms) -> dict[str, FleetAlarms]:
+    found: dict[str, FleetAlarms] = {}
+    for alarm in alarms.open():
+        if alarm.machine is None:
+            continue
+        counts = found.setdefault(alarm.machine, FleetAlarms())
+        if alarm.state == "active":
+            setattr(counts, alarm.severity, getattr(counts, alarm.severity) + 1)
+        counts.waiting += not alarm.acknowledged
+    return found
 
-    def _count_alarms(self) -> dict[str, FleetAlarms]:
-        found: dict[str, FleetAlarms] = {}
-        for alarm in self._alarms.open():
-            if alarm.machine is None:
-                continue
-            counts = found.setdefault(alarm.machine, FleetAlarms())
-            if alarm.state == "active":
-                setattr(counts, alarm.severity, getattr(counts, alarm.severity) + 1)
-            counts.waiting += not alarm.acknowledged
-        return found
 
-    def _machine(self, row: MachineRow, calibration: Calibration | None, alarms: FleetAlarms) -> FleetMachine:
-        monitor = self._monitors.state(row.name)
-        joints = [*monitor.get("joints", ()), *monitor["valves"].get("joints", ())]
-        if monitor["state"] == "off" and monitor["valves"]["state"] != "off":
-            monitor = monitor["valves"]
-        return FleetMachine(
-            name=row.name,
-            version=row.version,
-            acquisition=self._acquisition.state(row.name),
-            monitor=monitor["state"],
-            reason=monitor.get("reason"),
-            joint=worst_joint(joints),
-            calibration=None if calibration is None else _calibration(calibration),
-            alarms=alarms,
-        )
+def _machine(parts: Parts, row: MachineRow, calibration: Calibration | None, alarms: FleetAlarms) -> FleetMachine:
+    monitor = parts[Monitors].state(row.name)
+    joints = [*monitor.get("joints", ()), *monitor["valves"].get("joints", ())]
+    if monitor["state"] == "off" and monitor["valves"]["state"] != "off":
+        monitor = monitor["valves"]
+    return FleetMachine(
+        name=row.name,
+        version=row.version,
+        acquisition=parts[Acquisition].state(row.name),
+        monitor=monitor["state"],
+        reason=monitor.get("reason"),
+        joint=worst_joint(joints),
+        calibration=None if calibration is None else _calibration(calibration),
+        alarms=alarms,
+    )
 
 
 def worst_joint(joints: Iterable[Mapping[str, Any]]) -> MonitoredJoint | None:
@@ -152,15 +137,7 @@ router = APIRouter(prefix="/fleet", tags=["fleet"], route_class=TypedRoute)
 @router.get("", dependencies=[require("read")])
 def fleet(service: ServiceDep, principal: PrincipalDep) -> Fleet:
     """List all machines with their residual against its limit, the calibration in use, and number of alarms."""
-    return service[FleetView].gather(principal.machines)
+    return _gathered(service, principal.machines)
 
 
-FLEET = Resource(
-    name="fleet",
-    routers=(router,),
-    provides={
-        FleetView: lambda parts: FleetView(
-            parts[Machines], parts[Acquisition], parts[Monitors], parts[Calibrations], parts[Alarms]
-        )
-    },
-)
+FLEET = Resource(name="fleet", routers=(router,))

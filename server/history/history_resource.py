@@ -14,6 +14,7 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel
 
 from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_lifecycle import Alarm
 from server.calibrations.calibration_store import calibration_steps, calibrations
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import identifications
@@ -24,7 +25,7 @@ from server.platform.database.engine import Database, as_stored
 from server.platform.errors import NotFoundError
 from server.platform.http.bodies import Message
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.resource import Resource
+from server.platform.resource import Parts, Resource
 
 
 class FoundEffect(BaseModel):
@@ -115,48 +116,42 @@ MOST = 300
 DRIFTS = frozenset({"residual_drift", "valve_drift", "residual_grew"})
 
 
-class MachineHistory:
-    """Gathers time lines."""
+def gathered(parts: Parts, machine: str, since: str) -> History:
+    """Gather what happened to a machine since ``since`` (ISO 8601, UTC), newest first."""
+    with parts[Database].read() as connection:
+        ended = _identifications(connection, machine, since)
+        kinds = [list(_files(connection, machine, since)), list(_calibrations(connection, machine, since))]
+    # Reports are read while nothing holds the store.
+    kinds += [[_identification(row, parts[FoundEffects]) for row in ended]]
+    kinds += [[_alarm(alarm) for alarm in parts[Alarms].since(machine, since, MOST)]]
+    events = sorted((event for kind in kinds for event in kind), key=lambda event: event.time, reverse=True)
+    return History(machine=machine, since=since, complete=all(len(kind) < MOST for kind in kinds), items=events)
 
-    def __init__(self, database: Database, alarms: Alarms, effects: FoundEffects) -> None:
-        self._database = database
-        self._alarms = alarms
-        self._effects = effects
 
-    def gather(self, machine: str, since: str) -> History:
-        """Gather what happened to a machine since ``since`` (ISO 8601, UTC), newest first."""
-        with self._database.read() as connection:
-            ended = _identifications(connection, machine, since)
-            kinds = [list(_files(connection, machine, since)), list(_calibrations(connection, machine, since))]
-        # Reports are read while nothing holds the store.
-        kinds += [[self._identification(row) for row in ended], list(self._alarm_events(machine, since))]
-        events = sorted((event for kind in kinds for event in kind), key=lambda event: event.time, reverse=True)
-        return History(machine=machine, since=since, complete=all(len(kind) < MOST for kind in kinds), items=events)
+def _identification(row: sa.Row[Any], effects: FoundEffects) -> HistoryEvent:
+    return HistoryEvent(
+        time=row.ended,
+        kind="identification",
+        what=row.verdict or "",
+        text=row.label,
+        subject=row.id,
+        effects=list(effects.of(row.id)),
+        error=_error(row.overall),
+    )
 
-    def _identification(self, row: sa.Row[Any]) -> HistoryEvent:
-        return HistoryEvent(
-            time=row.ended,
-            kind="identification",
-            what=row.verdict or "",
-            text=row.label,
-            subject=row.id,
-            effects=list(self._effects.of(row.id)),
-            error=_error(row.overall),
-        )
 
-    def _alarm_events(self, machine: str, since: str) -> Iterator[HistoryEvent]:
-        for alarm in self._alarms.since(machine, since, MOST):
-            yield HistoryEvent(
-                time=alarm.raised,
-                until=alarm.cleared if alarm.state == "cleared" else None,
-                kind="drift" if alarm.kind in DRIFTS else "alarm",
-                what=alarm.kind,
-                text=alarm.text,
-                text_message=alarm.text_message,
-                subject=alarm.id,
-                by=alarm.acknowledged_by,
-                severity=alarm.severity,
-            )
+def _alarm(alarm: Alarm) -> HistoryEvent:
+    return HistoryEvent(
+        time=alarm.raised,
+        until=alarm.cleared if alarm.state == "cleared" else None,
+        kind="drift" if alarm.kind in DRIFTS else "alarm",
+        what=alarm.kind,
+        text=alarm.text,
+        text_message=alarm.text_message,
+        subject=alarm.id,
+        by=alarm.acknowledged_by,
+        severity=alarm.severity,
+    )
 
 
 def _identifications(connection: sa.Connection, machine: str, since: str) -> Sequence[sa.Row[Any]]:
@@ -220,14 +215,11 @@ async def history(name: str, service: ServiceDep, principal: PrincipalDep, days:
     """List calibrations, identifications with effects, drifts, alarms and versions of a machine in time order."""
     await run_in_threadpool(service[Machines].get, name)
     since = datetime.fromisoformat(service.now()) - timedelta(days=days)
-    return await service.heavy.run(principal.id, service[MachineHistory].gather, name, as_stored(since))
+    return await service.heavy.run(principal.id, gathered, service, name, as_stored(since))
 
 
 HISTORY = Resource(
     name="history",
     routers=(router,),
-    provides={
-        FoundEffects: lambda parts: FoundEffects(parts[IdentificationResults]),
-        MachineHistory: lambda parts: MachineHistory(parts[Database], parts[Alarms], parts[FoundEffects]),
-    },
+    provides={FoundEffects: lambda parts: FoundEffects(parts[IdentificationResults])},
 )

@@ -31,7 +31,7 @@ from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.resource import BackedUp, PartName, Parts, Resource
+from server.platform.resource import BackedUp, PartName, Resource
 
 #: What a fit is ordered of.
 RecordingChoices = Annotated[list[RecordingChoice], Field(min_length=1, max_length=200)]
@@ -178,18 +178,6 @@ def next_experiment(id: str, service: ServiceDep) -> FileResponse:
 STAGE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stages of an identification")
 
 
-def _kind(parts: Parts) -> IdentificationKind:
-    return IdentificationKind(parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM])
-
-
-def _orders(parts: Parts) -> IdentificationOrders:
-    return IdentificationOrders(
-        parts[Database],
-        lambda: parts[IdentificationKind].stages,
-        lambda job: parts[JobRunner].enqueue(job),
-    )
-
-
 IDENTIFICATIONS = Resource(
     name="identifications",
     routers=(router,),
@@ -200,8 +188,14 @@ IDENTIFICATIONS = Resource(
         STAGE_PROGRAM: lambda parts: fitting_program,
         Identifications: lambda parts: Identifications(parts[Database]),
         IdentificationResults: lambda parts: IdentificationResults(parts[Database], parts[DataDirectory]),
-        IdentificationKind: _kind,
-        IdentificationOrders: _orders,
+        IdentificationKind: lambda parts: IdentificationKind(
+            parts[Database], parts[DataDirectory], parts[STAGE_PROGRAM]
+        ),
+        IdentificationOrders: lambda parts: IdentificationOrders(
+            parts[Database],
+            lambda: parts[IdentificationKind].stages,
+            lambda job: parts[JobRunner].enqueue(job),
+        ),
     },
     job_kinds=(IdentificationKind,),
     backed_up=BackedUp("identifications", partial(named_results, identifications)),

@@ -192,16 +192,12 @@ def _revisions(parts: Parts) -> Revisions:
     return Revisions(parts[Changes], read, own=database.own_revisions)
 
 
-def _overview(parts: Parts) -> Overview:
-    return Overview(parts[Revisions], parts[Jobs], parts[Acquisition], parts[Database].now())
-
-
 LIVE = Resource(
     name="live",
     routers=(status_router, live_router, socket_router, event_router),
     provides={
         Hub: lambda parts: Hub(parts[Acquisition], lambda: parts[Changes].closed),
         Revisions: _revisions,
-        Overview: _overview,
+        Overview: lambda parts: Overview(parts[Revisions], parts[Jobs], parts[Acquisition], parts[Database].now()),
     },
 )

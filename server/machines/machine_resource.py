@@ -231,12 +231,6 @@ def _file_children(parts: Parts) -> FileChildren:
     return children
 
 
-def _desk(parts: Parts) -> MachineDesk:
-    return MachineDesk(
-        parts[Machines], parts[MachineUploads], parts[Acquisition], parts[DataDirectory], parts[BEING_RECORDED]
-    )
-
-
 def _running(parts: Parts) -> Iterator[Running]:
     settings, desk = parts[Settings], parts[MachineDesk]
 
@@ -276,7 +270,9 @@ MACHINES = Resource(
         MachineReader: lambda parts: MachineReader(parts[DataDirectory], parts[FileChildren]),
         MachineUploads: lambda parts: MachineUploads(parts[Database], parts[DataDirectory], parts[MachineReader]),
         Acquisition: lambda parts: Acquisition(parts[LAUNCH], parts[Changes].notify, parts[Settings].bus_places),
-        MachineDesk: _desk,
+        MachineDesk: lambda parts: MachineDesk(
+            parts[Machines], parts[MachineUploads], parts[Acquisition], parts[DataDirectory], parts[BEING_RECORDED]
+        ),
     },
     running=_running,
     backed_up=BackedUp("machines", _files),

@@ -45,16 +45,6 @@ COMPARISON: PartName[Sequence[str]] = PartName("the program that compares calibr
 POLICY: PartName[ByPolicy] = PartName("what recalibrations do to calibrations")
 
 
-def _site(parts: Parts) -> Site:
-    return Site(
-        parts[Database],
-        parts[DataDirectory],
-        parts[Sessions],
-        parts[ExcitationKind],
-        parts[MotionDelivery],
-    )
-
-
 def _kind(parts: Parts) -> RecalibrationKind:
     around = Surroundings(
         parts[POLICY],
@@ -76,7 +66,13 @@ RECALIBRATIONS = Resource(
         COMPARISON: lambda parts: PROGRAM,
         POLICY: lambda parts: parts[ByPolicy],
         Recalibrations: lambda parts: Recalibrations(parts[Database]),
-        Site: _site,
+        Site: lambda parts: Site(
+            parts[Database],
+            parts[DataDirectory],
+            parts[Sessions],
+            parts[ExcitationKind],
+            parts[MotionDelivery],
+        ),
         RecalibrationKind: _kind,
     },
     job_kinds=(RecalibrationKind,),

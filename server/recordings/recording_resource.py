@@ -255,10 +255,6 @@ RECORDER: PartName[Recorder] = PartName("what records")
 FREE: PartName[Free] = PartName("free bytes for recordings")
 
 
-def _sessions(parts: Parts) -> Sessions:
-    return Sessions(parts[Database], parts[DataDirectory], parts[Acquisition], parts[RECORDER], parts[FREE])
-
-
 def _being_recorded(parts: Parts) -> Callable[[str], str | None]:
     def recording(machine: str) -> str | None:
         found = parts[Recordings].list(1, machine=machine, state="recording").items
@@ -302,7 +298,9 @@ RECORDINGS = Resource(
         RecordingUploads: lambda parts: RecordingUploads(
             parts[Database], parts[DataDirectory], parts[FileChildren], parts[FREE]
         ),
-        Sessions: _sessions,
+        Sessions: lambda parts: Sessions(
+            parts[Database], parts[DataDirectory], parts[Acquisition], parts[RECORDER], parts[FREE]
+        ),
     },
     running=_running,
     backed_up=BackedUp("recordings", _files, unchanging=True),

@@ -218,17 +218,9 @@ def _resource(service: Service, schedule: Schedule, response: Response | None = 
 CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")
 
 
-def _clock(parts: Parts) -> ScheduleClock:
-    return ScheduleClock(parts[Database], parts[JobRunner].enqueue, parts[Site].ready, parts[CLOCK])
-
-
 def _running(parts: Parts) -> Iterator[Running]:
     clock = parts[ScheduleClock]
     yield Running(Phase.CLOCKS, clock.rounds.start, clock.rounds.stop)
-
-
-def _orders(parts: Parts) -> RecalibrationOrders:
-    return RecalibrationOrders(parts[Database], parts[JobRunner].enqueue, parts[Site].ready)
 
 
 SCHEDULES = Resource(
@@ -240,8 +232,12 @@ SCHEDULES = Resource(
     provides={
         Schedules: lambda parts: Schedules(parts[Database]),
         CLOCK: lambda parts: utc_now,
-        ScheduleClock: _clock,
-        RecalibrationOrders: _orders,
+        ScheduleClock: lambda parts: ScheduleClock(
+            parts[Database], parts[JobRunner].enqueue, parts[Site].ready, parts[CLOCK]
+        ),
+        RecalibrationOrders: lambda parts: RecalibrationOrders(
+            parts[Database], parts[JobRunner].enqueue, parts[Site].ready
+        ),
     },
     running=_running,
 )

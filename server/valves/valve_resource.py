@@ -26,7 +26,7 @@ from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
 from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
-from server.platform.resource import BackedUp, PartName, Parts, Resource
+from server.platform.resource import BackedUp, PartName, Resource
 from server.valves.valve_fits import ValveFit, ValveFits, ValveKind, ValveOrders, ValveResults, valve_recordings, valves
 
 
@@ -126,14 +126,6 @@ def inverse(
 VALVE_PROGRAM: PartName[Callable[[], StageProgram]] = PartName("stage of an identification of valves")
 
 
-def _orders(parts: Parts) -> ValveOrders:
-    return ValveOrders(
-        parts[Database],
-        lambda: parts[ValveKind].stages,
-        lambda job: parts[JobRunner].enqueue(job),
-    )
-
-
 VALVES = Resource(
     name="valves",
     routers=(router,),
@@ -145,7 +137,11 @@ VALVES = Resource(
         ValveFits: lambda parts: ValveFits(parts[Database]),
         ValveResults: lambda parts: ValveResults(parts[Database], parts[DataDirectory]),
         ValveKind: lambda parts: ValveKind(parts[Database], parts[DataDirectory], parts[VALVE_PROGRAM]),
-        ValveOrders: _orders,
+        ValveOrders: lambda parts: ValveOrders(
+            parts[Database],
+            lambda: parts[ValveKind].stages,
+            lambda job: parts[JobRunner].enqueue(job),
+        ),
     },
     job_kinds=(ValveKind,),
     backed_up=BackedUp("valves", partial(named_results, valves)),
