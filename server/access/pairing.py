@@ -19,9 +19,8 @@ import segno
 import sqlalchemy as sa
 
 from daq.messages import Sentence
-from server.access.holder_store import later
 from server.platform.authorization.principals import Role
-from server.platform.database.engine import Database
+from server.platform.database.engine import Database, later
 from server.platform.database.stored import Kept, Stored
 from server.platform.errors import ForbiddenError, TooManyError
 from server.platform.processes.heavy_work import Heavy

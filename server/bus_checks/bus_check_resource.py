@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +15,7 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.errors import UnavailableError
-from server.platform.http.bodies import Message, Shown
+from server.platform.http.bodies import Message, Shown, finite
 from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
 
@@ -53,12 +52,8 @@ def _checked(acquisition: Acquisition, name: str, seconds: float, depressurised:
     return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
 
 
-def _known(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
-
-
 #: A measured number; null where none was.
-Known = Annotated[float | None, BeforeValidator(_known)]
+Known = Annotated[float | None, BeforeValidator(finite)]
 
 
 class CheckedDevice(Shown):

@@ -206,12 +206,7 @@ def model(id: str, service: ServiceDep) -> JSONResponse:
 
 @router.post("/{id}/approve", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
 def approve(
-    id: str,
-    body: Decision,
-    response: Response,
-    service: ServiceDep,
-    principal: PrincipalDep,
-    tags: KnownTags,
+    id: str, body: Decision, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> CalibrationResource:
     """Approve a proposed calibration; whoever proposed it may only where the policy says so (``second_person``)."""
     return _tagged(service[Calibrations].decide(id, "approved", principal, body.note, tags), response)
@@ -219,12 +214,7 @@ def approve(
 
 @router.post("/{id}/reject", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
 def reject(
-    id: str,
-    body: Decision,
-    response: Response,
-    service: ServiceDep,
-    principal: PrincipalDep,
-    tags: KnownTags,
+    id: str, body: Decision, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> CalibrationResource:
     """Reject a calibration that is not in use and never was."""
     return _tagged(service[Calibrations].decide(id, "rejected", principal, body.note, tags), response)
@@ -240,12 +230,7 @@ def activate(
 
 @router.post("/{id}/deactivate", responses=problems(404, 409, 412, 422), dependencies=ENGINEER)
 def deactivate(
-    id: str,
-    body: Decision,
-    response: Response,
-    service: ServiceDep,
-    principal: PrincipalDep,
-    tags: KnownTags,
+    id: str, body: Decision, response: Response, service: ServiceDep, principal: PrincipalDep, tags: KnownTags
 ) -> CalibrationResource:
     """Take the calibration in use out of use: none is in use then, and the monitor rests. It can be activated again."""
     changed = service[Calibrations].deactivate(id, tags, principal, body.note)

@@ -8,7 +8,6 @@ the machine file's folder.
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -24,6 +23,7 @@ from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database,
 from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
 from daq.messages import Sentence, message_of, messages_in
 from server.can_signals.can_signals_schemas import CanSignal
+from server.platform.http.bodies import finite
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
 from server.platform.processes.child_speech import ended
 
@@ -125,8 +125,8 @@ def _list(
                 start_bit=signal.start, bits=signal.length,
                 byte_order="big" if signal.byte_order == "big_endian" else "little",
                 signed=signal.is_signed, is_float=signal.is_float,
-                factor=_finite(signal.scale), offset=_finite(signal.offset), unit=(signal.unit or "")[:LONGEST_UNIT],
-                minimum=_finite(signal.minimum), maximum=_finite(signal.maximum),
+                factor=finite(signal.scale), offset=finite(signal.offset), unit=(signal.unit or "")[:LONGEST_UNIT],
+                minimum=finite(signal.minimum), maximum=finite(signal.maximum),
                 selects=signal.is_multiplexer, multiplexer=signal.multiplexer_signal,
                 multiplexer_values=list(signal.multiplexer_ids or ())[:MOST_VALUES],
                 cycle_ms=message.cycle_time or None, channels=used.get((message.name, signal.name), []),
@@ -158,11 +158,6 @@ def _source(
     if named[message.name, signal.name] == 1:
         return {"message": message.name, "signal": signal.name}, None
     return None, Sentence("server.signal_more_than_once", signal=signal.name, message=message.name)
-
-
-def _finite(value: float | None) -> float | None:
-    """Convert it to what JSON can hold."""
-    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def look(machine_file: Path, target: Path, name: str | None = None, incoming: Path | None = None) -> None:

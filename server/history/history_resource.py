@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
@@ -21,7 +21,7 @@ from server.identifications.identification_store import identifications
 from server.jobs.job_store import jobs
 from server.machines.machine_store import Machines, machine_versions
 from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
-from server.platform.database.engine import Database, as_stored
+from server.platform.database.engine import Database, later
 from server.platform.errors import NotFoundError
 from server.platform.http.bodies import Message
 from server.platform.http.route_parameters import ServiceDep, problems
@@ -214,8 +214,8 @@ Days = Annotated[int, Query(ge=1, le=3660, description="How far back, in days of
 async def history(name: str, service: ServiceDep, principal: PrincipalDep, days: Days = 365) -> History:
     """List calibrations, identifications with effects, drifts, alarms and versions of a machine in time order."""
     await run_in_threadpool(service[Machines].get, name)
-    since = datetime.fromisoformat(service.now()) - timedelta(days=days)
-    return await service.heavy.run(principal.id, gathered, service, name, as_stored(since))
+    since = later(service.now(), -timedelta(days=days))
+    return await service.heavy.run(principal.id, gathered, service, name, since)
 
 
 HISTORY = Resource(

@@ -42,37 +42,29 @@ EARLIER = 10
 LEAST_FRACTION = 0.1
 
 
-class JobTimes:
-    """Estimates ends of jobs."""
+def expected_end(database: Database, job: Job) -> str | None:
+    """Estimate a running job's end, as the store writes times; None if it does not run, or no job is known.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-
-    def expected_end(self, job: Job) -> str | None:
-        """Estimate a running job's end, as the store writes times; None if it does not run, or no job is known.
-
-        The stage that it is in takes what that stage took in the median of the last jobs of its kind that were done,
-        or is about to end where it took longer; so do those that follow. Where none was done, or one with other
-        stages, what it did so far is carried on.
-        """
-        if job.state != "running" or job.stage is None or job.started is None:
-            return None
-        now = datetime.fromisoformat(self._database.now())
-        with self._database.read() as connection:
-            usual = _usual(connection, job.kind)
-            begun = connection.execute(
-                sa.select(sa.func.min(job_events.c.time)).where(
-                    job_events.c.job == job.id, job_events.c.stage == job.stage
-                )
-            ).scalar()
-        following = job.stages[job.stages.index(job.stage) :] if job.stage in job.stages else ()
-        if begun is not None and following and all(stage in usual for stage in following):
-            here = max(now, datetime.fromisoformat(begun) + timedelta(seconds=usual[following[0]]))
-            return as_stored(here + timedelta(seconds=sum(usual[stage] for stage in following[1:])))
-        if job.fraction < LEAST_FRACTION:
-            return None
-        done = now - datetime.fromisoformat(job.started)
-        return as_stored(now + done * (1 / job.fraction - 1))
+    The stage that it is in takes what that stage took in the median of the last jobs of its kind that were done,
+    or is about to end where it took longer; so do those that follow. Where none was done, or one with other
+    stages, what it did so far is carried on.
+    """
+    if job.state != "running" or job.stage is None or job.started is None:
+        return None
+    now = datetime.fromisoformat(database.now())
+    with database.read() as connection:
+        usual = _usual(connection, job.kind)
+        begun = connection.execute(
+            sa.select(sa.func.min(job_events.c.time)).where(job_events.c.job == job.id, job_events.c.stage == job.stage)
+        ).scalar()
+    following = job.stages[job.stages.index(job.stage) :] if job.stage in job.stages else ()
+    if begun is not None and following and all(stage in usual for stage in following):
+        here = max(now, datetime.fromisoformat(begun) + timedelta(seconds=usual[following[0]]))
+        return as_stored(here + timedelta(seconds=sum(usual[stage] for stage in following[1:])))
+    if job.fraction < LEAST_FRACTION:
+        return None
+    done = now - datetime.fromisoformat(job.started)
+    return as_stored(now + done * (1 / job.fraction - 1))
 
 
 def _usual(connection: sa.Connection, kind: str) -> dict[str, float]:
@@ -187,7 +179,7 @@ async def _follow(service: Service, id: str, after: int) -> AsyncIterator[bytes]
 
 
 def _resource(service: Service, job: Job) -> JobResource:
-    return JobResource.of(job, expected_end=service[JobTimes].expected_end(job))
+    return JobResource.of(job, expected_end=expected_end(service.database, job))
 
 
 worker_router = APIRouter(prefix="/workers", tags=["jobs"], route_class=TypedRoute)
@@ -286,7 +278,6 @@ JOBS = Resource(
     kept={"/jobs": ("jobs", "identifications", "valves", "excitations", "recalibrations")},
     provides={
         Jobs: lambda parts: Jobs(parts[Database]),
-        JobTimes: lambda parts: JobTimes(parts[Database]),
         JobRunner: _runner,
         Silence: lambda parts: Silence(parts[Database]),
         Heartbeat: _heartbeat,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
@@ -18,6 +17,7 @@ from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
 from daq.messages import Sentence, message_of, with_their_messages
 from server.platform.errors import ConflictError, UnavailableError
+from server.platform.http.bodies import finite
 
 #: Seconds between two looks at a running acquisition.
 LOOK_S = 0.5
@@ -285,12 +285,11 @@ class Acquisition:
         channels = {}
         for index, channel in enumerate(machine.channels):
             value = float(machine.conversion(channel).from_si(float(frame.values[index])))
-            age = float(frame.ages[index])
             channels[channel.name] = {
-                "value": value if math.isfinite(value) else None,
+                "value": finite(value),
                 "unit": channel.unit,
                 "quality": Quality(int(frame.quality[index])).name.lower(),
-                "age_s": age if math.isfinite(age) else None,
+                "age_s": finite(frame.ages[index]),
             }
         return {"cycle": frame.cycle, "time": frame.time, "utc_ns": frame.utc_ns, "channels": channels}
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -75,6 +75,11 @@ def utc_now() -> datetime:
 def as_stored(moment: datetime) -> str:
     """Write a moment as the store does: ISO 8601, UTC, milliseconds."""
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def later(moment: str, by: timedelta) -> str:
+    """Return a time of the store, so much later."""
+    return as_stored(datetime.fromisoformat(moment) + by)
 
 
 @dataclass(frozen=True)
