@@ -17,6 +17,7 @@ from daq.messages import Sentence, named
 BACK_OFF_S = (0.25, 0.5, 1.0)
 STOP_TIMEOUT_S = 3.0
 LOOK_S = 0.5  # at most between two looks at the clock while something is due
+REOPEN_S = 0.25  # between two attempts to open a bus: one that is refused costs nobody anything, unlike a node's
 
 
 class Keeper:
@@ -112,9 +113,6 @@ class Keeper:
             except Exception as error:  # whatever it is costs this attempt, not the device for good
                 self._broke(error)
                 self.later()
-
-
-REOPEN_S = 0.25  # between two attempts to open a bus: one that is refused costs nobody anything, unlike a node's
 
 
 class Port:

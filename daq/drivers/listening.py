@@ -30,6 +30,10 @@ ELSEWHERE = 2  # frames in a row where they were not due, behind others: one tha
 PULL = 0.25  # of what a frame is off, by which the next one is expected otherwise
 SUSPECT = 12  # frames after the last one too many in which a stream is still another's
 HALF = 16  # frames of each half that are compared
+SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
+FIRST_S = 2.0  # that a frame is waited for at the start
+LATE_PERIODS = 1.5
+INBOX = 256  # frames of one identifier that are kept until the cycle takes them
 
 
 class Pace:
@@ -124,12 +128,6 @@ class Pace:
             if all(map(math.isfinite, channel)) and (max(ours) < min(theirs) or max(theirs) < min(ours)):
                 return True
         return False
-
-
-SILENT_S = 1.0  # without a frame that comes in every cycle; or three of its intervals
-FIRST_S = 2.0  # that a frame is waited for at the start
-LATE_PERIODS = 1.5
-INBOX = 256  # frames of one identifier that are kept until the cycle takes them
 
 
 class Stream:

@@ -24,7 +24,7 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Parts, Phase, Resource, Running
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_resource import POLICY
-from server.schedules.schedule_clock import RecalibrationOrders
+from server.schedules.schedule_clock import ScheduleClock
 from server.valves.valve_fits import ValveResults
 
 
@@ -115,7 +115,7 @@ def _monitors(parts: Parts) -> Monitors:
         },
         parts[Alarms],
         parts[Database].now,
-        recalibrate=parts[RecalibrationOrders].order_drifted if parts[Settings].recalibrate_on_drift else None,
+        recalibrate=parts[ScheduleClock].order_drifted if parts[Settings].recalibrate_on_drift else None,
     )
 
 

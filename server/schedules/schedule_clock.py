@@ -34,7 +34,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class ScheduleClock:
-    """Looks at the clock and orders recalibrations.
+    """Orders recalibrations: by the clock, by hand, and because a residual drifts.
 
     Parameters
     ----------
@@ -93,31 +93,6 @@ class ScheduleClock:
         _log.info("slot_ordered", schedule=schedule.id, slot=written[-1], job=new.job)
         return new.job
 
-
-def next_slot(schedule: Schedule) -> str | None:
-    """Return a schedule's next slot that has not had its turn; None if it does not run."""
-    if not schedule.enabled:
-        return None
-    after = datetime.fromisoformat(schedule.considered)
-    found = next(slots.upcoming(schedule.cron, schedule.timezone, after), None)
-    return None if found is None else as_stored(found)
-
-
-class RecalibrationOrders:
-    """Orders what a schedule does.
-
-    Parameters
-    ----------
-    enqueue : queues a stored job
-    ready : raises ConflictError where a machine cannot be recalibrated now
-    """
-
-    def __init__(self, database: Database, enqueue: Callable[[str], None], ready: Callable[[str], None]) -> None:
-        self._database = database
-        self._schedules = Schedules(database)
-        self._enqueue = enqueue
-        self._ready = ready
-
     def order(self, schedule: Schedule, by: Principal | None = None) -> str:
         """Do now what a schedule does; return the job. ConflictError if the machine is being recalibrated.
 
@@ -145,3 +120,12 @@ class RecalibrationOrders:
         if schedule is None:
             raise ConflictError(Sentence("server.machine_drifts_no_enabled", machine=machine))
         _log.info("recalibration_ordered", machine=machine, job=self.order(schedule), reason=reason)
+
+
+def next_slot(schedule: Schedule) -> str | None:
+    """Return a schedule's next slot that has not had its turn; None if it does not run."""
+    if not schedule.enabled:
+        return None
+    after = datetime.fromisoformat(schedule.considered)
+    found = next(slots.upcoming(schedule.cron, schedule.timezone, after), None)
+    return None if found is None else as_stored(found)

@@ -38,7 +38,7 @@ from server.platform.service import Service
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan
 from server.schedules import schedule_slots as slots
-from server.schedules.schedule_clock import RecalibrationOrders, ScheduleClock, next_slot
+from server.schedules.schedule_clock import ScheduleClock, next_slot
 from server.schedules.schedule_store import Schedule, Schedules, SlotResource, schedule_slots, schedules
 
 
@@ -172,7 +172,7 @@ def delete(id: str, service: ServiceDep, tags: KnownTags) -> None:
 @router.post("/{id}/run", status_code=202, responses=problems(404, 409, 422), dependencies=[require("operate")])
 def run(id: str, response: Response, service: ServiceDep, principal: PrincipalDep) -> JobResource:
     """Recalibrate now, whatever the clock; its job is at ``Location``."""
-    job = service[RecalibrationOrders].order(service[Schedules].get(id), principal)
+    job = service[ScheduleClock].order(service[Schedules].get(id), principal)
     response.headers["Location"] = f"/api/v1/jobs/{job}"
     return JobResource.of(service[Jobs].get(job))
 
@@ -234,9 +234,6 @@ SCHEDULES = Resource(
         CLOCK: lambda parts: utc_now,
         ScheduleClock: lambda parts: ScheduleClock(
             parts[Database], parts[JobRunner].enqueue, parts[Site].ready, parts[CLOCK]
-        ),
-        RecalibrationOrders: lambda parts: RecalibrationOrders(
-            parts[Database], parts[JobRunner].enqueue, parts[Site].ready
         ),
     },
     running=_running,

@@ -31,6 +31,10 @@ from daq.machine.machine_file import CanBus
 TRANSIT_NS = 20_000_000  # that a gateway may take to hand on a frame: by so much one of the lines is to be contradicted
 TIGHT_NS, NEAR_NS = 500_000, 300_000  # that a frame may have waited to prove an offset, and to confirm it
 WINDOW_NS, STALE_NS = NS // 5, 2 * NS // 5  # in which a clock that is off by 1000 ppm is off by as little
+IDLE_S = 0.1
+LOOK_NS = 5_000_000  # between two looks whether a frame waits (:class:`ArrivalTimes`)
+UNCERTAIN_S = 0.2e-3  # the same while times are not sure yet
+LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
 class ArrivalTimes:
@@ -105,12 +109,6 @@ class ArrivalTimes:
             elif self.sure_ns == math.inf:
                 self.sure_ns = self._came
         return self._came
-
-
-IDLE_S = 0.1
-LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.port`)
-UNCERTAIN_S = 0.2e-3  # the same while times are not sure yet
-LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
 class CanAccess:
