@@ -1,4 +1,4 @@
-"""What the command lines share: errors as one line and an exit code, progress bars, JSON on standard output.
+"""Common parts of the command lines: errors as one line and an exit code, progress bars, JSON on standard output.
 
 Exit codes: 0 done, 1 failed, 2 bad usage or input.
 """

@@ -1,4 +1,4 @@
-"""How much later one bus is than another, from what both of them see of one motion: delays by cross-correlation.
+"""Delays between buses, from what both of them see of one motion, by cross-correlation.
 
 Channels of two buses are compared joint by joint. A position on one bus and a position of the same joint on the other
 are functions of each other, whatever the linkage; an effort on one bus follows the motion that the other one sees

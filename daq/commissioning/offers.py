@@ -1,4 +1,4 @@
-"""What devices have to offer for channels: from a scan, from EDS or DCF files, from DBC files."""
+"""Values that devices offer for channels: from a scan, from EDS or DCF files, from DBC files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``hilfit machine new`` writes: buses and channels from scans, EDS and DBC files, asked value by value."""
+"""Drafts of ``hilfit machine new``: buses and channels from scans, EDS and DBC files, asked value by value."""
 
 from __future__ import annotations
 

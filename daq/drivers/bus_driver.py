@@ -1,4 +1,4 @@
-"""What drivers of a bus have in common: a port that is opened, watched and rebuilt, and a keeper of each device."""
+"""Common parts of drivers of a bus: a port that is opened, watched and rebuilt, and a keeper of each device."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Keeper:
     ----------
     care : what is to be done; may take long. It asks again (:meth:`later`) if it did not succeed, or says
         :meth:`settled`.
-    broke : told of an exception that ``care`` let out; it is a bug or a frame nobody thought of, never the keeper's end
+    broke : gets an exception that ``care`` let out; it is a bug or a frame nobody thought of, never the keeper's end
     monotonic_ns : the clock that pauses are measured with
     pauses : s, after so many failures in a row
     """

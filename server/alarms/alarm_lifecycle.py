@@ -1,4 +1,4 @@
-"""When something counts as wrong, and what can happen to an alarm. Pure functions; time is an argument.
+"""Conditions of alarms, and the life of an alarm. Pure functions; time is an argument.
 
 The words are those of ISA-18.2 (IEC 62682): an alarm comes on when its condition has held for the on-delay, and goes
 when the condition has been gone for the off-delay. A condition on a measured value has a dead-band: it comes above one

@@ -1,6 +1,6 @@
 """Read the DBC files of a machine in a process of its own (:mod:`server.platform.processes.file_children`).
 
-Anybody may have written them. It is told ``MACHINE_FILE TARGET [NAME INCOMING]``; the machine's buses with their
+Anybody may have written them. It takes ``MACHINE_FILE TARGET [NAME INCOMING]``; the machine's buses with their
 signals are written to TARGET as JSON, with INCOMING as if that file had come in place of NAME. Paths in errors begin at
 the machine file's folder.
 """

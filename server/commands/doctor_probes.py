@@ -1,4 +1,4 @@
-"""What ``hilfit doctor`` looks at on this computer. Every probe only reads; none changes anything."""
+"""Probes of ``hilfit doctor`` on this computer. Every one only reads; none changes anything."""
 
 from __future__ import annotations
 

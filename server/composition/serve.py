@@ -32,7 +32,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class _Server(uvicorn.Server):
-    """Says when it listens, and ends event streams as soon as it is told to stop.
+    """Reports when it listens, and ends event streams as soon as it is ordered to stop.
 
     Open streams would hold it for the whole time of grace.
     """

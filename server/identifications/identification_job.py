@@ -36,7 +36,7 @@ class StageProgram:
 
 @dataclass(frozen=True)
 class StageRequest:
-    """What every stage of one identification is told: files by their paths, recordings with their roles.
+    """The request that every stage of one identification gets: files by their paths, recordings with their roles.
 
     The report's page is written in every language.
     """

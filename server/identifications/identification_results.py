@@ -1,4 +1,4 @@
-"""Where fits left their files."""
+"""Files of fits, and their verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the executions of jobs in one process share: store, files, patience, and whether the service is stopping."""
+"""The host of the executions in one process: store, files, patience, and a process that is kept for the next job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a kind of job has to tell the runner."""
+"""Kinds of jobs, as the runner knows them."""
 
 from __future__ import annotations
 

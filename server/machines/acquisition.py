@@ -51,7 +51,7 @@ class Supervisor:
     Parameters
     ----------
     places : where it may go (:mod:`daq.machine.bus_places`); None: wherever its file says
-    pause : waits that many seconds or until told to stop; True if told to stop (a test passes its own)
+    pause : waits that many seconds or until ordered to stop; True if so (a test passes its own)
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""What a monitor follows: joint efforts by the model of the mechanics, or rod speeds by identified valves.
+"""Sources of a monitor: joint efforts by the model of the mechanics, or rod speeds by identified valves.
 
 Both cut the live signals into blocks and give a few statistics of measured minus predicted for each; the watcher sums
 these up, and each adds results of its own.

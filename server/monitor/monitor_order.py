@@ -1,4 +1,4 @@
-"""What a monitor process is given, and what it reports of overloads. Free of numerical imports: HTTP shows it."""
+"""Orders to a monitor process, and its reports of overloads. Free of numerical imports: HTTP shows them."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class Monitors:
         self._rules = rules or Rules()
         self._lock = threading.Lock()
         self._watches: dict[tuple[str, Of], _Watch] = {}
-        # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
+        # Machine -> calibration whose drift was reported: a monitor that starts again remembers it; once is enough.
         self._asked: dict[str, str] = {}
         self._rounds = Rounds("monitors", LOOK_S, self.look)
 

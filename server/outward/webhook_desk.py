@@ -1,4 +1,4 @@
-"""Webhooks: who gets messages by a signed POST, each at least once, or somebody is told that it was given up."""
+"""Webhooks: who gets messages by a signed POST, each at least once, or an alarm reports that it was given up."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Webhooks:
     ----------
     places : the administrator's list (:mod:`server.platform.receiver_places`)
     send : lets a delivery be tried, :meth:`server.platform.processes.errands.Errands.send`
-    tls : whom receivers are believed by
+    tls : authorities that vouch for receivers
     resolve : finds addresses of names
     pauses_s : between two tries
     """

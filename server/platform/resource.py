@@ -1,7 +1,7 @@
-"""What a resource declares: one :class:`Resource` in its folder, and one line in the list of all of them.
+"""Declarations of resources: one :class:`Resource` in its folder, and one line in the list of all of them.
 
 Routers, kept answers, the binding to machines, the tables, backups, jobs, metrics, and what starts and stops with the
-service are all read from these declarations; nothing else has to be told of a new resource.
+service are all read from these declarations; nothing else has to know of a new resource.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from server.platform.receiver_places import check_receiver_entry
 
 
 class Settings(BaseSettings):
-    """What a running service was told; immutable.
+    """Settings of a running service; immutable.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""When the slots of a schedule are: five-field cron expressions in a time zone.
+"""Slots of a schedule: five-field cron expressions in a time zone.
 
 The expression is evaluated on the wall clock, and each wall-clock time is then one moment in UTC. On the day on which
 the clock is put back, a time that comes twice counts the first time only; on the day on which it is put forward, a

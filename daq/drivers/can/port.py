@@ -220,7 +220,7 @@ class CanPort(Port):
     @property
     def lost(self) -> int:
         """Frames that the kernel had no room for; 0 where unknown."""
-        with contextlib.suppress(OSError):  # closed: what it told last
+        with contextlib.suppress(OSError):  # closed: what it counted last
             self._lost = _lost_frames(self._bus)
         return self._lost
 

@@ -84,7 +84,7 @@ class Lead:
 
 
 VERIFY_CYCLES = 3
-UNDER_WAY = 4  # cycles that answers may be under way when a node was told to stop
+UNDER_WAY = 4  # cycles that answers may be under way when a node was ordered to stop
 VERIFY_PATIENCE_S = 0.5  # beyond the three cycles: a shared host may not run us for that long
 
 

@@ -31,7 +31,7 @@ from daq.messages import Sentence
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80
 STOPPED = 0x02
-#: NMT command that brings a node back to the state that its heartbeat told; pre-operational where it told none.
+#: NMT command that brings a node back to the state that its heartbeat showed; pre-operational where it had none.
 LEFT: dict[int | None, int] = {0x05: OPERATIONAL, 0x04: STOPPED}
 PDO_NOT_VALID = 0x8000_0000
 _NO_REMOTE = 0x4000_0000

@@ -102,7 +102,7 @@ class ListeningDriver(Listener, CanDriver):
         self._external = bus.sync == "external"
         self._syncs: deque[int] = deque(maxlen=_SYNCS)
         self._sync_came = threading.Condition()
-        self._taken_ns = 0  # the SYNC that next_sync told last
+        self._taken_ns = 0  # the SYNC that next_sync returned last
         self._wrong_rate = ""
         self._fits = False
 
@@ -279,7 +279,7 @@ class ListeningDriver(Listener, CanDriver):
 
 
 class Guest(ListeningDriver):
-    """Takes over a bus that we led until another master was heard: TPDOs as we commissioned them, nothing is sent.
+    """Takes over a bus that we led until another master was noticed: TPDOs as we commissioned them, nothing is sent.
 
     Of a node whose mapping may be another one nothing is taken any more: one that boots loses ours, and what is
     written to its PDO objects is not ours.

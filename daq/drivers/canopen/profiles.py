@@ -1,4 +1,4 @@
-"""What a CANopen device is and measures, by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
+"""Measurements of a CANopen device by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
 
 The low half of the device type (0x1000) is the profile's number. A few objects say how a value is scaled; they are
 read by SDO, as is its identity, when the node runs, so that nothing waits for it; nothing is ever written. What they

@@ -1,4 +1,4 @@
-"""What routes declare: the scope that they need, and who asks.
+"""Declarations of routes: the scope that they need, and the principal of a request.
 
 ::
 

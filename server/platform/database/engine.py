@@ -106,7 +106,7 @@ class Database:
     tables : all that there are (:func:`server.platform.resource.tables_of`)
     changed : called after every committed write
     backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
-    pause : waits a while for a PostgreSQL that cannot be reached yet, told why; None: that is refused at once
+    pause : waits a while for a PostgreSQL that cannot be reached yet, given why; None: that is refused at once
     may_migrate : whether an older store may be changed; else it is waited for, or refused
     site : marker of the site whose store this is; None: whoever opens it does not care
 

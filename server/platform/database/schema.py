@@ -1,4 +1,4 @@
-"""What all tables of the store (SQLAlchemy Core) share, and those that belong to no resource.
+"""Common parts of all tables of the store (SQLAlchemy Core), and the tables that belong to no resource.
 
 The tables of a resource stand in its folder. Times are ISO 8601 in UTC, so text order is time order.
 """

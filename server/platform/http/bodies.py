@@ -1,4 +1,4 @@
-"""What bodies of requests and of answers are made of."""
+"""Building blocks of the bodies of requests and of answers."""
 
 from __future__ import annotations
 
