@@ -4,5 +4,5 @@
   cleared, shelved; pure functions
 - :mod:`server.alarms.alarm_desk`: the same in the store, and what the rest of the service reports to,
   :class:`~server.alarms.alarm_desk.Alarms`
-- :mod:`server.alarms.alarm_watch`: looks at acquisition, channels and disk once a second
+- :mod:`server.alarms.alarm_resource`: routes; looks at acquisition, channels and disk once a second
 """

@@ -11,7 +11,7 @@ import pytest
 from service_fakes import API, MACHINE, Running
 
 from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_watch import WARNING, Watch, named, stale_channels
+from server.alarms.alarm_resource import WARNING, Watch, named, stale_channels
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError, UnavailableError

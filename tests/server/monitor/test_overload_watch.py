@@ -15,9 +15,9 @@ from daq.frames.frame import row_dtype
 from fitting.model.arm_model import ArmModel
 from fitting.model.uses.overload import overloads, thresholds
 from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor.monitor_child import OverloadWatch
 from server.monitor.monitor_order import OverloadNow
 from server.monitor.monitor_supervisor import Monitors, _Watch
-from server.monitor.overload_watch import OverloadWatch
 
 NAMES = ("joint1.angle", "joint1.torque")
 HIT, LASTS, SIZE = 12.0, 0.4, 30.0

@@ -57,7 +57,7 @@ def test_requests_are_counted_by_route_and_an_id_makes_no_series(running: Runnin
 
 
 def test_two_services_share_nothing(running: Running) -> None:
-    from server.platform.http.metrics import Metrics
+    from server.composition.app import Metrics
 
     running.client.get(f"{API}/recordings")
     assert b"hilfit_http_request_seconds_count" not in Metrics(running.service).text()

@@ -11,7 +11,7 @@ import pytest
 from service_fakes import Fakes
 
 from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_watch import DAMAGE_LOOK_S, Watch
+from server.alarms.alarm_resource import DAMAGE_LOOK_S, Watch
 from server.audit.audit_resource import Audit
 from server.backups.backup_archive import Backups, DailyBackups, restore
 from server.backups.backup_files import BackupContent
