@@ -145,7 +145,7 @@ def data_directory(path: Path) -> Line:
     return Line(topic, "ok", text)
 
 
-def shared_memory(place: Path = Path("/dev/shm")) -> Line:
+def _shared_memory(place: Path = Path("/dev/shm")) -> Line:
     """Check the room for the ring buffers."""
     topic = "shared memory"
     if not place.is_dir():
@@ -210,7 +210,7 @@ def can_interfaces(root: Path = Path("/sys/class/net"), wanted: Mapping[str, str
         )
 
 
-def serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:
+def _serial_ports(root: Path = Path("/dev")) -> Iterator[Line]:
     """Report serial adapters, for Modbus RTU."""
     for path in sorted([*root.glob("ttyUSB*"), *root.glob("ttyACM*")]):
         if os.access(path, os.R_OK | os.W_OK):
@@ -240,7 +240,7 @@ def webhook_places(places: Collection[str]) -> Line:
     return Line("webhook places", "ok", f"webhooks may be delivered to {', '.join(places) or 'nowhere'}")
 
 
-def time_is_synchronised() -> Line:
+def _time_is_synchronised() -> Line:
     """Check the kernel's clock state (adjtimex(2)): recordings and audit carry UTC."""
     if sys.platform != "linux":
         return Line("time", "note", "cannot be told on this system", "")
@@ -252,7 +252,7 @@ def time_is_synchronised() -> Line:
     return Line("time", "ok", "the clock is synchronised")
 
 
-def clock_source(path: Path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")) -> Line:
+def _clock_source(path: Path = Path("/sys/devices/system/clocksource/clocksource0/current_clocksource")) -> Line:
     """Report how the kernel reads time: a slow way makes every cycle dearer."""
     found = _read(path)
     if not found or found in _RESIDENT_CLOCKS:
@@ -317,17 +317,17 @@ def _look(machine: Path | None, data_dir: Path, config: Path | None) -> Iterator
     yield from libraries()
     yield from environment(os.environ, _known_variables())
     yield data_directory(data_dir)
-    yield shared_memory()
+    yield _shared_memory()
     yield scheduling()
     yield precedence()
     yield from can_interfaces(wanted=wanted)
-    yield from serial_ports()
+    yield from _serial_ports()
     yield confinement()
     settings = load_settings(config)
     yield bus_places(settings.bus_places)
     yield webhook_places(settings.webhook_places)
-    yield time_is_synchronised()
-    yield clock_source()
+    yield _time_is_synchronised()
+    yield _clock_source()
 
 
 def _interfaces(machine: Path) -> dict[str, str]:

@@ -72,7 +72,7 @@ class Metrics:
         return generate_latest(self._registry)
 
 
-class RequestTimes:
+class _RequestTimes:
     """Measures requests by route; streams are not measured.
 
     A route is named by the path that its router declares: ids make no series.
@@ -264,5 +264,5 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     app.add_middleware(OwnPagesOnly, hosts=settings.public_names, addresses=access.required)
     app.add_middleware(Conditional)
     app.add_middleware(SafeHeaders)
-    app.add_middleware(RequestTimes, metrics=metrics)
+    app.add_middleware(_RequestTimes, metrics=metrics)
     app.add_middleware(BasePath, base=settings.base_path)

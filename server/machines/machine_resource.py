@@ -208,7 +208,7 @@ async def _detail(service: Service, principal: Principal, name: str, version: in
 
 
 @contextmanager
-def acquire(machine: Machine, data_directory: Path | None = None) -> Iterator[AcquisitionProcess]:
+def _acquire(machine: Machine, data_directory: Path | None = None) -> Iterator[AcquisitionProcess]:
     """Start acquiring a machine; a device that is not there is missing and costs only itself.
 
     What CANopen nodes were like before is kept in ``data_directory``.
@@ -262,7 +262,7 @@ MACHINES = Resource(
     tables=(machines, machine_versions),
     kept={"/machines": ("machines",)},
     provides={
-        LAUNCH: lambda parts: partial(acquire, data_directory=parts[Settings].data_dir),
+        LAUNCH: lambda parts: partial(_acquire, data_directory=parts[Settings].data_dir),
         SIMULATE: lambda parts: simulated_machine,
         BREAKABLE: lambda parts: None,
         Machines: lambda parts: Machines(parts[Database]),

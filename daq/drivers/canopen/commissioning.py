@@ -85,8 +85,8 @@ def commission(
     pdos = {_pdo(key) for key in changed} - {None}
     if changed:
         _alone(sdo, place)
-        keep(found, wanted, identity_of(sdo))
-        write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
+        keep(found, wanted, _identity_of(sdo))
+        _write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
     _alone(sdo, place, SECOND_ANSWER_S)
     learn(sdo)
     send_nmt(OPERATIONAL)
@@ -135,7 +135,7 @@ def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
             raise CommissioningError("daq.firmware_differs", place=place, version=version[:40], firmware=node.firmware)
 
 
-def identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
+def _identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
     """Read device type, vendor, product, revision and serial number, as far as the node has them."""
     return _read_there(sdo, [(0x1000, 0), *((0x1018, subindex) for subindex in range(1, 5))])
 
@@ -195,7 +195,7 @@ def _pdo(key: tuple[int, int]) -> int | None:
     return key[0] & 0x1FF if 0x1800 <= key[0] < 0x1C00 else None
 
 
-def write_objects(sdo: Sdo, objects: Objects, place: str) -> None:
+def _write_objects(sdo: Sdo, objects: Objects, place: str) -> None:
     """Write objects in the order that is safe, and read them back.
 
     A TPDO is off while its mapping changes (CiA 301, 7.5.2.36): mapping is changed with the number of entries at 0, is
@@ -317,9 +317,9 @@ def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> l
             link.send_nmt(PRE_OPERATIONAL, node)
             try:
                 sdo, place = link.sdo(node), Sentence("daq.bus_node", bus_name=bus.name, node=node)
-                if identity_of(sdo) != dict(setup.identity):
+                if _identity_of(sdo) != dict(setup.identity):
                     raise CommissioningError("daq.not_the_changed_device", place=place)
-                write_objects(sdo, setup.found, place)
+                _write_objects(sdo, setup.found, place)
             except AcquisitionError as error:
                 done.append(Restored(bus.name, node, str(error)))
                 continue
