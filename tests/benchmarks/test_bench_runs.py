@@ -14,7 +14,16 @@ import pytest
 from benchmarks.attribution import making, runs, summary
 from benchmarks.attribution.judging import Findings
 from benchmarks.attribution.making import BenchCase, _draw, make_case, opened
-from benchmarks.attribution.recipe import KINDS, RECIPE, RECIPES, CaseKey, Selection, draw_quality, generator, largest
+from benchmarks.attribution.recipe import (
+    KINDS,
+    RECIPE,
+    RECIPES,
+    CaseKey,
+    Selection,
+    draw_quality,
+    generator,
+    largest,
+)
 from daq.errors import InputError
 from sim_backends.machines import ARMS
 from sim_backends.plant.cases import plan_case

@@ -7,7 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import chi2
-from synthetic_arm import USUAL, clean_session, exact_design, injected, make_motion, make_session, planar_machine, truth
+from synthetic_arm import (
+    USUAL,
+    clean_session,
+    exact_design,
+    injected,
+    make_motion,
+    make_session,
+    planar_machine,
+    truth,
+)
 
 from daq.motion_files import Motion
 from fitting.arm.base_parameters import reduce_parameters

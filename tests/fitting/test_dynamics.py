@@ -21,7 +21,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fitting.arm.dynamics as dynamics
-from fitting.arm.dynamics import gravity_regressor, rigid_body_regressor, self_check, stacked, standard_regressor
+from fitting.arm.dynamics import (
+    gravity_regressor,
+    rigid_body_regressor,
+    self_check,
+    stacked,
+    standard_regressor,
+)
 from fitting.arm.geometry import Geometry, link_frames
 
 

@@ -11,7 +11,11 @@ from arm_examples import driven_arm
 from daq.errors import InputError
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
-from fitting.excitation import ExcitationOptions, HydraulicLimits, design_motion
+from fitting.excitation import (
+    ExcitationOptions,
+    HydraulicLimits,
+    design_motion,
+)
 from fitting.excitation.design import _shrink
 from fitting.excitation.limits import chamber_pressure, supply_flow
 from fitting.excitation.problem import pose_problem

@@ -7,7 +7,17 @@ import json
 import numpy as np
 import pytest
 from arm_examples import driven_arm
-from synthetic_arm import EXACT, Noise, clean_session, force, make_motion, planar_machine, prepare, sample, truth
+from synthetic_arm import (
+    EXACT,
+    Noise,
+    clean_session,
+    force,
+    make_motion,
+    planar_machine,
+    prepare,
+    sample,
+    truth,
+)
 
 from daq.errors import InputError
 from daq.motion_files import Motion

@@ -19,7 +19,14 @@ from fitting.arm.geometry import Geometry
 from fitting.estimators.effort_fit import EffortRows, predicted_std
 from fitting.loop.session import Options, Session
 from fitting.regression.error_sizes import errors_of
-from fitting.regression.plausible_arm import BELOW_ZERO, WEIGHT, Optimum, PlausibleArm, plausible_arm, rods
+from fitting.regression.plausible_arm import (
+    BELOW_ZERO,
+    WEIGHT,
+    Optimum,
+    PlausibleArm,
+    plausible_arm,
+    rods,
+)
 from fitting.regression.solving import factor
 
 SHARED = Path(__file__).parents[3] / "shared"
