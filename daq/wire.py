@@ -92,7 +92,7 @@ class Decimals:
 
     @property
     def known(self) -> bool:
-        """Whether the device has sent them."""
+        """True once the device has sent them."""
         return not math.isnan(self._factor)
 
     def learn(self, places: int) -> bool:

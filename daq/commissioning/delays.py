@@ -111,7 +111,7 @@ def bus_delays(machine: Machine, values: Mapping[str, FloatArray], rate_hz: floa
 
 @dataclass(frozen=True)
 class _Motion:
-    """What a signal is a function of: positions (N, n) of one bus, and its columns for them."""
+    """The regressors of a signal: positions (N, n) of one bus, and its columns for them."""
 
     q: FloatArray
     number: int  # which of them has to move

@@ -28,7 +28,7 @@ _STYLES = {Quality.FRESH: "green", Quality.HELD: "green", Quality.OUT_OF_RANGE: 
 
 
 class _Picture:
-    """What is shown: fed with rows of the ring, asked for a table."""
+    """The table on the screen, fed with rows of the ring."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine

@@ -28,7 +28,7 @@ _DEFAULT_JOINTS = 6
 
 @dataclass(frozen=True)
 class Origins:
-    """Where devices are described.
+    """The sources that describe devices.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Origins:
 
 @dataclass(frozen=True)
 class Written:
-    """What a draft has: numbers of buses, names of channels, number of values left out, notes; and its joints."""
+    """Contents of a draft: numbers of buses, names of channels, number of values left out, notes; and its joints."""
 
     buses: int
     channels: tuple[str, ...]
@@ -210,7 +210,7 @@ _NAMES = {"joint_position": "angle"}
 
 @dataclass(frozen=True)
 class _Choice:
-    """What an offer becomes: a quantity, of a joint where it belongs to one; None: no channel."""
+    """The quantity that an offer becomes, of a joint where it belongs to one; None: no channel."""
 
     quantity: str | None
     joint: str | None = None

@@ -53,7 +53,7 @@ class Keeper:
 
     @property
     def stopping(self) -> bool:
-        """Whether whatever takes long should give up."""
+        """True when whatever takes long should give up."""
         return self._stopping
 
     def paused(self, seconds: float) -> bool:

@@ -37,7 +37,7 @@ INBOX = 256  # frames of one identifier that are kept until the cycle takes them
 
 
 class Pace:
-    """How often a frame of one stream comes, and whether two devices send it: by its period and by what it holds.
+    """Rate of the frames of one stream, and whether two devices send it: by its period and by what it holds.
 
     A frame that one sender repeats comes once per period; one that is late is caught up with, so that after a stall
     several may come at once. One that comes early is one too many, unless its sender repeats it and also sends it when
@@ -71,7 +71,7 @@ class Pace:
 
     @property
     def known(self) -> bool:
-        """Whether enough frames came to decide it."""
+        """True once enough frames came to decide it."""
         return len(self._held) == 2 * HALF
 
     def arrived(self, at_ns: int) -> bool:
@@ -180,7 +180,7 @@ class Inbox:
 
 
 class Listener(BusDriver):
-    """What drivers that only listen have in common (see :class:`daq.drivers.base.Driver`).
+    """The common part of drivers that only listen (see :class:`daq.drivers.base.Driver`).
 
     A subclass fills ``streams`` and says how a port is made (:meth:`connected`) and what frames hold (:meth:`decode`).
     """

@@ -22,7 +22,7 @@ FAILURES = Rate(1 / 30, 30)
 
 
 class Access:
-    """Who asks, and who may ask.
+    """Identifies the sender of a request and what that sender may ask.
 
     Parameters
     ----------

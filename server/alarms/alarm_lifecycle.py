@@ -29,7 +29,7 @@ Severity = Literal["info", "warning", "critical"]
 
 @dataclass(frozen=True)
 class AlarmKind:
-    """How alarms of one kind come and go.
+    """Rules by which alarms of one kind come and go.
 
     Attributes
     ----------

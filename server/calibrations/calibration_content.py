@@ -1,4 +1,4 @@
-"""What a calibration takes from a report (schema ``hilfit/report/1``), so that it stays when reports go."""
+"""The part of a report (schema ``hilfit/report/1``) that a calibration keeps when reports are deleted."""
 
 from __future__ import annotations
 

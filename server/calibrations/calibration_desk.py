@@ -71,7 +71,7 @@ class Calibrations(CalibrationStore):
 
 
 class ByPolicy:
-    """What schedules do to calibrations without a person; each step is in the audit log."""
+    """Steps that schedules take on calibrations without a person; each is in the audit log."""
 
     def __init__(self, calibrations: Calibrations, audit: Audit) -> None:
         self._calibrations = calibrations

@@ -1,4 +1,4 @@
-"""What all commands have in common: words for values in the help, and names of options in the environment.
+"""Conventions of all commands: words for values in the help, and names of options in the environment.
 
 An option ``--seed`` of ``hilfit excite`` is ``HILFIT_EXCITE_SEED`` in the environment: one name means one thing.
 Without the command stand the settings of the service (``HILFIT_PORT``) and what means the same in all commands

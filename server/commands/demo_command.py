@@ -49,7 +49,7 @@ _DESIGN, _RECORD = 0.12, 0.7
 
 @dataclass(frozen=True)
 class Acquired:
-    """What acquisition did: recorded files with their roles, and its counts."""
+    """Result of acquisition: recorded files with their roles, and its counts."""
 
     recordings: tuple[tuple[str, Path], ...]
     rate_hz: float

@@ -24,7 +24,7 @@ class JobError(HilfitError):
 
 @dataclass(frozen=True)
 class StageRun:
-    """What a kind is given to run one stage of one job.
+    """Context in which a kind runs one stage of one job.
 
     Attributes
     ----------

@@ -81,7 +81,7 @@ job_files = sa.Table(
 
 @dataclass(frozen=True)
 class Result:
-    """What a job found: a change of one resource, in the transaction that ends the job."""
+    """Result of a job: a change of one resource, in the transaction that ends the job."""
 
     resource: str
     change: sa.Update

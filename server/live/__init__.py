@@ -1,4 +1,4 @@
-"""What pages watch: live signals, events and status; one reader per machine, any number of clients, nobody waited for.
+"""Live signals, events and status for pages; one reader per machine, any number of clients, nobody waited for.
 
 - :mod:`server.live.live_messages`: what goes over the WebSocket, pure functions of frames
 - :mod:`server.live.live_reader`: one thread per machine that somebody looks at, from its ring buffer to the queues of

@@ -64,7 +64,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class _Stream:
-    """What one machine's thread knows: the clients, the ring that it reads, the sequence number."""
+    """State of one machine's thread: the clients, the ring that it reads, the sequence number."""
 
     def __init__(self, machine: str, source: Acquisition, clock: Callable[[], float]) -> None:
         self._machine = machine

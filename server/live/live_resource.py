@@ -42,7 +42,7 @@ class Status(BaseModel):
 
 
 class Overview:
-    """What ``/status`` says; jobs are counted anew only when one has changed.
+    """The answer of ``/status``; jobs are counted anew only when one has changed.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ Launch = Callable[[Machine], AbstractContextManager[AcquisitionProcess]]
 
 @dataclass
 class _State:
-    """What the supervisor's thread shares with the others, under its lock."""
+    """State that the supervisor's thread shares with the others, under its lock."""
 
     state: str = "starting"  # starting, running, waiting, stopped
     error: str | None = None

@@ -22,7 +22,7 @@ Simulate = Callable[[Path, float], AbstractContextManager[Path]]
 
 
 class MachineDesk:
-    """What is done to machines.
+    """Operations on machines.
 
     Parameters
     ----------

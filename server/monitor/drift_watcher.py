@@ -37,7 +37,7 @@ def threshold(rules: Rules, statistics: int) -> float:
 
 @dataclass(frozen=True)
 class Usual:
-    """What is usual of one statistic: mean, autocorrelation, standard deviation of the innovations, blocks seen."""
+    """Baseline of one statistic: mean, autocorrelation, standard deviation of the innovations, blocks seen."""
 
     mean: float
     correlation: float

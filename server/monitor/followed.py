@@ -80,7 +80,7 @@ class Scored(NamedTuple):
 
 
 class Followed(Protocol):
-    """What the watching process asks of a model.
+    """Interface of a model to the watching process.
 
     Attributes
     ----------

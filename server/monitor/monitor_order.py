@@ -12,7 +12,7 @@ LEARN = 120
 
 @dataclass(frozen=True)
 class Rules:
-    """How the monitor decides.
+    """Settings by which the monitor decides.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Order:
-    """What to watch.
+    """Input of the process that watches one machine against a calibration.
 
     Attributes
     ----------

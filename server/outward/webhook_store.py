@@ -21,9 +21,9 @@ KEPT = 500
 
 
 class Webhook(Stored, table="webhooks", noun="webhook"):
-    """Where messages of some types are delivered to.
+    """An address that messages of some types are delivered to.
 
-    ``secret_sha256`` tells whether this computer has its secret.
+    ``secret_sha256`` shows whether this computer has its secret.
     """
 
     id: Id

@@ -1,4 +1,4 @@
-"""What all resources stand on; it knows none of them.
+"""The base of all resources; it knows none of them.
 
 - :mod:`server.platform.resource`, :mod:`server.platform.service`: what a resource declares, the parts that it provides,
   and the service that is composed of such declarations

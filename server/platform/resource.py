@@ -140,7 +140,7 @@ class Running:
 
 @dataclass(frozen=True)
 class NamedFiles:
-    """What a store names, as paths relative to the data directory.
+    """Files that a store names, as paths relative to the data directory.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 @dataclass(frozen=True)
 class RecordOrder:
-    """What one recording needs.
+    """Parameters of one recording.
 
     Attributes
     ----------

@@ -112,7 +112,7 @@ class ArrivalTimes:
 
 
 class CanAccess:
-    """How a port gets at its bus: by the interface. A trace and a replay have ways of their own."""
+    """Opens a port's bus by the interface. A trace and a replay have ways of their own."""
 
     def attach(self, port: CanPort, config: CanBus) -> Any:
         """Make a python-can bus for a port that is being opened; may raise BusError."""

@@ -194,7 +194,7 @@ class CanopenDriver(CanDriver):
 
     @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`: another master's, since it was noticed."""
+        """True if the cycle is led by :meth:`next_sync`: another master's, since it was noticed."""
         return self._guest is not None and self._guest.external_sync
 
     def next_sync(self, deadline_ns: int) -> int | None:

@@ -110,12 +110,12 @@ class ListeningDriver(Listener, CanDriver):
 
     @property
     def follows_sync(self) -> bool:
-        """Whether the machine file wants the cycle to be led by this bus's SYNC."""
+        """True if the machine file wants the cycle to be led by this bus's SYNC."""
         return self._external
 
     @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
+        """True if the cycle is led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
         if not self._fits and self._external and not self._wrong_rate and len(self._syncs) == _SYNCS:
             with self._sync_came:
                 self._judge_rate()

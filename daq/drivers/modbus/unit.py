@@ -1,4 +1,4 @@
-"""What the driver knows of one Modbus unit: the blocks that it is read in, its last answers, how it is doing."""
+"""State of one Modbus unit in the driver: the blocks that it is read in, its last answers, its health."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ class Unit:
 
     @property
     def slow(self) -> bool:
-        """Whether it does not keep up with the cycle."""
+        """True if it does not keep up with the cycle."""
         return self.cycles > 1.0
 
     def slowness(self, rate_hz: float) -> str:

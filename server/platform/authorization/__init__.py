@@ -1,4 +1,4 @@
-"""Who may do what.
+"""Roles, and the actions that each may take.
 
 - :mod:`server.platform.authorization.principals`: principals, roles, scopes, machine binding
 - :mod:`server.platform.authorization.guard`: what routes declare, ``dependencies=[require("operate")]``, and routes

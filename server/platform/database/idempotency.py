@@ -24,7 +24,7 @@ from server.platform.errors import ConflictError
 
 @dataclass(frozen=True)
 class IdempotencyKey:
-    """What a client sent as ``Idempotency-Key``, and the hash of the request that came with it."""
+    """A client's ``Idempotency-Key``, and the hash of the request that came with it."""
 
     key: str
     request_sha256: str

@@ -44,7 +44,7 @@ def with_messages_of(values: Mapping[str, Any], names: Collection[str]) -> dict[
 
 
 class Shown(BaseModel):
-    """What is shown of something that the service knows: what is called like its fields.
+    """Body that shows an object of the service: the attributes named like its fields.
 
     A field ``<text>_message`` is filled in with what the sentence in ``text`` was made of.
     """
