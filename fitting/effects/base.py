@@ -226,10 +226,6 @@ class DriveView:
             self.cache["body_slopes"] = np.array(slopes)
         return self.cache["body_slopes"]
 
-    def speed_of(self, other: int) -> FloatArray:
-        """Return the speed of another joint's driving element."""
-        return self.segment.v[:, other]
-
 
 class Parity(Enum):
     """How an effect depends on the sense of motion."""
@@ -323,8 +319,9 @@ class Effect(ABC):
         return ({},)
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Return other joints that the effect may involve, one candidate each; one empty tuple if none."""
-        return ((),)
+        """Return the joints that ``other`` of its shapes may be, one candidate each; one empty tuple without it."""
+        others = [(other,) for other in range(len(machine.joints)) if other != joint]
+        return others if "other" in self.discrete_shapes else ((),)
 
     @abstractmethod
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

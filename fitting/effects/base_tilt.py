@@ -22,10 +22,7 @@ class BaseTilt(Effect):
     equation = "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity"
     parity = Parity.EVEN
     dependence = "independent of speed; all joints at once"
-    parameters = (
-        Parameter("tilt_1", "rad", low=-0.3, high=0.3),
-        Parameter("tilt_2", "rad", low=-0.3, high=0.3),
-    )
+    parameters = (Parameter("tilt_1", "rad", low=-0.3, high=0.3), Parameter("tilt_2", "rad", low=-0.3, high=0.3))
     confounders = ("encoder_offset", "pressure_offset")
     experiment = "an inclinometer on the base, or the same motion after half a slew turn"
     by_motion = False

@@ -71,7 +71,6 @@ class LinkageGeometry(Effect):
         return [shape for shape in self.shapes(view) if shape["parameter"] >= 0 or shape["zero"]]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, 3); see :class:`Effect`."""
         linkage = _linkage(view)
         if not view.segment.loaded:
             return np.zeros((len(view), 3))

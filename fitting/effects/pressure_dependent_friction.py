@@ -34,13 +34,11 @@ class PressureDependentFriction(Effect):
         return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         chambers = ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})
         # A piston seal is pressed on by the higher of both pressures, the rod's by its own chamber's.
         return (*chambers, *({"head": 0.0, "rod": 0.0, "rod_seal": share} for share in (0.2, 0.8)))
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         # p1 is rebuilt from the model's force, so the noise of neither chamber's own effort enters twice.
         if "rod_seal" in shape:
             pressure = np.maximum(view.p1, view.p2) + shape["rod_seal"] * view.p2

@@ -32,7 +32,6 @@ class PressureGain(Effect):
         return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return ({"chamber": 1.0}, {"chamber": 2.0})
 
     def signal(self, shape: Shape) -> str:
@@ -40,7 +39,6 @@ class PressureGain(Effect):
         return "head_pressure" if shape["chamber"] == 1.0 else "rod_pressure"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         cylinder = view.machine.joints[view.joint].cylinder
         assert cylinder is not None
         force = view.p1 * cylinder.head_area if shape["chamber"] == 1.0 else -view.p2 * cylinder.rod_area
