@@ -20,7 +20,7 @@ from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import delays
 from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
-from fitting.regression.drive import UNITS, direct_units, drive_names
+from fitting.regression.drive import drive_names, drive_units, effort_unit
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw
@@ -201,7 +201,7 @@ class ArmModel:
     def parameter_units(self) -> tuple[str, ...]:
         """Units of all parameters (p,)."""
         units = [
-            (UNITS if joint.cylinder is not None else direct_units(joint.effort_unit))[name]
+            drive_units(joint)[name]
             for joint, names in zip(self.arm.joints, self.parameters.drive, strict=True)
             for name in names
         ]
@@ -217,7 +217,7 @@ class ArmModel:
     @property
     def effort_units(self) -> tuple[str, ...]:
         """Units of the drives' efforts: N of a piston, the joint's own where there is none."""
-        return tuple("N" if joint.cylinder is not None else joint.effort_unit for joint in self.arm.joints)
+        return tuple(map(effort_unit, self.arm.joints))
 
     @property
     def joint_units(self) -> tuple[str, ...]:

@@ -34,7 +34,7 @@ from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
-from fitting.regression.drive import UNITS, direct_units
+from fitting.regression.drive import drive_units
 from fitting.regression.error_sizes import errors_of, in_floors
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.report.languages import NAMES
@@ -104,11 +104,6 @@ def plausibility(model: Model) -> Plausibility:
     return Plausibility(possible, nearest)
 
 
-def _units(model: Model, joint: int) -> dict[str, str]:
-    own = model.design.machine.joints[joint]
-    return UNITS if own.cylinder is not None else direct_units(own.effort_unit)
-
-
 def _drives(model: Model, most: float) -> list[Violation]:
     """Find negative masses, stiffnesses and drive inertias."""
     found = []
@@ -119,7 +114,7 @@ def _drives(model: Model, most: float) -> list[Violation]:
             value, std = float(fit.theta[start + number]), float(fit.std[start + number])
             if parameter not in ("m", "K", "J") or not fit.determined[start + number] or not value < -most * std:
                 continue
-            unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
+            unit, sigmas = drive_units(model.design.machine.joints[joint])[parameter], -value / std if std else np.inf
             reason = (
                 Sentence("fitting.parameter_negative", parameter=NAMES["parameters"][parameter], joint=name),
                 NAMES["causes"][parameter],

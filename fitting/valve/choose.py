@@ -6,8 +6,9 @@ of rows that were not fitted (:mod:`fitting.residual.confirmation.local`). With 
 on, and names within reach of the best are said as a set. Nothing is chosen by the motion that is judged on: it may
 refuse, by the rule of the gate.
 
-Names stand beside laws of one variable (:mod:`fitting.valve.unknown`). Nature is off a formula by a share; so a law
-that takes no more beyond a name than that share of what the name takes is the name's own.
+Names are compared with laws of one variable ``z``: a speed that is wrong by a share that follows it is, to first order,
+``(1 + h(z))`` times what the valve lets through, with ``h`` any smooth curve, as the loop's laws are. Nature is off a
+formula by a share; so a law that takes no more beyond a name than that share of what the name takes is the name's own.
 
 Laws of the pressure are chosen beside the widest curve there is: a land that is no straight line bends the edges, and
 looks like a law that it has not.
@@ -17,24 +18,26 @@ Source: S. Geisser and W. Eddy, J. Am. Stat. Assoc. 74, 1979 (predictive density
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from daq.messages import Sentence
-from fitting.arrays import BoolArray
+from fitting.arrays import BoolArray, FloatArray
 from fitting.residual.confirmation import cross_validation as gate
 from fitting.residual.confirmation.local import Local, beside, elsewhere
+from fitting.residual.laws import OTHER_FUNCTIONS
 from fitting.selection import priors
 from fitting.selection.confirm import objection
-from fitting.selection.evidence import log_sum
+from fitting.selection.evidence import log_sum, with_curve
+from fitting.signals.splines import evaluate, spline_knots
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit, fitted
 from fitting.valve.laws import LAWS, laws_for
 from fitting.valve.model import WAYS, Shape, Structure
 from fitting.valve.rows import Axis
-from fitting.valve.unknown import Unknown, unknown_laws
 
 #: Parts that a single recording, or many, are left out in.
 FOLDS = 5
@@ -48,6 +51,77 @@ ALIKE = 1.25
 ENOUGH = 12_000
 #: Log odds by which a law, or a curve, has to be better than a simpler one.
 LAW_ODDS = 1.0
+
+
+def _filled(axis: Axis) -> FloatArray:
+    """Compute the drop in Pa (N,) that feeds the cylinder, or without known supply the fed pressure."""
+    filled = np.where(axis.signals.last_way < 0.0, axis.signals.inlet[1], axis.signals.inlet[0])
+    return np.asarray(axis.signals.supply - filled if axis.has_supply else filled)
+
+
+#: Name of a variable, its unit, and the variable (N,) itself; what is not measured is not finite.
+VARIABLES: dict[str, tuple[str, Callable[[Axis], FloatArray]]] = {
+    "inlet_pressure": ("Pa", _filled),
+    "piston_position": ("m", lambda axis: axis.signals.x),
+    "oil_temperature": ("K", lambda axis: axis.signals.temperature),
+    "time": ("s", lambda axis: axis.signals.clock),
+    "neighbours_flow": ("m^3/s", lambda axis: axis.signals.taken),
+}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A law beside a fit.
+
+    Attributes
+    ----------
+    variable : what it follows
+    local : the fit's columns with the curve's behind them
+    values : (p,) what all of them are moved by
+    knots : of the curve
+    """
+
+    variable: str
+    local: Local
+    values: FloatArray
+    knots: FloatArray
+
+    def on(self, there: Fit, moved: Local) -> Local:
+        """Refit on another motion: what is left, and its columns there, from those of the fit (:meth:`Fit.on`)."""
+        whole = np.hstack([moved.columns, _columns(there, self.variable, self.knots)])
+        return replace(self.local, columns=whole, residual=there.residual - whole @ self.values, rows=moved.rows)
+
+    def to_json(self, points: int = 21) -> dict[str, Any]:
+        """Return its report: the curve as shares of the speed, with standard deviations, over the variable."""
+        first = len(self.values) - (len(self.knots) - 4)
+        grid = np.linspace(self.knots[0], self.knots[-1], points)
+        basis = evaluate(self.knots, grid)
+        std = np.sqrt(np.einsum("ij,jk,ik->i", basis, self.local.covariance[first:, first:], basis))
+        value = basis @ self.values[first:]
+        law = {"grid": grid.tolist(), "value": value.tolist(), "std": std.tolist(), "unit": VARIABLES[self.variable][0]}
+        return {
+            "variable": self.variable,
+            "law": law,
+            "experiment": Sentence("fitting.same_commands_different_values"),
+        }
+
+
+def _columns(fit: Fit, variable: str, knots: FloatArray) -> FloatArray:
+    """Compute each coefficient's unit speed (M, functions); 0 in rows left out."""
+    axis, basis = fit.axis, evaluate(knots, VARIABLES[variable][1](fit.axis))
+    return np.where(axis.keep[:, None], axis.reduced(fit.openings[:, None] * basis), 0.0)
+
+
+def unknown_laws(fit: Fit) -> Iterator[Unknown]:
+    """Fit the most probable curve of every measured variable that changed in motion."""
+    base, moving = fit.local, fit.openings != 0.0
+    for variable, (_, of) in VARIABLES.items():
+        z = of(fit.axis)[moving]
+        if len(z) and np.isfinite(z).all() and np.ptp(z) > 1e-9 * float(np.abs(z).max()):
+            knots = spline_knots(z, OTHER_FUNCTIONS)
+            local, values = with_curve(base, _columns(fit, variable, knots))
+            rows = replace(fit, residual=local.residual).rows
+            yield Unknown(variable, replace(local, rows=rows), values, knots)
 
 
 @dataclass(frozen=True)

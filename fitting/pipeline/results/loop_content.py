@@ -51,16 +51,16 @@ _CHOICES = {
 LIMIT_POWER = 0.95
 
 
-def loop_content(session: Session, results: StageResults, model: Model, terms: list[Term]) -> dict[str, Any]:
-    """Build ``loop`` of report.json, of the final fit's ``model`` with these ``terms``."""
+def loop_content(session: Session, results: StageResults, model: Model) -> dict[str, Any]:
+    """Build ``loop`` of report.json, with what the final fit's ``model`` makes of the terms that were found."""
     machine = session.machine
     names = [joint.name for joint in machine.joints]
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
-    added = {term.family for term in terms}
+    added = {term.family for term in found.terms}
     for finding in kinematics:
         if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
             effects.append(finding.effect)
-    for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
+    for number, (term, accepted) in enumerate(zip(found.terms, found.accepted, strict=True)):
         if isinstance(term.content, Law):
             unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
         else:
