@@ -48,10 +48,10 @@ class BaseTilt(Effect):
     def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
         """Return the fitted links in fields across gravity."""
         gravity = np.asarray(machine.gravity, dtype=float)
-        return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in across(gravity)]
+        return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in _across(gravity)]
 
 
-def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute two unit vectors across gravity, shape (3,) each."""
     down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
     start = np.eye(3)[int(np.argmin(np.abs(down)))]

@@ -89,7 +89,7 @@ class LinkageGeometry(Effect):
         number = next(n for n, each in enumerate(machine.joints) if each.name == joint)
         cylinder = machine.joints[number].cylinder
         assert cylinder is not None
-        linkage = changed(reduced(cylinder.linkage), shape, values)
+        linkage = _changed(reduced(cylinder.linkage), shape, values)
         joints = list(machine.joints)
         own = cylinder.model_copy(update={"linkage": linkage})
         joints[number] = joints[number].model_copy(update={"cylinder": own})
@@ -98,10 +98,10 @@ class LinkageGeometry(Effect):
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """Compute the same for a displacement of any size."""
         linkage = _linkage(view)
-        return changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
+        return _changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
 
 
-def changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
+def _changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
     """Change the linkage's parameters by ``values``, as :class:`LinkageGeometry` names them."""
     for number, value in zip(_numbers(linkage, shape), values, strict=True):
         if number is None or not value:

@@ -36,10 +36,10 @@ class PreslidingHysteresis(Effect):
         return [{"x_s": distance} for distance in geometric(low, max(0.02 * view.range.span, 2 * low), 6)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        return (dahl_state(view.x, view.s, shape["x_s"]) - view.s)[:, None]
+        return (_dahl_state(view.x, view.s, shape["x_s"]) - view.s)[:, None]
 
 
-def dahl_state(x: FloatArray, sign: FloatArray, distance: float) -> FloatArray:
+def _dahl_state(x: FloatArray, sign: FloatArray, distance: float) -> FloatArray:
     """Solve Dahl's state ``z`` (N,): exact for ``dz/dx = (1 - z s) / distance`` over each step of ``x``."""
     decay = np.exp(-np.abs(np.diff(x)) / distance).tolist()
     target = sign.tolist()

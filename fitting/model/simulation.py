@@ -177,7 +177,7 @@ def _plant(model: ArmModel, friction_speed: float, possible: bool) -> _Plant:
         raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
     tracer = Tracer(motion.integrable(model, friction_speed))
     holds_force = any(term.uses_model for term in motion.at_rest(tracer.carried).terms)
-    return _Plant(tracer.model, compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
+    return _Plant(tracer.model, _compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
 
 
 def tracking(
@@ -218,7 +218,7 @@ def tracking(
 _FAR = 6.0
 
 
-def compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
+def _compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
     """Make :func:`~fitting.model.export.functions.moving_functions` functions of Python, by name."""
     namespace: dict[str, Any] = {
         **{name: getattr(math, name) for name in ("cos", "exp", "expm1", "hypot", "sin", "sqrt", "tanh", "erf")},

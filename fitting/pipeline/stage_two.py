@@ -237,19 +237,19 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
     two_stage = identify_rigid_body(design, cylinders, asked.estimator, colour=asked.colour, prior=asked.prior)
     progress(0.5, Sentence("fitting.shot_regression_comparison"))
     result = RigidBody(
-        two_stage=stacked(design, two_stage),
-        one_shot=stacked(design, identify_one_shot(design, colour=asked.colour)),
+        two_stage=_stacked(design, two_stage),
+        one_shot=_stacked(design, identify_one_shot(design, colour=asked.colour)),
     )
     if two_stage.estimator != "ols":  # order of work is compared with the same least squares on both sides
         by_ols = identify_rigid_body(design, cylinders, colour=asked.colour)
-        result = replace(result, two_stage_ols=stacked(design, by_ols))
+        result = replace(result, two_stage_ols=_stacked(design, by_ols))
     if design.indices("unloaded"):
         with_unloaded = identify_one_shot(design, unloaded=True, colour=asked.colour)
-        result = replace(result, one_shot_with_unloaded=stacked(design, with_unloaded))
+        result = replace(result, one_shot_with_unloaded=_stacked(design, with_unloaded))
     return result
 
 
-def stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
+def _stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
     """Return an estimate with errors by role and joint in the joint's effort unit."""
     errors, _, relative = errors_of(design, estimate.theta, extra)
     return Stacked(
@@ -282,7 +282,7 @@ def estimated(session: Session, model: Model) -> tuple[Model, Stacked | None]:
         prior=asked.prior,
     )
     fit = replace(model.fit, theta=found.theta, covariance=found.covariance, determined=found.determined, share=None)
-    return replace(model, fit=fit), stacked(model.design, found, model.extra)
+    return replace(model, fit=fit), _stacked(model.design, found, model.extra)
 
 
 def comparison(session: Session, found: RigidBody, floor: FloatArray) -> dict[str, Any]:

@@ -63,7 +63,7 @@ from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections
 
 
-def check(session: Session, results: StageResults, progress: Progress) -> Checked:
+def _check(session: Session, results: StageResults, progress: Progress) -> Checked:
     """Check that recordings fit and excite the machine, and that its own equations agree."""
     choice(session)
     findings = checked(session)
@@ -79,7 +79,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
     )
 
 
-def cylinder_stage(session: Session, results: StageResults, progress: Progress) -> Cylinders:
+def _cylinder_stage(session: Session, results: StageResults, progress: Progress) -> Cylinders:
     """Run stage 1."""
     prepared = session.plain
     estimates = identify_cylinders(
@@ -97,7 +97,7 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
     return Cylinders(estimates)
 
 
-def residual(session: Session, results: StageResults, progress: Progress) -> Residual:
+def _residual(session: Session, results: StageResults, progress: Progress) -> Residual:
     """Compute the noise floor, and what two position sensors show of each other."""
     prepared, model = session.plain, session.weighted_base.model
     if prepared.pairs:
@@ -120,7 +120,7 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
     )
 
 
-def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
+def _refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Refit both stages jointly with the findings; errors before and after."""
     corrections = corrections_from_json(session, results[Residual].steps)
     prepared, final = final_model(session, corrections, results[Attributed].terms)
@@ -185,12 +185,12 @@ def _drive_std(design: Design, model: Model) -> Iterator[float | None]:
 
 #: The stages before the report, in order.
 STEPS: dict[str, Callable[[Session, StageResults, Progress], Any]] = {
-    "check": check,
-    "cylinder_stage": cylinder_stage,
+    "check": _check,
+    "cylinder_stage": _cylinder_stage,
     "rigid_body_stage": rigid_body_stage,
-    "residual": residual,
+    "residual": _residual,
     "attribution": attribution,
-    "refit": refit,
+    "refit": _refit,
 }
 
 

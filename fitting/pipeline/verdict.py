@@ -71,8 +71,8 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
         return ("ambiguous" if any(f.effect["indistinguishable_from"] for f in kinematics) else "effect_added"), []
     if outcome != "nothing_missing":
         return outcome, []
-    against = against_nothing_missing(results, joints)
-    return ("unexplained", against) if against else (outcome, what_to_record(results))
+    against = _against_nothing_missing(results, joints)
+    return ("unexplained", against) if against else (outcome, _what_to_record(results))
 
 
 def label(results: StageResults) -> str | None:
@@ -90,7 +90,7 @@ def label(results: StageResults) -> str | None:
     return None
 
 
-def what_to_record(results: StageResults) -> list[str]:
+def _what_to_record(results: StageResults) -> list[str]:
     """List what would decide whether something is missing, where probabilities do not."""
     found = results[Attributed]
     if label(results) != "cannot_tell" or found.nothing >= NEEDED:
@@ -98,7 +98,7 @@ def what_to_record(results: StageResults) -> list[str]:
     return [Sentence("fitting.nothing_missing_uncertain", probability=found.nothing)]
 
 
-def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
+def _against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
     reasons: list[str] = []
     refitted = results[Refitted]

@@ -123,7 +123,7 @@ def prior_row(parameters: Parameters, prior: Prior, joint: int, columns: int) ->
     return row, float(prior.mass[joint] / prior.std[joint])
 
 
-def delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tuple[FloatArray, float] | None:
+def _delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tuple[FloatArray, float] | None:
     """Return the buses' prior of a joint's delay as a unit-noise row; ``late`` is the term that explains it."""
     expected = prior.delay_of(joint)
     if expected is None:
@@ -173,7 +173,7 @@ def with_prior(
         if joint == len(rows) - 1:
             A, b = prior.arm_rows(width)
             own = WhiteRows(np.vstack([own.A, A]), np.concatenate([own.b, b]), own.sections)
-        known = (prior_row(parameters, prior, joint, width), delay_row(prior, joint, width, (late or {}).get(joint)))
+        known = (prior_row(parameters, prior, joint, width), _delay_row(prior, joint, width, (late or {}).get(joint)))
         for row in known:
             if row is not None:
                 own = WhiteRows(np.vstack([own.A, row[0]]), np.append(own.b, row[1]), own.sections)

@@ -176,7 +176,7 @@ def _environment(language: Language) -> jinja2.Environment:
         capital=wording.capital,
         follows=_in(language, wording.follows),
         nearest=_in(language, wording.nearest),
-        separated=lambda item, titles: wording.separated(plain(item, language), titles, language),
+        separated=lambda item, titles: wording.separated(_plain(item, language), titles, language),
         chance=_in(language, wording.as_chance),
         readable=_in(language, wording.readable),
         evidence=_in(language, wording.evidence),
@@ -184,7 +184,7 @@ def _environment(language: Language) -> jinja2.Environment:
         moment=language.moment,
         listed=language.listed,
         effort=language.effort,
-        plain=lambda value: plain(value, language),
+        plain=lambda value: _plain(value, language),
         value=lambda entry: language.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
     )
     return environment
@@ -199,7 +199,7 @@ def _defined(value: Any) -> Any:
     return None if isinstance(value, jinja2.Undefined) else value
 
 
-def plain(value: Any, language: Language = ENGLISH) -> str:
+def _plain(value: Any, language: Language = ENGLISH) -> str:
     """Write any JSON value as a short text."""
     if value is None or isinstance(value, jinja2.Undefined):
         return text.NONE
@@ -210,10 +210,10 @@ def plain(value: Any, language: Language = ENGLISH) -> str:
     if isinstance(value, float):
         return language.number(value)
     if isinstance(value, Mapping):
-        entries = (f"{language.words(str(key))}: {plain(entry, language)}" for key, entry in value.items())
+        entries = (f"{language.words(str(key))}: {_plain(entry, language)}" for key, entry in value.items())
         return "; ".join(entries) or text.NONE
     if isinstance(value, list):
-        return language.phrase(", ").join(plain(entry, language) for entry in value) or text.NONE
+        return language.phrase(", ").join(_plain(entry, language) for entry in value) or text.NONE
     return language.translated(str(value))
 
 

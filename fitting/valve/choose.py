@@ -112,7 +112,7 @@ def _columns(fit: Fit, variable: str, knots: FloatArray) -> FloatArray:
     return np.where(axis.keep[:, None], axis.reduced(fit.openings[:, None] * basis), 0.0)
 
 
-def unknown_laws(fit: Fit) -> Iterator[Unknown]:
+def _unknown_laws(fit: Fit) -> Iterator[Unknown]:
     """Fit the most probable curve of every measured variable that changed in motion."""
     base, moving = fit.local, fit.openings != 0.0
     for variable, (_, of) in VARIABLES.items():
@@ -177,10 +177,10 @@ class Chosen:
     def refused(self) -> bool:
         """Whether the judging motion contradicts what held everywhere else and was worth reporting."""
         known, tried = {own.id for own in self.found}, [own for step in self.steps for own in step]
-        return any(own.refused and worth(own.before, own.error) for own in tried if own.id not in known)
+        return any(own.refused and _worth(own.before, own.error) for own in tried if own.id not in known)
 
 
-def folds_of(axis: Axis) -> list[BoolArray]:
+def _folds_of(axis: Axis) -> list[BoolArray]:
     """Return rows (M,) of each part left out in turn: recordings, or stretches of time of a single one."""
     numbers = np.unique(axis.recordings)
     if len(numbers) > 1:
@@ -190,18 +190,18 @@ def folds_of(axis: Axis) -> list[BoolArray]:
     return [np.isin(place, part) for part in np.array_split(place, FOLDS)]
 
 
-def compared(axis: Axis, before: Local, after: Local) -> tuple[gate.HeldOut, float, float]:
+def _compared(axis: Axis, before: Local, after: Local) -> tuple[gate.HeldOut, float, float]:
     """Compare a model with a simpler one on held-out rows; errors over the speed's RMS with it, without.
 
     Whether it hangs on one part only is asked of the gate's blocks: few recordings move one axis.
     """
     block = np.arange(len(axis.keep)) // round(gate.BLOCK_SECONDS * axis.bank.reduced_rate_hz) % gate.FOLDS
-    held, *squares = beside(before, after, folds_of(axis), [block == number for number in np.unique(block)])
+    held, *squares = beside(before, after, _folds_of(axis), [block == number for number in np.unique(block)])
     error, was = np.sqrt(np.array(squares) / float(np.sum(axis.speed[axis.keep] ** 2))).tolist()
     return held, error, was
 
 
-def worth(before: float, after: float) -> bool:
+def _worth(before: float, after: float) -> bool:
     """Return whether an error's reduction (of the speed's RMS) is worth reporting."""
     return after <= (1.0 - WORTH) * before and before**2 - after**2 >= VISIBLE**2
 
@@ -224,7 +224,7 @@ def chosen(axis: Axis, judged: Axis | None = None, *, loop: bool = True) -> Chos
         best = tried[0]
         near = [c for c in tried[1:] if not c.reason and _alike(best, c) and c.id not in reported]
         together = best.probability + sum(c.probability for c in near)
-        if together < priors.CREDIBLE or not worth(best.before, best.error) or best.id in reported:
+        if together < priors.CREDIBLE or not _worth(best.before, best.error) or best.id in reported:
             break
         sets.append(tuple(c.id for c in near[:2]))
         if best.law is not None:
@@ -241,8 +241,8 @@ def _curved(fit: Fit) -> Fit:
     shapes = (replace(fit.structure, curve=curve) for curve in ("line", "power", "monotone"))
     best, *others = (fitted(fit.axis, own, _kept(fit, own)) for own in shapes)
     for trial in others:
-        held, error, before = compared(fit.axis, best.local, trial.local)
-        if 0.5 * held.gain > 2 * LAW_ODDS and held.alike > 0.0 and worth(before, error):
+        held, error, before = _compared(fit.axis, best.local, trial.local)
+        if 0.5 * held.gain > 2 * LAW_ODDS and held.alike > 0.0 and _worth(before, error):
             best = trial
     return best
 
@@ -261,22 +261,22 @@ def _with_laws(axis: Axis, fit: Fit) -> tuple[Fit, dict[str, dict[str, float]]]:
     if len(ids) < 2:
         return fit, tried
     for way in (0, 1, 0):
-        simple = replace_law(fit, way, "none")
+        simple = _replace_law(fit, way, "none")
         best, gained, least = simple, 0.0, np.inf
         for own in ids[1:]:
-            trial = replace_law(fit, way, own)
-            held, error, before = compared(axis, simple.local, trial.local)
+            trial = _replace_law(fit, way, own)
+            held, error, before = _compared(axis, simple.local, trial.local)
             tried[WAYS[way]] |= {"none": before, own: error}
             least = min(least, before)
             odds = 0.5 * held.gain - LAW_ODDS * (1 + len(LAWS[own].shape))
-            earned = declared or not LAWS[own].shape or worth(least, error)  # a number, beside the best without one
+            earned = declared or not LAWS[own].shape or _worth(least, error)  # a number, beside the best without one
             if odds > gained and earned:
                 best, gained, least = trial, odds, error
         fit = best
     return fit, tried
 
 
-def replace_law(fit: Fit, way: int, law: str) -> Fit:
+def _replace_law(fit: Fit, way: int, law: str) -> Fit:
     """Set another law in one direction, refined from the present values."""
     extend, retract = fit.structure.laws
     structure = replace(fit.structure, laws=(law, retract) if way == 0 else (extend, law))
@@ -298,7 +298,7 @@ def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
 
     def candidate(own: str, title: str, other: Fit, law: Unknown | None = None) -> Candidate:
         after, refused = other.local if law is None else law.local, ""
-        held, error, was = compared(axis, base, after)
+        held, error, was = _compared(axis, base, after)
         reason = objection(held, None)
         if judged is not None and here is not None and not reason:
             there = other.on(judged)[1] if law is None else law.on(*here)
@@ -310,7 +310,7 @@ def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
     tried = [candidate(own.id, own.title, _best(fit, structure, own.starts)) for own, structure in with_it.items()]
     laws = [
         candidate(own.variable, Sentence("fitting.gain_follows", variable=own.variable), fit, own)
-        for own in unknown_laws(fit)
+        for own in _unknown_laws(fit)
     ]
     names = [(named + c.before**2 - c.error**2, c.error) for c in tried if c.refused or not c.reason]
     names += [(named, c.before) for c in laws[:1]]

@@ -79,7 +79,7 @@ class Fit:
         free = [n for n in names if self.gains[n] > 0]
         inside, ends = list[str](), list[float]()
         for name, (start, low, high) in structure.shape().items():
-            step, here = _STEP * scale_of((start, low, high)), self.shape[name]
+            step, here = _STEP * _scale_of((start, low, high)), self.shape[name]
             if low + 1e-6 * step < here < high - 1e-6 * step:
                 inside.append(name)
                 ends += [max(here - step, low), min(here + step, high)]
@@ -171,7 +171,7 @@ def relative(axis: Axis, residual: FloatArray) -> float:
     return float(np.sqrt(np.mean(residual[keep] ** 2) / max(float(np.mean(axis.speed[keep] ** 2)), 1e-30)))
 
 
-def scale_of(bounds: Bounds) -> float:
+def _scale_of(bounds: Bounds) -> float:
     """Return a usual change of a number that is searched."""
     start, low, high = bounds
     return max(abs(start), 0.02 * (high - low)) if start else 0.05 * (high - low)
@@ -228,7 +228,7 @@ def _refined(
 ) -> Fit:
     bounds = structure.shape()
     free = [name for name in shape if name not in held]
-    scales = np.array([scale_of(bounds[name]) for name in free])
+    scales = np.array([_scale_of(bounds[name]) for name in free])
     low, high = (np.array([bounds[name][k] for name in free]) / scales for k in (1, 2))
     keep, y = axis.keep, axis.speed
 

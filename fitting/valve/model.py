@@ -127,7 +127,7 @@ def _directed(
     spool = (structure.effects, of_effects, lag * rate, shape["damping"])
     power = shape.get(f"power.{WAYS[way]}", 1.0)
     opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
-    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), (late - lag) * rate
+    factor, moved = SIGNS[way] * _factors(axis, structure, shape, way), (late - lag) * rate
     return {name: factor * delayed(signals.parts, own, moved) for name, own in opened.items()}
 
 
@@ -185,7 +185,7 @@ def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: f
     return dict(zip(names, whole, strict=True))
 
 
-def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
+def _factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
     """Compute an opening's factors (N,) of pressures and effects, 1 at the reference."""
     law = structure.laws[way]
     factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))

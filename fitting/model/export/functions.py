@@ -141,7 +141,7 @@ def program_of(model: ArmModel) -> Program:
         If the machine has something that no format has.
     """
     tracer = tracer_of(model)
-    return Program(identifier(model.machine.name), tracer, tuple(functions_of(tracer)))
+    return Program(identifier(model.machine.name), tracer, tuple(_functions_of(tracer)))
 
 
 def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tuple[str, ...]]:
@@ -200,7 +200,7 @@ def written(folder: Path, texts: Mapping[str, str], left_out: Sequence[str]) -> 
     return Written(tuple(folder / name for name in texts), tuple(left_out))
 
 
-def functions_of(tracer: Tracer) -> list[Function]:
+def _functions_of(tracer: Tracer) -> list[Function]:
     """List what an exported model can be asked."""
     state, moment = tracer.variables(), ("q", "qd", "qdd", "t", *tracer.oil)
     known = () if tracer.model.temperature is None else ("temperature",)

@@ -40,7 +40,7 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Quantity:
+class _Quantity:
     """Something to be tabled.
 
     Attributes
@@ -70,7 +70,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Table:
+class _Table:
     """A quantity on a grid.
 
     Attributes
@@ -82,14 +82,14 @@ class Table:
     error : largest error of linear interpolation between, in the unit of the value
     """
 
-    quantity: Quantity
+    quantity: _Quantity
     chosen: tuple[int, ...]
     axes: tuple[FloatArray, ...]
     values: FloatArray
     error: float
 
 
-def tabled(quantity: Quantity, rng: np.random.Generator) -> Table | str | None:
+def _tabled(quantity: _Quantity, rng: np.random.Generator) -> _Table | str | None:
     """Tabulate a quantity over its variables; return a line on why not, None of nothing."""
     low, high = quantity.low, quantity.high
     points = rng.uniform(low, high, (_TRIALS, len(low)))
@@ -119,17 +119,17 @@ def tabled(quantity: Quantity, rng: np.random.Generator) -> Table | str | None:
     between = rng.uniform(low[chosen], high[chosen], (_BETWEEN, len(chosen)))
     # Middles of the cells as well, where linear interpolation of something smooth is worst.
     middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
-    between = np.vstack([between, grid_points(middles)])
+    between = np.vstack([between, _grid_points(middles)])
     error = float(np.max(np.abs(RegularGridInterpolator(axes, values)(between) - at(between))))
-    return Table(quantity, tuple(chosen), axes, values, error)
+    return _Table(quantity, tuple(chosen), axes, values, error)
 
 
-def grid_points(axes: Sequence[FloatArray]) -> FloatArray:
+def _grid_points(axes: Sequence[FloatArray]) -> FloatArray:
     return np.stack([own.ravel() for own in np.meshgrid(*axes, indexing="ij")], axis=1)
 
 
 def _ongrid_points(value: Callable[[FloatArray], FloatArray], axes: Sequence[FloatArray]) -> FloatArray:
-    return value(grid_points(axes)).reshape([len(axis) for axis in axes])
+    return value(_grid_points(axes)).reshape([len(axis) for axis in axes])
 
 
 def _refined(
@@ -176,11 +176,11 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     whole, model = model, motion.at_rest(rest or model, cold=True)
     rng = np.random.default_rng(0)
     tables = []
-    for quantity in (*gravity_quantities(model), *friction_quantities(model)):
-        found = tabled(quantity, rng)
+    for quantity in (*_gravity_quantities(model), *_friction_quantities(model)):
+        found = _tabled(quantity, rng)
         if found is None:
             continue
-        if isinstance(found, Table):
+        if isinstance(found, _Table):
             tables.append(found)
         else:
             left_out.append(found)
@@ -189,14 +189,14 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     return written(path, files, left_out)
 
 
-def _text(table: Table) -> str:
+def _text(table: _Table) -> str:
     variables = [table.quantity.variables[k] for k in table.chosen]
     header = [*(f"{name} [{unit}]" for name, unit, _, _ in variables), f"{table.quantity.name} [{table.quantity.unit}]"]
-    rows = np.column_stack([grid_points(table.axes), table.values.ravel()])
+    rows = np.column_stack([_grid_points(table.axes), table.values.ravel()])
     return _csv([header, *([repr(value) for value in row] for row in rows.tolist())])
 
 
-def _index(tables: Sequence[Table]) -> str:
+def _index(tables: Sequence[_Table]) -> str:
     header = ["file", "value", "unit", "variables", "points", "largest", "interpolation_error", "says"]
     rows = []
     for own in tables:
@@ -215,7 +215,7 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def gravity_quantities(model: ArmModel) -> list[Quantity]:
+def _gravity_quantities(model: ArmModel) -> list[_Quantity]:
     """Return the effort at rest: gravity of the links, and what else holds a joint, if any."""
     links = _links(model)
     return [*_link_quantities(links), *(_held(model, links, joint) for joint in range(len(model.joints)))]
@@ -235,7 +235,7 @@ def _links(model: ArmModel) -> ArmModel:
     )
 
 
-def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
+def _held(model: ArmModel, links: ArmModel, joint: int) -> _Quantity:
     """Return what acts at rest beside the links."""
     about = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
     return _at_rest(
@@ -243,22 +243,24 @@ def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
     )
 
 
-def _own_gravity(model: ArmModel, joint: int) -> Quantity:
+def _own_gravity(model: ArmModel, joint: int) -> _Quantity:
     about = f"effort of {model.joints[joint]} that holds the links still"
     return _at_rest(model, joint, "gravity", about, lambda q: motion.gravity(model, q)[:, joint])
 
 
-def _at_rest(model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
+def _at_rest(
+    model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]
+) -> _Quantity:
     """Return a joint's effort over all joint positions."""
     positions = tuple(_position(model, k) for k in range(len(model.joints)))
-    return Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
+    return _Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
 
 
-def _link_quantities(model: ArmModel) -> list[Quantity]:
+def _link_quantities(model: ArmModel) -> list[_Quantity]:
     """Return links' gravity over the link's angle along parallel axes, else over joint positions."""
     limits = model.limits.T
-    result: list[Quantity] = []
-    for chain in parallel_axes(model):
+    result: list[_Quantity] = []
+    for chain in _parallel_axes(model):
         last = chain[-1]
         if not _alone(model, chain):
             result += [_own_gravity(model, joint) for joint in chain]
@@ -279,11 +281,11 @@ def _link_quantities(model: ArmModel) -> list[Quantity]:
             about = f"part of link {model.joints[joint]} in the gravity of itself and of the joints before it from "
             about += f"{model.joints[chain[0]]} on, over {names}: a joint bears its own link's part and those behind"
             variable = (f"{model.joints[joint]}.link_angle", "rad", float(low), float(high))
-            result.append(Quantity(f"gravity_{model.joints[joint]}", about, "N m", (variable,), part))
+            result.append(_Quantity(f"gravity_{model.joints[joint]}", about, "N m", (variable,), part))
     return result
 
 
-def parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
+def _parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
     """Group joints in runs of parallel turning axes; a sliding joint is a run of its own."""
     geometry = geometry_of(model.arm)
     runs: list[tuple[int, ...]] = []
@@ -323,7 +325,7 @@ def _position(model: ArmModel, joint: int) -> tuple[str, str, float, float]:
     return (f"{described.name}.position", unit, *described.limits.position)
 
 
-def friction_quantities(model: ArmModel) -> list[Quantity]:
+def _friction_quantities(model: ArmModel) -> list[_Quantity]:
     """Return every drive's friction over its own speed, and whatever else it depends on."""
     n, result = len(model.joints), []
     levers = motion.levers(model, model.limits.mean(axis=0, keepdims=True))[0]
@@ -350,5 +352,5 @@ def friction_quantities(model: ArmModel) -> list[Quantity]:
         ]
         unit = model.effort_units[joint]
         about = f"friction of the drive of {described.name}: what changes its sign with its speed"
-        result.append(Quantity(f"friction_{described.name}", about, unit, (speed, *positions, *speeds), value))
+        result.append(_Quantity(f"friction_{described.name}", about, unit, (speed, *positions, *speeds), value))
     return result
