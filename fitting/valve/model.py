@@ -190,7 +190,7 @@ def _factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatA
     law = structure.laws[way]
     factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))
     for effect in structure.found:
-        factor = effect.factor(factor, WAYS[way], axis.signals, _drops(axis, way), shape, axis.areas)
+        factor = effect.factor(factor, WAYS[way], axis, _drops(axis, way), shape)
     return factor
 
 
