@@ -39,8 +39,8 @@ from fitting.arrays import FloatArray
 from fitting.regression.drive import expected_power, expected_sign
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
+from fitting.signals.motion_frequency import quiet_motion
 from fitting.signals.preparation import PositionNoise, Segment
-from fitting.signals.quiet_motion import quiet_motion
 
 Shape = Mapping[str, float]
 Level = Literal["cylinder", "joint", "measurement"]
@@ -169,7 +169,7 @@ class DriveView:
 
     @property
     def quiet_torque(self) -> FloatArray:
-        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.quiet_motion`."""
+        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.motion_frequency`."""
         if "quiet_torques" not in self.shared:
             motion = quiet_motion(self.segment, self.noise, self.bank)
             self.shared["quiet_torques"] = base_regressor(self.machine, self.base, *motion) @ self.base_values

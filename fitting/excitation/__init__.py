@@ -1,7 +1,7 @@
 """Excitation: motions that tell the parameters.
 
 =================== =====================================================================
-``fourier``         series that start and end at rest
+``fourier``         series that start and end at rest, and random motions, for searches without gradients
 ``objective``       information of a motion, its condition number, and the gradient
 ``limits``          limits and how much of them is used; supply flow and chamber pressure
 ``problem``         an unconstrained problem: free coefficients in, a motion inside its limits out
@@ -10,7 +10,6 @@
 ``cylinders``       signals for free cylinders (stage 1): band-limited, and a staircase
 ``staircase``       constant speeds, slow to fast
 ``experiments``     motions that tell effects apart: staircases, reversals, two poses, a neighbour
-``series``          random Fourier motions, for searches without gradients
 =================== =====================================================================
 """
 

@@ -23,8 +23,7 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.planning.detection import Visibility, typical_terms, visibilities
 from fitting.planning.guess import Guess
-from fitting.planning.planned import planned_segment
-from fitting.planning.planned_views import planned_views, usual_chambers
+from fitting.planning.planned import planned_segment, planned_views, usual_chambers
 from fitting.regression.design import NoiseModel, build_design, whitened
 from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
 from fitting.regression.prior import mass_prior, with_prior

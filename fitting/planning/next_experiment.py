@@ -22,8 +22,8 @@ from daq.messages import Sentence
 from daq.motion_files import Motion
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import Arm, menu
+from fitting.excitation.fourier import Series, random_series, varied
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
-from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
 from fitting.planning.question import Question
 from fitting.planning.separation import Separation
