@@ -35,8 +35,8 @@ from scipy.special import ndtr
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arm.expected import expected_power, expected_sign
 from fitting.arrays import FloatArray
-from fitting.regression.drive import expected_power, expected_sign
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
 from fitting.signals.motion_frequency import quiet_motion

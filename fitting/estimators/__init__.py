@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from daq.seams import ESTIMATORS
 from fitting.estimators.base import Estimate, Estimator
-from fitting.estimators.context import StageTwo, TakesStage, within
+from fitting.estimators.context import StageTwo, within
 from fitting.estimators.covariance import Colour, residual_draws
 from fitting.estimators.ordinary import OrdinaryLeastSquares
 from fitting.estimators.possible import PossibleFit
@@ -25,7 +25,6 @@ __all__ = [
     "RecursiveLeastSquares",
     "RidgeTowardPrior",
     "StageTwo",
-    "TakesStage",
     "WeightedLeastSquares",
     "estimator",
     "estimator_ids",

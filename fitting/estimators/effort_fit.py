@@ -139,11 +139,6 @@ class EffortRows:
         """The triangles of all joints, one below the other."""
         return np.vstack(self.triangles)
 
-    @cached_property
-    def _factor(self) -> Factor:
-        """Of their columns, without what is known beforehand."""
-        return factor(self._stacked[:, :-1], self._effects)
-
     @property
     def _effects(self) -> int:
         return 0 if self._extra is None else len(self._extra.names)
@@ -324,7 +319,7 @@ class EffortRows:
             determined=determined,
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
-            condition_number=self._factor.condition_number,
+            condition_number=factor(self._stacked[:, :-1], self._effects).condition_number,
             share=data_share(found.root @ found.root.T, parameters, prior),
         )
 

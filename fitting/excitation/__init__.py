@@ -13,7 +13,7 @@
 =================== =====================================================================
 """
 
-from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, design_cylinder_motion
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.design import (
     Excitation,
     design_motion,
@@ -21,7 +21,7 @@ from fitting.excitation.design import (
     information_of,
     information_of_recording,
 )
-from fitting.excitation.experiments import KINDS, Arm, Experiment, experiment, menu
+from fitting.excitation.experiments import KINDS, Arm, experiment, menu
 from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
 from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions
@@ -29,11 +29,9 @@ from fitting.excitation.problem import ExcitationOptions
 __all__ = [
     "KINDS",
     "Arm",
-    "CylinderExcitation",
     "CylinderOptions",
     "Excitation",
     "ExcitationOptions",
-    "Experiment",
     "HydraulicLimits",
     "LimitUse",
     "condition_of_information",

@@ -131,8 +131,6 @@ class Arm:
             return joint_position(
                 each, middle + staircase(time, seconds, levels, half, speed, acceleration, slowest)[0]
             )
-        except NotPossibleError:
-            raise
         except InputError as error:
             raise NotPossibleError(str(error)) from None
 

@@ -89,8 +89,6 @@ def compare(
     json: Json = False,
 ) -> None:
     """Predict a recording by two models of one machine: which is better, and which parameters differ."""
-    from dataclasses import asdict
-
     from fitting.model.codec import load_model
     from fitting.model.prediction import compare
 

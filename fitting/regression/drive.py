@@ -20,18 +20,6 @@ from fitting.arm.expected import expected_power, expected_sign
 from fitting.arrays import FloatArray
 from fitting.signals.filters import advanced
 
-__all__ = [
-    "UNITS",
-    "drive_columns",
-    "drive_names",
-    "drive_units",
-    "effort_unit",
-    "expected_power",
-    "expected_sign",
-    "known_effort",
-]
-
-
 UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)", "J": "kg m^2"}
 
 

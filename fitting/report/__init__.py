@@ -5,14 +5,12 @@ from __future__ import annotations
 from fitting.report.html import write_report
 from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.presented import presented
-from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, looked, validate_report
+from fitting.report.schema import ReportError, clean, json_schema, looked, validate_report
 
 __all__ = [
-    "SCHEMA",
     "Course",
     "Figures",
     "FrictionCurve",
-    "Report",
     "ReportError",
     "Scatter",
     "clean",
