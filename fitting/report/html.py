@@ -221,9 +221,6 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
     """Draw the figures as SVG; Markup is given our own drawing only, its texts escaped."""
     errors = report["errors"]
 
-    def effort_unit(joint: str) -> str:
-        return str(errors[joint]["unit"]) if joint in errors else ""
-
     overview = []
     for joint, entry in errors.items():
         before = text.ratio(wording.validate(entry["before"]), entry.get("noise_floor"))
@@ -233,7 +230,7 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
     return {
         "overview": Markup(draw_errors(overview, "overview", language)) if overview else None,
         "scatter": [
-            (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}", language)))
+            (item, Markup(draw_scatter(item, item.effort_unit, f"scatter{i}", language)))
             for i, item in enumerate(figures.scatter)
         ],
         "worst": Markup(draw_course(figures.worst, "worst", language)) if figures.worst else None,

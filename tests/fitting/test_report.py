@@ -230,6 +230,7 @@ def sample_figures(blamed: bool = True) -> Figures:
                 grid,
                 1600.0 * (grid - 0.15),
                 np.full(60, 9.0),
+                "N m",
                 direction=np.sign(v),
                 law_back=-1600.0 * (grid - 0.15),
             ),
@@ -545,7 +546,7 @@ def test_gaps_in_figures_are_left_out(tmp_path: Path) -> None:
 def test_empty_figures_are_drawn_without_complaint(tmp_path: Path) -> None:
     none = np.zeros(0)
     figures = Figures(
-        scatter=(Scatter("joint1", "time", "s", none, none, none, none, none, none),),
+        scatter=(Scatter("joint1", "time", "s", none, none, none, none, none, none, "N m"),),
         friction=(FrictionCurve("joint1", "m/s", "N", none, none, none),),
     )
     _, page = written(sample_report(), figures, tmp_path)
