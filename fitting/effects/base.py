@@ -284,6 +284,8 @@ class Effect(ABC):
     source: ClassVar[str]
     #: True where the effect is one of oil and chambers; friction is there in any drive.
     needs_cylinder: ClassVar[bool] = False
+    #: True where both chambers of the cylinder have to be measured.
+    needs_pressures: ClassVar[bool] = False
     #: True where one effect acts on the whole machine (``columns`` then gives all joints at once).
     machine_wide: ClassVar[bool] = False
     #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
@@ -312,7 +314,9 @@ class Effect(ABC):
 
     def applies(self, machine: Machine, joint: int) -> bool:
         """Return whether the joint can have this effect, and its channels show it."""
-        return machine.joints[joint].cylinder is not None or not self.needs_cylinder
+        if machine.joints[joint].cylinder is None:
+            return not (self.needs_cylinder or self.needs_pressures)
+        return has_pressures(machine, joint) or not self.needs_pressures
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Return the grid of shape parameters; one empty shape if none. ``view`` gives scales (its ranges)."""

@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
-from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_pressures
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class PressureDependentFriction(Effect):
@@ -17,6 +16,7 @@ class PressureDependentFriction(Effect):
     id = "pressure_dependent_friction"
     title = "friction that grows with the chamber pressure"
     level = "cylinder"
+    needs_pressures = True
     variable = "head_pressure"
     equation = "beta p sgn v, p = p1 + p2, p1, p2, or max(p1, p2) + w p2 (piston seal and rod seal)"
     parity = Parity.ODD
@@ -28,10 +28,6 @@ class PressureDependentFriction(Effect):
     by_motion = False
     look_at = "seals of the cylinder that chamber pressure presses: type and wear"
     source = "Nissing, seal friction of hydraulic cylinders; Zillen, TU Delft data set on seal friction"
-
-    def applies(self, machine: Machine, joint: int) -> bool:
-        """Return whether both chambers are measured."""
-        return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         chambers = ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})

@@ -214,7 +214,7 @@ def block_length(series: FloatArray) -> int:
 
 @dataclass(frozen=True)
 class Information:
-    """``rows theta = target + n``, ``n`` of unit covariance: all that ``A theta = b + e`` tells of ``theta``.
+    """``rows theta = target + n``, ``n`` of unit covariance: all that ``A theta = b + e`` holds of ``theta``.
 
     Attributes
     ----------

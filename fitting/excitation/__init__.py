@@ -21,9 +21,8 @@ from fitting.excitation.design import (
     information_of,
     information_of_recording,
 )
-from fitting.excitation.experiments import KINDS, Arm, experiment, menu
+from fitting.excitation.experiments import KINDS, Arm, experiment
 from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
-from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions
 
 __all__ = [
@@ -34,15 +33,12 @@ __all__ = [
     "ExcitationOptions",
     "HydraulicLimits",
     "LimitUse",
-    "condition_of_information",
     "design_cylinder_motion",
     "design_motion",
     "design_sequence",
     "experiment",
-    "information",
     "information_of",
     "information_of_recording",
     "limits_of_machine",
     "limits_used",
-    "menu",
 ]

@@ -24,7 +24,7 @@ from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, d
 from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.languages import language as language_of
 from fitting.report.model import Figures
-from fitting.report.schema import ReportError, validate_report
+from fitting.report.schema.definition import ReportError, validate_report
 
 #: The page's file.
 PAGE = "report.html"
@@ -86,7 +86,7 @@ def write_report(
 
 
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
-    """Render a checked report's page (see :func:`fitting.report.schema.validate_report`)."""
+    """Render a checked report's page (see :func:`fitting.report.schema.definition.validate_report`)."""
     report = with_messages(report, report.get("messages", {}))
     named = [
         (str(entry["id"]), language.translated(str(entry["title"])), entry.get("joint"))

@@ -11,7 +11,7 @@ from typing import Any
 
 from daq.messages import Sentence
 from fitting.report.languages import ENGLISH, NAMES, Language
-from fitting.report.schema import looked
+from fitting.report.schema.definition import looked
 from fitting.report.text import change, moved, number
 
 #: Units of what says which variant of an effect it is, and not how large.

@@ -2,9 +2,9 @@
 
 In sample a law without pressure may win and lose elsewhere, so candidates are compared by the log predictive density
 of rows that were not fitted (:mod:`fitting.residual.confirmation.local`). With the prior of
-:mod:`fitting.selection.priors` that makes a probability for each candidate and for nothing; something is said from 0.95
-on, and names within reach of the best are said as a set. Nothing is chosen by the motion that is judged on: it may
-refuse, by the rule of the gate.
+:mod:`fitting.selection.priors` that makes a probability for each candidate and for nothing; something is reported from
+0.95 on, and names within reach of the best are reported as a set. Nothing is chosen by the motion that is judged on: it
+may refuse, by the rule of the gate.
 
 Names are compared with laws of one variable ``z``: a speed that is wrong by a share that follows it is, to first order,
 ``(1 + h(z))`` times what the valve lets through, with ``h`` any smooth curve, as the loop's laws are. Nature is off a
@@ -41,7 +41,7 @@ from fitting.valve.rows import Axis
 
 #: Parts that a single recording, or many, are left out in.
 FOLDS = 5
-#: Share by which the error on rows that were left out has to fall: below that nobody changes a valve.
+#: Share by which the error on rows that were left out has to fall: less is not worth a change of the valve.
 WORTH = 0.02
 #: What has to be seen of an effect, as RMS over that of the speed.
 VISIBLE = 0.003
@@ -163,7 +163,7 @@ class Chosen:
     steps : candidates of each round, the best first
     found : what was added
     sets : of each of ``found``, and of ``unknown``, the ids that cannot be told from it
-    unknown : the law that is said where no name fits what is left; it is not added
+    unknown : the law that is reported where no name fits what is left; it is not added
     """
 
     fits: tuple[Fit, ...]

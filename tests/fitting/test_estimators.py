@@ -12,17 +12,13 @@ from coloured import automatic_lags, hac_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.estimators import (
-    Estimate,
-    Estimator,
-    OrdinaryLeastSquares,
-    PossibleFit,
-    RecursiveLeastSquares,
-    RidgeTowardPrior,
-    WeightedLeastSquares,
-)
+from fitting.estimators import Estimate, Estimator, OrdinaryLeastSquares
 from fitting.estimators.conformance import check_estimator
 from fitting.estimators.least_squares import solve
+from fitting.estimators.possible import PossibleFit
+from fitting.estimators.recursive import RecursiveLeastSquares
+from fitting.estimators.ridge import RidgeTowardPrior
+from fitting.estimators.weighted import WeightedLeastSquares
 
 Array = npt.NDArray[np.float64]
 ESTIMATORS: tuple[Estimator, ...] = (

@@ -16,17 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.messages import Sentence
-from fitting.report import (
-    Course,
-    Figures,
-    FrictionCurve,
-    ReportError,
-    Scatter,
-    json_schema,
-    validate_report,
-    write_report,
-)
+from fitting.report import write_report
+from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.schema import file
+from fitting.report.schema.definition import ReportError, json_schema, validate_report
 from fitting.report.text import moment, moved, number, percent, unit, with_std
 from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes, verdict_sentence
 

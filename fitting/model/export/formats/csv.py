@@ -1,8 +1,8 @@
 """Gravity and friction as tables over their variables, for controllers that interpolate (a PLC).
 
 Which variables a value has is tried out on the model; a grid is as fine as linear interpolation needs. How far that
-is off is measured on points between those of the grid, and said in ``tables.csv`` beside units and ranges. What needs
-more than two variables is no table, and is said.
+is off is measured on points between those of the grid, and listed in ``tables.csv`` beside units and ranges. What needs
+more than two variables is no table, and is listed as left out.
 
 Gravity along parallel axes needs no table of several positions: the part of each link is a function of its own angle to
 the first of these axes (the sum of the joint positions), and a joint bears the parts of its own link and of all behind
