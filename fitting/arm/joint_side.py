@@ -138,13 +138,7 @@ def _solved(
     places = list(unknown)
     if places:
         R = machine.ratios[places]
-        motors = np.column_stack([recording.values[_channel(machine, quantity, n)] for n in places])
+        motors = _measured(machine, recording, quantity)[:, places]
         others = [n for n in range(len(machine.joints)) if n not in places and R[:, n].any()]
         known[:, places] = np.linalg.solve(R[:, places], (motors - known[:, others] @ R[:, others].T).T).T
     return known
-
-
-def _channel(machine: Machine, quantity: str, number: int) -> str:
-    channel = machine.channel(quantity, machine.joints[number].name)
-    assert channel is not None  # the machine file guarantees it
-    return channel.name

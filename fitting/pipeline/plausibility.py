@@ -183,7 +183,8 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     S = fit.covariance[np.ix_(chosen, chosen)]
     scale = np.sqrt(np.diag(S))
     scale[scale == 0] = 1.0
-    white = linalg.solve_triangular(_root(S / np.outer(scale, scale)), np.diag(1.0 / scale), lower=True)
+    root = linalg.cholesky(S / np.outer(scale, scale) + 1e-10 * np.eye(len(S)), lower=True)  # singular or not
+    white = linalg.solve_triangular(root, np.diag(1.0 / scale), lower=True)
     A = np.zeros((len(chosen), width))
     A[:, chosen] = white
     target = A @ fit.theta[:width]
@@ -203,11 +204,6 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     moved = white @ (theta[chosen] - fit.theta[chosen])
     theta[others] += fit.covariance[np.ix_(others, chosen)] @ (white.T @ moved)
     return theta, float(moved @ moved), len(chosen)
-
-
-def _root(correlation: FloatArray) -> FloatArray:
-    """Compute the lower Cholesky factor of a correlation, singular or not."""
-    return np.asarray(linalg.cholesky(correlation + 1e-10 * np.eye(len(correlation)), lower=True))
 
 
 def physics(design: Design, model: Model) -> Physics:

@@ -80,7 +80,8 @@ def identify_rigid_body(
     frozen, covariance = np.zeros(len(parameters)), np.zeros((len(parameters),) * 2)
     for joint, cylinder in enumerate(cylinders):
         part = parameters.drive_slice(joint)
-        frozen[part], covariance[part, part] = cylinder.theta, _known(cylinder)
+        own = np.diag(cylinder.std**2) if cylinder.covariance is None else cylinder.covariance
+        frozen[part], covariance[part, part] = cylinder.theta, np.where(np.isfinite(own), own, 0.0)
     by = estimator or OrdinaryLeastSquares()
     return refit_rigid_body(design, frozen, covariance, by, colour=colour, prior=prior)
 
@@ -125,12 +126,6 @@ def refit_rigid_body(
     whole = _covariance(A, D, covariance[np.ix_(others, others)], estimate, groups, (base, others))
     made = replace(estimate, theta=found, covariance=whole, determined=determined)
     return StackedEstimate(**vars(made), estimator=estimator.name)
-
-
-def _known(cylinder: CylinderEstimate) -> FloatArray:
-    """Return a cylinder parameters' covariance; zero where none (a joint that never moved)."""
-    covariance = np.diag(cylinder.std**2) if cylinder.covariance is None else cylinder.covariance
-    return np.where(np.isfinite(covariance), covariance, 0.0)
 
 
 def _covariance(

@@ -22,7 +22,7 @@ Beside it stands a label where the recordings leave the verdict open:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from scipy import stats
 
@@ -106,7 +106,10 @@ def _against_nothing_missing(results: StageResults, joints: Sequence[str]) -> li
     if invalid:
         reasons.append(Sentence("fitting.noise_not_known_record", joints=", ".join(invalid)))
     times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
-    allowed = math.hypot(_noise_ratio(refitted.independent_rows), refitted.parameter_error)
+    # In short recordings two equal noises differ by chance.
+    rows = (max(refitted.independent_rows[role], 1.0) for role in ("validate", "train"))
+    chance = math.sqrt(float(stats.f.isf(CHANCE, *rows)))
+    allowed = math.hypot(max(MOST_NOISE, chance), refitted.parameter_error)
     if times is not None and times > allowed:
         reasons.append(Sentence("fitting.validation_motion_error_offsets", times=times, allowed=allowed))
     for other in results[Attributed].other_bands:
@@ -115,9 +118,3 @@ def _against_nothing_missing(results: StageResults, joints: Sequence[str]) -> li
                 Sentence("fitting.other_band_finds", bandwidth_hz=other.bandwidth_hz, found=", ".join(other.found))
             )
     return reasons
-
-
-def _noise_ratio(rows: Mapping[str, float]) -> float:
-    """Bound the ratio of two equal noises: :data:`MOST_NOISE`, or chance's in short recordings."""
-    chance = float(stats.f.isf(CHANCE, max(rows["validate"], 1.0), max(rows["train"], 1.0)))
-    return max(MOST_NOISE, math.sqrt(chance))

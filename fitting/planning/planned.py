@@ -23,7 +23,7 @@ from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.motion_files import Motion
 from fitting.arm.linkage import piston_motion
-from fitting.arrays import BoolArray, FloatArray
+from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
 from fitting.regression.design import Design, Extra
 from fitting.residual.terms import Model, Term, extra_columns
@@ -90,8 +90,9 @@ def segment_of_states(
     time = (bank.margin + np.arange(len(turning[0]))) / bank.rate_hz
     planned = {"recording": recording, "role": ROLE, "start": bank.margin, "loaded": loaded}
     moved = motion_segment(machine, time, turning, driving, **planned)
-    rests = [_rest(moved.v[:, j], noise[j].speed, bank.rate_hz) for j in range(len(machine.joints))]
-    return replace(moved, rest=np.stack(rests, axis=1))
+    # At rest as in preparation; without noise as well.
+    slow = np.abs(moved.v) <= np.maximum([REST_SPEED * own.speed for own in noise], 1e-12)
+    return replace(moved, rest=np.stack([long_rests(own, bank.rate_hz) for own in slow.T], axis=1))
 
 
 def _stacked(columns: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> States:
@@ -103,11 +104,6 @@ def _resampled(time: FloatArray, values: FloatArray, wanted: FloatArray) -> Floa
     if len(time) == len(wanted) and np.allclose(time, wanted, rtol=0, atol=1e-9):
         return values
     return np.asarray(make_interp_spline(time, values, k=5)(np.minimum(wanted, time[-1])))
-
-
-def _rest(speed: FloatArray, noise: float, rate_hz: float) -> BoolArray:
-    """Return where an element is at rest, as in preparation; without noise as well."""
-    return long_rests(np.abs(speed) <= max(REST_SPEED * noise, 1e-12), rate_hz)
 
 
 _LOWEST = 0.005  # quantile that counts as the lowest pressure seen

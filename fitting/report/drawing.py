@@ -40,11 +40,6 @@ _LINE = 20.0
 _NOTHING = np.zeros(1)
 
 
-def _thinned(*arrays: FloatArray, most: int = _POINTS) -> tuple[FloatArray, ...]:
-    step = max(1, -(-len(arrays[0]) // most))
-    return tuple(array[::step] for array in arrays)
-
-
 def _finite(*arrays: FloatArray) -> tuple[FloatArray, ...]:
     kept = np.all([np.isfinite(array) for array in arrays], axis=0)
     return tuple(np.asarray(array, dtype=float)[kept] for array in arrays)
@@ -118,8 +113,10 @@ def _cloud(
         chosen = way == sign if both else np.full(len(x), sign == 1)
         if not chosen.any():
             continue
-        u, v = _thinned(x[chosen], y[chosen], most=_POINTS // 2 if both else _POINTS)
-        clouds.append(panel.dots(u, v, colour, radius=1.3, opacity=0.42, hollow=sign == -1))
+        step = max(1, -(-np.count_nonzero(chosen) // (_POINTS // 2 if both else _POINTS)))
+        clouds.append(
+            panel.dots(x[chosen][::step], y[chosen][::step], colour, radius=1.3, opacity=0.42, hollow=sign == -1)
+        )
         means.append(panel.line(*_binned(x[chosen], y[chosen]), INK, dash=dash))
         entries.append(Entry(language.phrase(names[sign]), INK, dash))
     return [*clouds, *means], entries

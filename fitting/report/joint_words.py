@@ -112,18 +112,13 @@ def in_own_units(machine: Machine, entry: dict[str, Any]) -> dict[str, Any]:
         second = curve["second"]
         whose = machine.joint(joint) if second["other"] is None else machine.joints[second["other"]]
         curve = {**curve, "second": {**second, "unit": joint_words(whose).unit(second["unit"])}}
+    neighbour, _, _ = entry["variable"].rpartition(".")
     return {
         **entry,
         "law": curve,
-        "unit": _variable_unit(machine, entry["variable"], joint, entry["unit"]),
+        "unit": joint_words(machine.joint(neighbour or joint)).unit(entry["unit"]),
         "effort_unit": effort_unit(machine.joint(joint)),
     }
-
-
-def _variable_unit(machine: Machine, variable: str, joint: str, unit: str) -> str:
-    """Return a signal's unit: of the joint, or of the neighbour that ``variable`` names."""
-    neighbour, _, _ = variable.rpartition(".")
-    return joint_words(machine.joint(neighbour or joint)).unit(unit)
 
 
 def in_words_of(machine: Machine, content: Any) -> Any:

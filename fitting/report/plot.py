@@ -176,7 +176,10 @@ class Panel:
         if len(u) > 2 * _STRETCHES:
             kept = _extremes(v)
             u, v = u[kept], v[kept]
-        return f'<polyline points="{_points(u, v)}" {_stroke(colour, width, dash)}/>'
+        # A round end would fill the gaps of a dashed line.
+        ends = f'stroke-dasharray="{dash}"' if dash else 'stroke-linecap="round"'
+        stroke = f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linejoin="round" {ends}'
+        return f'<polyline points="{_points(u, v)}" {stroke}/>'
 
     def band(self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float) -> str:
         """Draw the area between two lines."""
@@ -267,12 +270,6 @@ def _upright(x: float, y: float, content: str) -> str:
 
 def _points(u: FloatArray, v: FloatArray) -> str:
     return " ".join(["%.2f,%.2f"] * len(u)) % tuple(np.column_stack([u, v]).ravel().tolist())  # at once: half the time
-
-
-def _stroke(colour: str, width: float, dash: str = "") -> str:
-    # A round end would fill the gaps of a dashed line.
-    ends = f'stroke-dasharray="{dash}"' if dash else 'stroke-linecap="round"'
-    return f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linejoin="round" {ends}'
 
 
 def _path(d: str, colour: str, width: float, dash: str = "") -> str:

@@ -110,7 +110,7 @@ def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
     found = _nearest(geometry, base, _EXACT * rows, theta)
     found[base.independent] += theta - base.regrouping @ found  # the last digits
     apart = None
-    if not _possible(found, n):
+    if not all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in found[: 10 * n].reshape(n, 10)):
         if not possible:
             raise InputError(
                 "export: no bodies have the model's base parameters; --possible writes the nearest that can exist, "
@@ -151,10 +151,6 @@ def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: 
     target = rows @ theta
     arm = plausible_arm(geometry, base, (), [np.column_stack([rows, target])])
     return arm.optimum(rows, target, weight=ALONE).standard.copy()
-
-
-def _possible(standard: FloatArray, joints: int) -> bool:
-    return all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in standard[: 10 * joints].reshape(-1, 10))
 
 
 def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:

@@ -128,7 +128,8 @@ def scores_in(found: Evaluated, index: int) -> Scores:
     error = segment.effort - found.drive_effort(index)
     band = np.hypot(found.parameter_std(index), model.residual_std)
     for joint in range(error.shape[1]):
-        known, most = expected_sign(segment.v[:, joint], model.noise[joint].speed), _coulomb(model, joint)
+        known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
+        most = abs(model.drive_values(joint).get("f_c", 0.0))  # Coulomb friction, N or N m
         rest = segment.rest[:, joint]
         held = error[:, joint] + most * known  # with the friction that the sign of speed stands for
         error[:, joint] = np.where(rest, np.sign(held) * np.maximum(np.abs(held) - most, 0.0), error[:, joint])
@@ -145,11 +146,6 @@ def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
         sizes[before:] = np.lib.stride_tricks.sliding_window_view(np.abs(scores), before + 1, axis=0).min(axis=-1)
     sizes[:first] = 0.0
     return sizes
-
-
-def _coulomb(model: ArmModel, joint: int) -> float:
-    """Return a drive's Coulomb friction, N or N m; 0 where undetermined."""
-    return abs(model.drive_values(joint).get("f_c", 0.0))
 
 
 def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:

@@ -176,7 +176,9 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     whole, model = model, motion.at_rest(rest or model, cold=True)
     rng = np.random.default_rng(0)
     tables = []
-    for quantity in (*_gravity_quantities(model), *_friction_quantities(model)):
+    links = _links(model)
+    held = [_held(model, links, joint) for joint in range(len(model.joints))]
+    for quantity in (*_link_quantities(links), *held, *_friction_quantities(model)):
         found = _tabled(quantity, rng)
         if found is None:
             continue
@@ -213,12 +215,6 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
-
-
-def _gravity_quantities(model: ArmModel) -> list[_Quantity]:
-    """Return the effort at rest: gravity of the links, and what else holds a joint, if any."""
-    links = _links(model)
-    return [*_link_quantities(links), *(_held(model, links, joint) for joint in range(len(model.joints)))]
 
 
 def _links(model: ArmModel) -> ArmModel:
