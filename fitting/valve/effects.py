@@ -54,7 +54,16 @@ class ValveEffect:
         return 0.0, 0.0
 
     def factor(self, own: FloatArray, way: str, axis: Axis, drops: Drops, shape: Shape) -> FloatArray:
-        """Return an opening's factor (N,), against that without this effect."""
+        """Return an opening's factor (N,), 1 at the reference.
+
+        Parameters
+        ----------
+        own : (N,) the factor without this effect
+        way : ``extend`` or ``retract``
+        axis : what was recorded
+        drops : (N,) each, at inlet and outlet of the direction, over their references
+        shape : numbers that are searched
+        """
         return own
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:

@@ -59,7 +59,13 @@ def final_fit(session: Session, results: StageResults) -> Model:
 
 
 def build_report(session: Session, results: StageResults, final: Model | None = None) -> tuple[dict[str, Any], Figures]:
-    """Build report.json's content (DESIGN 6) and the page's figures; the ``final`` fit is made if not given."""
+    """Build report.json's content (DESIGN 6) and the page's figures.
+
+    Parameters
+    ----------
+    session, results : the identification, and what its stages found
+    final : of :func:`final_fit`, which is called if None
+    """
     model = final or final_fit(session, results)
     checked, refitted = results[Checked], results[Refitted]
     content = {
