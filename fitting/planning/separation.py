@@ -77,11 +77,6 @@ class Rival:
     places: tuple[slice, ...]
     values: FloatArray
 
-    @property
-    def is_law(self) -> bool:
-        """Whether it is a curve, whose formula cannot be off."""
-        return isinstance(self.terms[0].content, Law)
-
 
 @dataclass(frozen=True)
 class Lead:
@@ -233,7 +228,7 @@ def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | N
 
 
 def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
-    names = not any(rival.is_law for rival in both)
+    names = not any(isinstance(rival.terms[0].content, Law) for rival in both)  # a curve has no formula to be off
 
     def behind(reported: float, size: float) -> float:
         return odds_behind(reported, size) if names else reported
