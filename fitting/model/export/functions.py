@@ -20,7 +20,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.recursion import State
+from fitting.model.export.tracing.moments import State
 from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
 from fitting.model.export.words import Written, model_card
 
