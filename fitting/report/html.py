@@ -228,10 +228,9 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
         if before is not None and after is not None:
             overview.append((joint, before, after))
     return {
-        "overview": Markup(draw_errors(overview, "overview", language)) if overview else None,
+        "overview": Markup(draw_errors(overview, language)) if overview else None,
         "scatter": [
-            (item, Markup(draw_scatter(item, item.effort_unit, f"scatter{i}", language)))
-            for i, item in enumerate(figures.scatter)
+            (item, Markup(draw_scatter(item, f"scatter{i}", language))) for i, item in enumerate(figures.scatter)
         ],
         "worst": Markup(draw_course(figures.worst, "worst", language)) if figures.worst else None,
         "worst_data": figures.worst,
@@ -242,5 +241,5 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
         "diagnostics": [
             Markup(draw_diagnostics(own, f"diagnostics{i}", language)) for i, own in enumerate(figures.diagnostics)
         ],
-        "friction": Markup(draw_friction(figures.friction, "friction", language)) if figures.friction else None,
+        "friction": Markup(draw_friction(figures.friction, language)) if figures.friction else None,
     }
