@@ -1,6 +1,6 @@
 """Recordings as the fitting wants them: motion and efforts at the joints, and a pressure for every chamber.
 
-A machine file may say that motors are measured instead of joints. Motors stand at ``q_motor = R q``, and by virtual
+A machine file may have motors that are measured instead of joints. Motors are at ``q_motor = R q``, and by virtual
 work (``tau dq = tau_motor dq_motor``) their efforts act on the joints as ``tau = R' tau_motor``. ``R`` is the
 diagonal of gear ratios, with a further entry in a row where a motor turns with another joint too (a coupled wrist:
 Khalil and Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4).

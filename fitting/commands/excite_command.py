@@ -76,7 +76,7 @@ def register(app: typer.Typer) -> None:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What every kind of motion needs."""
+    """Options that every kind of motion needs."""
 
     machine: Machine
     base: BaseParameters

@@ -1,6 +1,6 @@
-"""What an effect is: the seam `hilfit.effects`.
+"""Interface of an effect: the seam `hilfit.effects`.
 
-An effect is one physical phenomenon that the base model lacks. It says what it is (texts for people), and gives
+An effect is one physical phenomenon that the base model lacks. It describes itself (texts for people), and gives
 regressor columns: what one unit of each of its parameters adds to the drive effort (N at the piston, positive extends),
 given what is known about a joint's motion. Columns are built from the motion and from the *model's* force, never from
 the measured force: a regressor that contains the measurement noise of the very thing it explains fits that noise.
@@ -18,7 +18,7 @@ Hooks and why they are there:
 ``discrete_shapes``, ``shape_units``
     What of a shape is a choice, and in which unit the rest is.
 ``body_columns``
-    Where an effect is a change of the rigid body it says which, and the model's exports write that out.
+    Where an effect is a change of the rigid body it names that, and the model's exports write that out.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class DriveView:
-    """What an effect may look at: one joint in one segment, ``N`` samples at full rate, SI.
+    """Data that an effect may use: one joint in one segment, ``N`` samples at full rate, SI.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class DriveView:
 
 
 class Parity(Enum):
-    """How an effect depends on the sense of motion."""
+    """Dependence of an effect on the sense of motion."""
 
     ODD = "odd in v"
     EVEN = "even in v"

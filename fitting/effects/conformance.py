@@ -1,4 +1,4 @@
-"""What every effect must hold to; call it from a test of your own effect::
+"""Requirements that every effect meets; call them from a test of your own effect::
 
     from fitting.effects.conformance import check_effect
 

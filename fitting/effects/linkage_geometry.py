@@ -1,4 +1,4 @@
-"""A pin that is not where the machine file says: the lever arm is wrong."""
+"""A pin that is not where the machine file has it: the lever arm is wrong."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fitting.signals.corrections import Corrections
 
 
 class LinkageGeometry(Effect):
-    """A pin that is not where the machine file says: the lever arm is wrong."""
+    """A pin that is not where the machine file has it: the lever arm is wrong."""
 
     id = "linkage_geometry"
     title = "a linkage pin that is not where the machine file says"

@@ -1,4 +1,4 @@
-"""A boom that bends: the link is not where the encoder at the cylinder says."""
+"""A boom that bends: the link is not where the encoder at the cylinder shows."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class EffortRows:
 
     @cached_property
     def rows(self) -> IntArray:
-        """How many rows each joint has, (n,)."""
+        """Number of rows of each joint, (n,)."""
         kept = [[self._design.blocks[joint][i].keep for i in self._indices] for joint in self._joints]
         return np.array([sum(int(np.count_nonzero(keep)) for keep in own) for own in kept])
 
@@ -123,7 +123,7 @@ class EffortRows:
 
     @cached_property
     def spread(self) -> float:
-        """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
+        """Divisor that makes a row's noise unity: root of the residual's variance, of all joints per degree of
         freedom (:func:`noise_variance`), and of how much longer it is correlated than white noise (:func:`long_run`).
         """
         variance, theta = noise_variance(self.triangles, int(self.rows.sum()))

@@ -1,7 +1,7 @@
 """Physically possible base parameters: those of bodies that can exist, and as near to the rows as such can be.
 
 Least squares knows nothing of bodies; with noise it gives links whose inertia no distribution of mass has, and a
-simulator or controller built on them can do the impossible. Here every link's pseudo-inertia stays positive definite
+simulator or controller built on them can do the impossible. Here every link's pseudo-inertia is kept positive definite
 (:mod:`fitting.regression.plausible_arm` with a weight of a thousandth) while the distance to the rows is minimised.
 Rows have the covariance of coloured residuals in them (:mod:`fitting.estimators.covariance`), so the distance is a
 chi-square: the price of what is possible. The weight means nothing against a chi-square; it keeps the links strictly

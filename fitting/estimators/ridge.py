@@ -28,7 +28,7 @@ class RidgeTowardPrior(RowsEstimator):
     Attributes
     ----------
     prior : mean and standard deviation of each parameter; None for none, which is weighted least squares
-    names : (p,) of the parameters, for what is said of them
+    names : (p,) of the parameters, for messages about them
     """
 
     name: ClassVar[str] = "ridge"

@@ -18,7 +18,7 @@ class WeightedLeastSquares(RowsEstimator):
     """Ordinary least squares first; then again with each group's rows divided by its residual's standard deviation.
 
     The base joint of an arm carries tens of times the effort of its tip, and its noise: unweighted, the tip's own
-    parameters would be told by the base's noise.
+    parameters would be set by the base's noise.
 
     Source
     ------

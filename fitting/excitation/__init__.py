@@ -1,4 +1,4 @@
-"""Excitation: motions that tell the parameters.
+"""Excitation: motions that determine the parameters.
 
 =================== =====================================================================
 ``fourier``         series that start and end at rest, and random motions, for searches without gradients
@@ -6,10 +6,10 @@
 ``limits``          limits and how much of them is used; supply flow and chamber pressure
 ``problem``         an unconstrained problem: free coefficients in, a motion inside its limits out
 ``search``          criterion, penalties, and the minimisation from competing starts
-``design``          one motion, or a sequence that complement each other and what was told already
+``design``          one motion, or a sequence that complement each other and what is determined already
 ``cylinders``       signals for free cylinders (stage 1): band-limited, and a staircase
 ``staircase``       constant speeds, slow to fast
-``experiments``     motions that tell effects apart: staircases, reversals, two poses, a neighbour
+``experiments``     motions that separate effects: staircases, reversals, two poses, a neighbour
 =================== =====================================================================
 """
 

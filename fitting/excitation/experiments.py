@@ -9,7 +9,7 @@
 ``free_cylinder``   the joint's rod unpinned: strokes and a staircase without any load
 =================== ================================================================================
 
-A resting joint says nothing of its friction, so the joint under suspicion always moves, if only slowly. Every motion
+A resting joint shows nothing of its friction, so the joint under suspicion always moves, if only slowly. Every motion
 starts and ends at rest; parts are joined by fifth-order steps, so acceleration is continuous.
 """
 

@@ -1,4 +1,4 @@
-"""What an identification hands over: everything that its prediction is made of, and nothing else."""
+"""The model of an identification: everything that its prediction is made of, and nothing else."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class ArmModel:
     terms : effects and laws that were added
     passes : the fits, the last one being the model
     covariance : (p, p) of the last one's parameters, as efforts have it
-    told : (p,) False for a parameter that the recordings could not tell (its value is 0)
+    told : (p,) False for a parameter that the recordings could not determine (its value is 0)
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
         the full rate, N at a piston; without single seconds that are far out
         (:func:`fitting.model.handover.without_single`)

@@ -1,7 +1,7 @@
 """``model.json`` (schema ``hilfit/model/1``): a model on disk.
 
 Numbers are written with all their digits: a model that was read back predicts the same numbers. Keys are added in later
-versions, never renamed. ``sha256`` is of everything else that this schema knows, so a changed file says so.
+versions, never renamed. ``sha256`` is of everything else that this schema knows, so a changed file is noticed.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A sign of speed is no right-hand side for an integrator. Here it is the expectation of the sign under the noise of the
 measured speed, as the fit had it: smooth, and as wide as that noise. What holds an arm still by dry friction therefore
-creeps, slower than that width; :attr:`Simulated.friction_speed` says how slow.
+creeps, slower than that width; :attr:`Simulated.friction_speed` is that width.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ drive
 friction
     it opposes the motion at every speed that was used (:mod:`fitting.residual.friction_power`);
 links
-    there are bodies (pseudo-inertias that are positive semidefinite) with these base parameters, as far as those tell.
+    there are bodies (pseudo-inertias that are positive semidefinite) with the base parameters that are determined.
 
 The nearest possible parameters are sought in the metric of the estimate's own covariance ``S``,
 
@@ -75,7 +75,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Plausibility:
-    """What of a model cannot be, and the nearest parameters that can.
+    """Parameters of a model that cannot be, and the nearest that can.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The verdict of an identification: what may be said of the model, from what every stage found.
+"""The verdict of an identification: what may be concluded of the model, from what every stage found.
 
 Strictest first:
 
@@ -12,7 +12,7 @@ Strictest first:
                      same answer at other bandwidths of the filter. Where something speaks against it the verdict is
                      ``unexplained`` with the reasons.
 
-Beside it stands a label where the recordings leave the verdict open:
+Beside it is a label where the recordings leave the verdict open:
 
 ``cannot_tell``      nothing was found, but the noise is not known, or nothing is not probable enough
                      (:data:`NEEDED`): what to record next is among the reasons;

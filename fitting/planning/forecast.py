@@ -1,4 +1,4 @@
-"""What planned motions will show, before they are made: of each effect, and of each parameter.
+"""Forecast of what planned motions will show, before they are made: of each effect, and of each parameter.
 
 The motions go through the same filters, columns and projections as recordings will (:mod:`fitting.planning.planned`,
 :mod:`fitting.planning.detection`, :mod:`fitting.regression.identifiability`). Forces, which many columns live on, come
@@ -42,7 +42,7 @@ _BACK_PRESSURE = 5.0e5  # Pa: what a valve usually keeps in the chamber that is 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a plan will show.
+    """Forecast of what a plan will show.
 
     Attributes
     ----------

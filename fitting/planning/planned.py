@@ -1,4 +1,4 @@
-"""Planned motions as if they had been recorded: what an experiment will tell, before anybody makes it.
+"""Planned motions as if they had been recorded: what an experiment will show, before anybody makes it.
 
 A motion program goes through the same filters as a recording, so its columns are those that the regression will have.
 Only the measured efforts are missing, and nothing here needs them: information is a matter of columns and noise.

@@ -1,4 +1,4 @@
-"""What is in question: rivals in the light of what is recorded, and what a motion would add to that."""
+"""The open question: rivals in the light of what is recorded, and what a motion would add to that."""
 
 from __future__ import annotations
 

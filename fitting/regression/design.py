@@ -135,7 +135,7 @@ class JointBlock:
 class Design:
     """All blocks of a set of segments; ``blocks[joint][segment]``.
 
-    ``stored`` says that recordings are long, and segments and blocks read their arrays from a file when asked
+    ``stored`` means that recordings are long, and segments and blocks read their arrays from a file when asked
     (:mod:`fitting.regression.stored`): whatever has a row for every sample is then to be worked on segment by segment.
     """
 

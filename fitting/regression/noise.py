@@ -2,7 +2,7 @@
 
 With a `repeat` recording it is measured: the same motion twice, so the difference of the two *residuals* (not of the
 raw signals, because the motion is never bit-identical) holds noise only, of twice the variance. Without one it
-is estimated from what a very flexible model leaves, and said to be an estimate.
+is estimated from what a very flexible model leaves, and reported as an estimate.
 """
 
 from __future__ import annotations

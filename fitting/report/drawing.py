@@ -1,6 +1,6 @@
 """The figures of the report as SVG that takes its colours from the page.
 
-Text stays text. The output depends on the input alone.
+Text is kept as text. The output depends on the input alone.
 """
 
 from __future__ import annotations

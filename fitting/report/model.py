@@ -1,4 +1,4 @@
-"""What the report draws: values only, no drawing."""
+"""Values of the figures of a report; no drawing."""
 
 from __future__ import annotations
 

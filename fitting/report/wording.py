@@ -1,6 +1,6 @@
-"""What the report says in sentences: the verdict, what was found, what to do next.
+"""Sentences of the report: the verdict, what was found, what to do next.
 
-Sentences are made in English; each part goes through the ``language`` before values stand in it.
+Sentences are made in English; each part goes through the ``language`` before values are put in.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""How fast a machine moves, which its identification bandwidth is chosen by, and its motion without what is only noise.
+"""Highest frequency of a motion, which the identification bandwidth is chosen by, and the motion without mere noise.
 
 A compliance answers to the acceleration of a torque that holds accelerations itself: the fourth derivative of a
 measured position, in which the sensor's noise is as large as the motion although it is nowhere to be seen in the
 position. The regressor then holds the noise of the residual that it is to explain, its coefficient is drawn towards
 zero or below it, and a compliance that is there is not found.
 
-So such a regressor is built from what can be told of the motion: each joint's acceleration is kept up to the frequency
+So such a regressor is built from what is known of the motion: each joint's acceleration is kept up to the frequency
 where its spectrum falls to ten times the known spectrum of its noise, and cut above that. What is cut is lost to the
-regressor but not false in it: the coefficient stays what it is (regression calibration).
+regressor but not false in it: the coefficient is unchanged (regression calibration).
 
 Source: R. J. Carroll and others, Measurement Error in Nonlinear Models, 2006, chapter 4.
 """
@@ -122,7 +122,7 @@ def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank)
     """Find the Hz above which an acceleration (N,) holds more noise than motion; 0 if none at all.
 
     The noise is that of white positions of ``position_std`` behind the second derivative's kernel. The edge is where
-    the sum of (spectrum over noise - 10) is largest: single lines that stand out by chance do not make up for the noise
+    the sum of (spectrum over noise - 10) is largest: single lines that exceed it by chance do not make up for the noise
     below them, and gaps between lines of the motion do not end it.
     """
     frequency, power = signal.periodogram(signal.detrend(acceleration), bank.rate_hz, window="hann")

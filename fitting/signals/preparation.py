@@ -71,14 +71,14 @@ class Segment:
     ----------
     recording : index among the recordings that were prepared together
     role : role of that recording
-    start : row of the recording that sample 0 stands on
+    start : row of the recording that sample 0 is
     t : (N,) s
     q, qd, qdd : (N, n) joint motion, rad (m), zero speed where the joint is parked
     x, v, a : (N, n) motion of the driving element: the piston (m), or the joint itself where there is none
     r : (N, n) lever arm dx/dq, m/rad; 1 where there is no cylinder
     effort : (N, n) measured drive effort, unfiltered; N at a piston, the joint's effort unit elsewhere
     p1, p2 : (N, n) smoothed chamber pressures in Pa; NaN where there are none
-    rest : (N, n) True where the driving element stands still
+    rest : (N, n) True where the driving element is at rest
     loaded : False for `unloaded` recordings (F_l = 0)
     temperature : (N,) K, or None
     gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured

@@ -40,7 +40,7 @@ _FLOOR = 1e-3
 
 @dataclass(frozen=True)
 class OpenSpectrum:
-    """What the data leaves open of a log-spectrum.
+    """The part of a log-spectrum that the data leaves open.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Which law of the pressure, which curve, which effect: what another motion says.
+"""Choice of the law of the pressure, the curve and the effects, on another motion.
 
 In sample a law without pressure may win and lose elsewhere, so candidates are compared by the log predictive density
 of rows that were not fitted (:mod:`fitting.residual.confirmation.local`). With the prior of
@@ -162,7 +162,7 @@ class Chosen:
     laws : error on rows left out of each law that was tried, by direction and law
     steps : candidates of each round, the best first
     found : what was added
-    sets : of each of ``found``, and of ``unknown``, the ids that cannot be told from it
+    sets : of each of ``found``, and of ``unknown``, the ids that cannot be separated from it
     unknown : the law that is reported where no name fits what is left; it is not added
     """
 
@@ -175,7 +175,7 @@ class Chosen:
 
     @property
     def refused(self) -> bool:
-        """Whether the judging motion contradicts what held everywhere else and was worth reporting."""
+        """True where the judging motion contradicts what held everywhere else and was worth reporting."""
         known, tried = {own.id for own in self.found}, [own for step in self.steps for own in step]
         return any(own.refused and _worth(own.before, own.error) for own in tried if own.id not in known)
 

@@ -72,7 +72,7 @@ class ValveEffect:
 
 
 class Hysteresis(ValveEffect):
-    """The spool stays where it is until the command has gone a little way: friction, and the solenoid's remanence."""
+    """The spool keeps its place until the command has gone a little way: friction, and the solenoid's remanence."""
 
     id = "spool_hysteresis"
     title = "hysteresis of the spool"

@@ -1,8 +1,8 @@
 """The inverse of a valve's model for a controller: C99, Python, Structured Text, functional mock-up units, and a table.
 
 The formula (:func:`fitting.valve.inverse.inverse_graph`) is printed by the dialects of the model's own export. Each
-file has beside it what a graph cannot say: numbers that are none give the neutral command, missing pressures the
-reference, and whether the axis stood decides where it starts. The text of every file says what else a controller owes
+file has beside it what a graph cannot express: numbers that are none give the neutral command, missing pressures the
+reference, and whether the axis moved decides where it starts. The text of every file says what else a controller owes
 the machine.
 """
 

@@ -2,10 +2,10 @@
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
 at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
-several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
+several times as long as a residual hangs together (one or two seconds): a few steps show all of an edge or of a spool's
 lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
-another by more than blocks do, which counts where three or more were fitted. What a few blocks tell is not better known
-than a few values tell a variance: 95 % are Student's, with Satterthwaite's degrees of freedom.
+another by more than blocks do, which counts where three or more were fitted. What a few blocks show is no better known
+than a variance from a few values: 95 % are Student's, with Satterthwaite's degrees of freedom.
 
 A model's peers are a line, an autoregression, and a curve of the command alone. All three get the same rows, the same
 filters and the same recordings, and are judged on the same other motion; the autoregression runs freely there, on

@@ -8,7 +8,7 @@ For the directions ``i`` = extend, retract, with ``u`` the command over its full
 
 A command is held until the next one is sent: on the average that makes it half a cycle later, which is not part of
 ``T``. The spool's lag ``tau`` is: at 3 Hz their sum alone is well known. It counts nevertheless, as a spool that is
-told to jump comes to its edge late, and to a farther edge later. ``f_i`` is a law of the pressure
+to jump comes to its edge late, and to a farther edge later. ``f_i`` is a law of the pressure
 (:mod:`fitting.valve.laws`), the last term the oil that the chamber's pressure takes (``V_i`` its volume, hoses
 included). ``k_i``, ``1/K`` and the hoses' part are linear and never negative; ``T``, ``tau``, its damping ``D``,
 ``e_i`` and all else that bends are the *shape*.

@@ -1,9 +1,9 @@
 """Links for simulators (URDF, MJCF): standard parameters of bodies that can exist, with the model's base parameters.
 
-Recordings tell base parameters only; of the many standard ones that have them, those nearest to plausible links are
-taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, those whose efforts
-are nearest over the limits of the machine are taken if that is asked for, and what it costs is said. Drives and
-cylinders are written beside them as far as the format has them.
+Recordings determine base parameters only; of the many standard ones that have them, those nearest to plausible links
+are taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, those whose
+efforts are nearest over the limits of the machine are taken if that is asked for, and what it costs is reported. Drives
+and cylinders are written beside them as far as the format has them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an exported program can be asked, as nodes: the same functions in every language."""
+"""Functions of an exported program, as nodes: the same ones in every language."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ The filters of an identification look seconds to both sides. Here motion comes f
 residual over its band: parameters and what the fit left of its recordings; and where a drive hardly moves, as much
 more as its Coulomb friction leaves open there. Where it rests, friction is whatever holds it, up to the Coulomb
 friction either way, and only what is beyond counts: a joint that is held trembles by more than its encoder's noise, so
-a sign of speed says nothing there. What counts is what lasts: the smallest score of :data:`LASTS_S`, and none of a
+a sign of speed means nothing there. What counts is what lasts: the smallest score of :data:`LASTS_S`, and none of a
 stretch's first :data:`QUIET_S`.
 
 What an unchanged machine's scores do was learnt (:mod:`fitting.model.tails`), so a threshold has a rate of false

@@ -1,7 +1,7 @@
-"""What the loop found, as ``loop`` of report.json.
+"""Findings of the loop, as ``loop`` of report.json.
 
-What is said of a finding whatever the final fit makes of its size is made when it is found, and is part of the stage's
-result; :func:`loop_content` puts it together with what the final fit says.
+What is reported of a finding whatever the final fit makes of its size is made when it is found, part of the stage's
+result; :func:`loop_content` puts it together with sizes from the final fit.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Languages of `report.html`: texts, numbers, dates. A further one is a file like `german.json` and a line here.
 
-Sentences of the report are messages, worded by their codes (:mod:`daq.messages`). What codes are called stands in
+Sentences of the report are messages, worded by their codes (:mod:`daq.messages`). Names of codes are in
 `english.json`; `german.json` translates that and all other texts of the page, by the English one, with ``{}`` where a
-value stands and ``$1``, ``$2``, ... in the translation.
+value goes and ``$1``, ``$2``, ... in the translation.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ _FILES = {"de": "german.json"}
 
 @dataclass(frozen=True, eq=False)
 class Language:
-    """How a report speaks. Texts are given in English, which is their key; one that is not known stays English.
+    """Language of a report. Texts are given in English, which is their key; one that is not known is left English.
 
     Attributes
     ----------
     code : as in ``<html lang>``
     decimal : sign between whole and parts of a number
-    quotes : what stands around a name within a sentence; empty where nothing does
+    quotes : marks around a name within a sentence; empty where there are none
     date : of ``day``, ``month`` (its name) and ``year``
     months : their names
     own : texts of the page itself, English to this language; None: it is English
@@ -57,7 +57,7 @@ class Language:
         return re.sub(r"\$(\d)", lambda at: values[int(at[1]) - 1], other)
 
     def translated(self, english: str) -> str:
-        """Word a message of the report, or one of its words; another text stays as it is."""
+        """Word a message of the report, or one of its words; another text is left as it is."""
         if self.own is None:
             return english
         return english.worded(self.code) if isinstance(english, Sentence) else word(english, self.code, _PACKAGE)
