@@ -10,10 +10,8 @@ magnitudes                numbers that no machine has
 motions                   recordings against one another, and their first seconds
 two_sensors               joint against piston position
 samples, physical         the best arm that could exist, and what it leaves unexplained
-trials, areas, clocks     what would explain it if it were taken back
-other_causes              the effects that explain as much
+trials, estimates         mistakes, and effects like them, that would explain it if they were taken back
 check                     all of it in order, and the root of what was found
-gate                      the checks at the doors of other commands
 ========================  ===========================================================================
 """
 

@@ -20,23 +20,18 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
-from fitting.checks.mistakes.areas import AreaRatio, area_ratios
-from fitting.checks.mistakes.clocks import Clock, clock_of, inertia_findings
-from fitting.checks.mistakes.factors import gains
-from fitting.checks.mistakes.hypothesis import CLEAR
-from fitting.checks.mistakes.other_causes import with_couplings, with_payload
+from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
+from fitting.checks.mistakes.hypothesis import CLEAR, gains
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import positions_of, take_samples
-from fitting.checks.mistakes.trials import Accused, Searched, search
-from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
+from fitting.checks.mistakes.trials import Accused, Searched, search, with_couplings, with_payload
+from fitting.checks.mistakes.two_sensors import Disagreement, disagreements, recordings_apart, rods_for_a_time
 from fitting.checks.motions import beginning_findings, motion_findings
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
-from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
-from fitting.checks.signal_faults import signal_findings
+from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repeated_findings, speed_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
@@ -173,7 +168,7 @@ def _usable(
         for channel in machine.channels:
             if channel.name not in (finding.channels or (finding.channel,)):
                 continue
-            options = gains(machine.si_unit(channel), machine.conversion(channel).factor)
+            options = gains(machine, channel)
             gain = next((g for g, unit in options.items() if unit == finding.says), None)
             if gain is None:
                 return [], False

@@ -19,13 +19,14 @@ from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
-from fitting.checks.mistakes.factors import RARE, gains
+from fitting.checks.mistakes.hypothesis import RARE, gains
+from fitting.checks.mistakes.samples import POSITIONS, PRESSURES
 from fitting.checks.places import Places
 from fitting.signals.filters import white_noise_of
 
 #: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
 #: one bar.
-PRESSURES = (2.0e4, 1.0e8)
+_WORKING = (2.0e4, 1.0e8)
 _VACUUM = -1.5e5
 #: Pa: usual largest pressures, to choose among units.
 _USUAL, _USUAL_RANGE = 1.2e7, (3.0e5, 6.0e7)
@@ -39,7 +40,8 @@ _TINY = 0.025
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     """Report channels whose values cannot be; on all channels of a kind at once where all have it."""
-    found = [*_pressures(machine, recordings), *_positions(machine, recordings)]
+    impossible, tops = _impossible(machine, recordings)
+    found = [*(impossible or _unlike(machine, recordings, tops)), *_positions(machine, recordings)]
     if any(own.code == "unit" for own in found) or len(recordings) < 2:
         return found
     return [*found, *_in_one_recording(machine, recordings)]
@@ -67,11 +69,6 @@ def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
     return joined[np.isfinite(joined)]
 
 
-def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    found, tops = _impossible(machine, recordings)
-    return found or _unlike(machine, recordings, tops)
-
-
 def _impossible(
     machine: Machine, recordings: Sequence[Recording], usual: float = _USUAL
 ) -> tuple[list[Finding], dict[str, dict[str, float]]]:
@@ -79,29 +76,29 @@ def _impossible(
     tops: dict[str, dict[str, float]] = {}
     found = []
     for channel in machine.channels:
-        if channel.quantity not in ("head_pressure", "rod_pressure") or channel.joint is None:
+        if channel.quantity not in PRESSURES or channel.joint is None:
             continue
         values = _values(channel, recordings)
         if len(values) == 0:
             continue
         low, top = np.percentile(values, [0.5, 99.5])
         tops.setdefault(channel.joint, {})[channel.name] = float(top)
-        if low < _VACUUM and top < PRESSURES[1]:
+        if low < _VACUUM and top < _WORKING[1]:
             found.append(
                 finding_of(
                     "sign", joint=channel.joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0
                 )
             )
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
-    small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
-    large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
+    small = [j for j, own in tops.items() if max(own.values()) < _WORKING[0]]
+    large = [j for j, own in tops.items() if max(own.values()) > _WORKING[1]]
     for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
         if not joints:
             continue
-        wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
+        wrong = [machine.channel(q, j) for j in joints for q in PRESSURES]
         channels = [c for c in wrong if c is not None and c.name in tops[str(c.joint)]]
         if joints is large:
-            channels = [c for c in channels if tops[str(c.joint)][c.name] > PRESSURES[1]]
+            channels = [c for c in channels if tops[str(c.joint)][c.name] > _WORKING[1]]
         top = max(tops[str(c.joint)][c.name] for c in channels)
         unit = _unit_of(machine, channels[0], top, usual)
         named = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
@@ -138,9 +135,8 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
     sizes: dict[str, tuple[float, float]] = {}
     for own in tops.values():
         for name, top in own.items():
-            noise = max(
-                (white_noise_of([_finite(r.values[name])]) for r in recordings if name in r.values), default=0.0
-            )
+            measured = [r.values[name][np.isfinite(r.values[name])] for r in recordings if name in r.values]
+            noise = max((white_noise_of([values]) for values in measured), default=0.0)
             if noise > 0 and top > 0:
                 sizes[name] = (float(np.log(top)), float(np.log(noise)))
     found = []
@@ -150,7 +146,7 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
             continue
         middle = np.median(np.array(others), axis=0)
         away = np.array(sizes[channel.name]) - middle
-        for gain, unit in gains("Pa", machine.conversion(channel).factor).items():
+        for gain, unit in gains(machine, channel).items():
             if abs(np.log(gain)) < np.log(500) or np.any(np.abs(away + np.log(gain)) > np.log(_ALIKE)):
                 continue
             top = float(np.exp(sizes[channel.name][0]))
@@ -167,23 +163,17 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
     ]
 
 
-def _finite(values: FloatArray) -> FloatArray:
-    return np.asarray(values)[np.isfinite(values)]
-
-
 def _unit_of(machine: Machine, channel: Channel, top: float, usual: float) -> str | None:
-    options = gains("Pa", machine.conversion(channel).factor)
+    options = gains(machine, channel)
     near = {g: unit for g, unit in options.items() if _USUAL_RANGE[0] < g * top < _USUAL_RANGE[1]}
     return min(near.items(), key=lambda item: abs(np.log(item[0] * top / usual)))[1] if near else None
 
 
 def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     found: list[Finding] = []
-    counted: dict[str, int] = {}
     for channel in machine.channels:
-        if channel.quantity not in ("joint_position", "piston_position") or channel.joint is None:
+        if channel.quantity not in POSITIONS or channel.joint is None:
             continue
-        counted[channel.quantity] = counted.get(channel.quantity, 0) + 1
         values = _values(channel, recordings)
         if len(values) == 0:
             continue
@@ -197,7 +187,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         if beyond <= _BEYOND:
             found += _too_little(machine, channel, (least, most), (low, high))
             continue
-        options = gains(unit, machine.conversion(channel).factor)
+        options = gains(machine, channel)
         fitting = [
             (abs(np.log((most - least) * g / (0.6 * width))) + (0.7 if likely in RARE else 0.0), likely)
             for g, likely in options.items()
@@ -229,7 +219,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
                 strength=7.0 if likely else 4.0,
             )
         )
-    return _together(found, counted, machine)
+    return _together(found, machine)
 
 
 def _too_little(
@@ -256,12 +246,13 @@ def _too_little(
     ]
 
 
-def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -> list[Finding]:
+def _together(found: list[Finding], machine: Machine) -> list[Finding]:
     """Merge into one finding where all channels of a kind have the same one."""
     result = found
-    for quantity, count in counted.items():
-        own = [f for f in result if f.channel and _quantity(machine, f.channel) == quantity and f.code == "unit"]
-        if count > 1 and len(own) == count and len({f.cure for f in own}) == 1:
+    for quantity in dict.fromkeys(c.quantity for c in machine.channels if c.quantity in POSITIONS):
+        names = {c.name for c in machine.channels if c.quantity == quantity and c.joint is not None}
+        own = [f for f in result if f.channel in names and f.code == "unit"]
+        if 1 < len(names) == len(own) and len({f.cure for f in own}) == 1:
             first = own[0]
             whole = Finding(
                 "unit",
@@ -274,10 +265,6 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
             )
             result = [whole, *(f for f in result if f not in own)]
     return result
-
-
-def _quantity(machine: Machine, name: str) -> str:
-    return next(c.quantity for c in machine.channels if c.name == name)
 
 
 #: Last key of a number that enters an identification, and what the mistake is called.
