@@ -64,9 +64,7 @@ class SessionSignals:
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Refit both stages jointly with these terms."""
-        return self._fitted(self.prepared(terms), terms)
-
-    def _fitted(self, prepared: Prepared, terms: Sequence[Term]) -> Model:
+        prepared = self.prepared(terms)
         return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, passes=3 if terms else 1)
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:

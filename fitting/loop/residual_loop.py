@@ -10,19 +10,20 @@ with whitened rows, columns ``C``, residual ``e`` of the base and ``P`` the proj
 :mod:`fitting.selection.priors`). In order:
 
 1. *Base.* Spectral lines inside the band are in the model from the start (:func:`_ripples`).
-2. *Neighbours* (:func:`fitting.selection.search.attribute`). One more: ``step`` adds the most probable candidate, at
-   its best shape, until nothing more has the odds of :data:`fitting.selection.priors.SAID`. One less, or one exchanged:
-   ``exchange`` holds each term against all others in its place, beside the rest. Both again until the set stays.
+2. *Neighbours* (:meth:`fitting.selection.search.Search.run`). One more: ``step`` adds the most probable candidate, at
+   its best shape, until nothing more has the odds of :data:`fitting.selection.priors.CREDIBLE`. One less, or one
+   exchanged: ``exchange`` holds each term against all others in its place, beside the rest. Both again until nothing
+   changes.
 3. *Three questions* to each that is added (:meth:`fitting.selection.confirm.Gate.asked`): whether rows that were left
    out of the fit are more probable with it; whether `validate` and the unloaded recordings are; whether it stays
-   physical, and no joint gets worse. A refusal removes the candidate and stands in the table.
+   physical, and no joint gets worse. A refusal removes the candidate and is in the table.
 4. *Other cut-offs* of the filter may refuse a name (:func:`_screened`).
-5. *All samples*, where pieces of long recordings were searched (:mod:`fitting.loop.everything`), and *efforts*, where
-   the final fit has equal weights (:mod:`fitting.loop.effort_confirmation`), may refuse once more.
+5. *All samples*, where pieces of long recordings were searched, and *efforts*, where the final fit has equal weights,
+   may refuse once more (:mod:`fitting.loop.everything`).
 6. *Answer.* What may stand in each place, with probabilities (``Search.result``): explanations and the verdict are read
    from that alone (:class:`fitting.residual.findings.Attribution`).
 
-The same is told at length in ``docs/explanation/evidence.md``.
+The same at length is in ``docs/explanation/evidence.md``.
 """
 
 from __future__ import annotations
@@ -34,10 +35,9 @@ import numpy as np
 
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
-from fitting.effects import effects, line_effect
+from fitting.effects import line_effect
 from fitting.effects.base import Effect
-from fitting.loop.effort_confirmation import confirmed_in_effort
-from fitting.loop.everything import held_against_everything
+from fitting.loop.everything import confirmed_in_effort, held_against_everything
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import weighed
@@ -50,9 +50,9 @@ from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term
-from fitting.selection.draws import Draws
 from fitting.selection.gains import margin
-from fitting.selection.search import Search, attribute
+from fitting.selection.search import Search
+from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
@@ -100,7 +100,7 @@ def run_attribution(
     lines, ripples = _ripples(signals)
     base = signals.refit([item.score.term for item in ripples])
     validate = signals.prepared(()).validate
-    found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
+    found = Search(base, validate, signals, session.options.bootstrap, ripples).run(progress)
     found = _screened(session, corrections, signals, found)
     explained = weighed(found.model, session.prior).weights == "whitened"
     moments = changes(found.model, signals.prepared(found.model.terms).pairs, explained)
@@ -156,7 +156,7 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     """Find the most probable families at another cut-off where nothing is improbable there."""
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate, base = signals.prepared(()).validate, signals.refit(())
-    search = Search(base, effects(), validate, signals, 0, ())
+    search = Search(base, validate, signals)
     nothing = search.rate_nothing()
     if nothing < 0.5:
         # Replicas take off what noise makes of the candidates: only asked where something stands out at all.

@@ -81,7 +81,7 @@ def weighed(
     if not model.terms and prior.arm is not None:
         tried["possible"] = rows.possible(prior)
     errors = {name: rows.errors(theta) for name, theta in tried.items()}
-    ratio = error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
+    ratio = _error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
     if weights is None:
         weights = "equal" if ratio > MOST_LOST else "whitened"
     if weights == "whitened":
@@ -89,7 +89,7 @@ def weighed(
     return Weighed(replace(model, fit=equal, prior=settled), "equal", ratio, tried, errors)
 
 
-def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
+def _error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
     """Return the larger of the two ratios of this module's text; 1 where nothing was fitted.
 
     Parameters
@@ -117,10 +117,8 @@ def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
         wide = EffortRows(model.design, model.fitted, beside([model.extra, slopes])).fit(prior)
         fit = replace(fit, covariance=wide.covariance[:count, :count])
     if not model.design.stored and any(term.id == "law" for term in model.terms):
-        white = []
-        for joint in range(len(model.design.machine.joints)):
-            parts = list(rows.parts(joint))
-            white.append(WhiteRows(np.vstack([A for A, _ in parts]), np.concatenate([b for _, b in parts]), ()))
+        parts = (zip(*rows.parts(joint), strict=True) for joint in range(len(model.design.machine.joints)))
+        white = [WhiteRows(np.vstack(A), np.concatenate(b), ()) for A, b in parts]
         hidden = law_variances(replace(model, fit=fit), white)
         fit = replace(fit, covariance=fit.covariance + np.diag(hidden), hidden=hidden)
     return fit

@@ -304,7 +304,8 @@ class _Evidence:
             if not asked(GapSet(tuple(self.parts[n] for n in near[0][1])).pose):
                 continue
             curved = np.array([self._named(numbers, curved=True) for _, numbers in near])
-            prior = self._prior(key) - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
+            each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
+            prior = len(key) * each - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
             exact, numbers = near[int(np.argmax(curved))]
             own = GapSet(tuple(self.parts[n] for n in numbers))
             laws, leftovers = self._laws(numbers)
@@ -335,36 +336,27 @@ class _Evidence:
         return alone - both > _LEFT_LAW**2 * (nothing - alone)
 
     def _combinations(self) -> Iterator[tuple[int, ...]]:
-        numbers = range(len(self.parts))
-        geometry: list[int | None] = [None, *(n for n in numbers if not self.parts[n].effect.between_sensors)]
-        driven: list[int | None] = [None, *(n for n in numbers if self.parts[n].effect.between_sensors)]
-        for pair in product(geometry, driven):
-            yield tuple(n for n in pair if n is not None)
-
-    def _prior(self, key: Sequence[str]) -> float:
-        return len(key) * float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
+        """List sets of at most one shape of each kind, by numbers: none, one, or both."""
+        between = [part.effect.between_sensors for part in self.parts]
+        geometry, driven = ([(), *((n,) for n, own in enumerate(between) if own == kind)] for kind in (False, True))
+        return (first + second for first, second in product(geometry, driven))
 
     def _places(self, numbers: Sequence[int]) -> npt.NDArray[np.intp]:
         """Return the places of shapes' columns, with their rates and the uncertainty of their loads."""
         own = [places for n in numbers for places in (self._own[n], self._rates[n], self._unsure[n])]
         return np.concatenate([np.zeros(0, dtype=np.intp), *own])
 
-    def _target(self, numbers: Sequence[int]) -> tuple[float, FloatArray]:
-        """Compute the square of the gap less formulas' excess, and its products with all columns."""
-        weights = np.zeros(len(self._gram))
-        weights[0] = 1.0
-        weights[[int(self._beyond[n][0]) for n in numbers]] = -1.0
-        products = self._gram @ weights
-        return float(weights @ products), products
-
     def _named(self, numbers: tuple[int, ...], curved: bool = False) -> float:
         """Compute log evidence of shapes against nothing; ``curved`` with discrepancies in their own variables."""
         if not numbers:
             return 0.0
-        square, products = self._target(numbers)
         widths = [len(self._own[n]) for n in numbers]
         if not all(widths):
             return -np.inf
+        less = np.zeros(len(self._gram))  # the gap less formulas' excess, by columns
+        less[0], less[[int(self._beyond[n][0]) for n in numbers]] = 1.0, -1.0
+        products = self._gram @ less
+        square = float(less @ products)
         places = np.concatenate([*(self._own[n] for n in numbers), *(self._rates[n] for n in numbers)])
         S, g = self._gram[np.ix_(places, places)], products[places]
         root = block_diag(*map(np.eye, widths), *(self._slow[n] for n in numbers))
@@ -478,8 +470,12 @@ def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapC
 
     Some of them are tried; where their neighbours take another chi-square, the number is searched between them.
     """
+
+    def discrete(shape: Shape) -> list[tuple[str, float]]:
+        return [item for item in shape.items() if item[0] in effect.discrete_shapes]
+
     found: list[GapColumns] = []
-    for _, group in groupby(effect.gap_shapes(rows.views[0]), lambda shape: _place(effect, shape)):
+    for _, group in groupby(effect.gap_shapes(rows.views[0]), discrete):
         shapes = list(group)[::_TRIED]
         trials = {n: part for n, shape in enumerate(shapes) if (part := gap_columns(rows, effect, shape)) is not None}
         if len(trials) < 2:
@@ -506,13 +502,8 @@ def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapC
     return found
 
 
-def _place(effect: Effect, shape: Shape) -> tuple[tuple[str, float], ...]:
-    """Return the discrete part of a shape."""
-    return tuple(item for item in shape.items() if item[0] in effect.discrete_shapes)
-
-
 def _taken(part: GapColumns, beside: FloatArray, gap: FloatArray) -> float:
-    """Compute the chi-square that a shape takes of the gap."""
+    """Compute the chi-square that a shape takes of the gap beside an orthonormal basis."""
     basis = _orthonormal(_beyond(beside, np.hstack([part.columns, part.rates])))[0]
     return float(np.sum((basis.T @ gap) ** 2))
 

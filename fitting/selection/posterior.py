@@ -12,8 +12,7 @@ from fitting.effects.base import Effect
 from fitting.residual.findings import MOST_LISTED, Accepted, Hypothesis, Place, most_probable
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.decision import tempered
-from fitting.selection.rated import Rated, family
+from fitting.selection.decision import Rated, family, tempered
 
 #: Alternatives of one place that are named.
 MOST_NAMED = 3

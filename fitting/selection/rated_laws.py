@@ -17,6 +17,7 @@ from fitting.residual.simple_formulas import simple_curves
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
+from fitting.selection.decision import Rated
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
@@ -27,7 +28,6 @@ from fitting.selection.evidence import (
     named_evidence,
 )
 from fitting.selection.gains import Sizes
-from fitting.selection.rated import Rated
 from fitting.selection.trust import Trust
 from fitting.signals.splines import spline_knots
 

@@ -14,6 +14,7 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
+from fitting.selection.decision import Family, Rated, family
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
@@ -25,7 +26,6 @@ from fitting.selection.evidence import (
     whitened_parts,
 )
 from fitting.selection.gains import Sizes, averaged, orders
-from fitting.selection.rated import Family, Rated
 from fitting.selection.trust import Trust
 
 #: Share of a curve that the base has to leave for it to tell of anything.
@@ -70,8 +70,9 @@ class RatedNames:
         bent = exact | self._bent(families, scores, exact)
         return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
-    def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
-        """Rate one shape of a name by itself."""
+    def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
+        """Rate one shape of a name by itself, without replicas."""
+        name = family(scores[number].term)
         exact = self._plain({number: scores[number]})
         bent = exact | self._bent({name: [number]}, scores, exact)
         return self._named({name: [number]}, scores, [0.0], exact, bent)[0]

@@ -16,10 +16,9 @@ from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
-from fitting.selection.decision import by_formula
+from fitting.selection.decision import Family, Rated, by_formula, family
 from fitting.selection.evidence import log_sum
 from fitting.selection.gains import Sizes
-from fitting.selection.rated import Family, Rated, family
 from fitting.selection.rated_laws import RatedLaws
 from fitting.selection.rated_names import RatedNames, is_series
 from fitting.selection.trust import Trust
@@ -107,10 +106,6 @@ class Rating:
         against = laws[0].against if laws else 0.0
         return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
 
-    def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
-        """Rate one shape of a name by itself, without replicas."""
-        return self._names.alone(number, scores, family(scores[number].term))
-
     def at_best_shape(self, rated: Rated, model: Model) -> Rated:
         """Search the shape of a name between the grid's, and rate the result.
 
@@ -131,7 +126,7 @@ class Rating:
         overtones = {} if overtone is None else {0: len(terms) - 1}
         rating = Rating(small, model, self._visible, self._failed, overtones)
         rating._trust.divide(self._inflations, scores)
-        both = [rating.alone(number, scores) for number in (0, 1)]
+        both = [rating._names.alone(number, scores) for number in (0, 1)]
         narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
         more = both[0].log_bayes - both[1].log_bayes - narrow
         if more <= 0:
