@@ -201,7 +201,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
     """
     prepared, model = signals.prepared(()), signals.refit(())
     design, theta = prepared.design, model.fit.theta
-    lines, _ = machine_lines(design, theta, prepared.fitted, prepared.pairs)
+    lines = machine_lines(design, theta, prepared.fitted, prepared.pairs)
     accepted: list[Accepted] = []
     for line in lines:
         if line.frequency_hz > design.bank.bandwidth_hz or not is_ripple(design.machine, line):

@@ -120,8 +120,8 @@ def machine_lines(
     theta: FloatArray,
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
-) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Find lines of all joints measured with a fit's residuals, most certain first, and refuted peaks.
+) -> tuple[Line, ...]:
+    """Find lines of all joints measured with a fit's residuals, most certain first.
 
     Parameters
     ----------
@@ -129,15 +129,11 @@ def machine_lines(
     indices : the fitted segments
     pairs : which of them repeat which motion
     """
-    joints = len(design.machine.joints)
-    lines: list[Line] = []
-    refuted: list[RefutedLine] = []
+    joints, lines = len(design.machine.joints), list[Line]()
     for joint in range(joints):
         parts = residual_parts(design, theta, joint, indices, pairs)
-        found, others = find_lines(joint, parts, design.bank.rate_hz, joints=joints)
-        lines.extend(found)
-        refuted.extend(others)
-    return tuple(sorted(lines, key=lambda line: (line.p, -line.z))), tuple(refuted)
+        lines += find_lines(joint, parts, design.bank.rate_hz, joints=joints)[0]
+    return tuple(sorted(lines, key=lambda line: (line.p, -line.z)))
 
 
 def find_lines(
@@ -327,8 +323,7 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
                 continue
             a, b = (slice(begin - level.part.start, end - level.part.start) for level in (first, second))
             difference = (first.values[a] - second.values[b]) / np.sqrt(2.0)
-            rest = Level(first.part, first.time[a], difference, first.gain, first.frequencies)
-            if evidence(rest, frequency) > -np.log(_SUPPORT_P):
+            if evidence(replace(first, time=first.time[a], values=difference), frequency) > -np.log(_SUPPORT_P):
                 return True
     return False
 

@@ -231,7 +231,5 @@ def _recording(machine: Machine, parts: Sequence[tuple[Segment, Mapping[str, Flo
         rate_hz=machine.rate_hz,
         time=np.concatenate([segment.t for segment, _ in parts]),
         values={name: np.concatenate([values[name] for _, values in parts]) for name in parts[0][1]},
-        bridged=None
-        if first.bridged is None
-        else np.concatenate([s.bridged for s, _ in parts if s.bridged is not None]),
+        bridged=None if first.bridged is None else np.concatenate([np.asarray(own.bridged) for own, _ in parts]),
     )

@@ -206,7 +206,7 @@ class RodLaw:
         return np.hstack([*parts, sign[:, None], sign[:, None] * signals[:, 1:2]])
 
 
-def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
+def _rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
     """Compute the signals of a :class:`RodLaw`, (N, 5), from model forces (N, n) and clock (N,)."""
     return np.column_stack([segment.v[:, joint], force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
 
@@ -247,7 +247,7 @@ def _rod_law(
         return None
     together = np.concatenate(
         [
-            rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]
+            _rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]
             for i, segment in zip(fitted, segments, strict=True)
         ]
     )
@@ -268,6 +268,6 @@ def rod_pressures(
     own = laws[segment.loaded if segment.loaded in laws else not segment.loaded]
     unknown = np.full(len(segment), np.nan)
     columns = [
-        unknown if law is None else law(rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(own)
+        unknown if law is None else law(_rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(own)
     ]
     return np.column_stack(columns)

@@ -126,13 +126,9 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
     together, apart, rows = 0.0, 0.0, 0
     design, bank = model.design, model.design.bank
     for pair in pairs:
-        left = slice(pair.train_start, pair.train_start + pair.length)
-        right = slice(pair.repeat_start, pair.repeat_start + pair.length)
-        first, second = (
-            full_residual(design, model.fit.theta, joint, index, model.extra)[part]
-            for index, part in ((pair.train, left), (pair.repeat, right))
-        )
-        rest = design.segments[pair.train].rest[left, joint] | design.segments[pair.repeat].rest[right, joint]
+        both = list(zip((pair.train, pair.repeat), pair.rows, strict=True))
+        first, second = (full_residual(design, model.fit.theta, joint, i, model.extra)[rows] for i, rows in both)
+        rest = np.logical_or(*(design.segments[i].rest[rows, joint] for i, rows in both))
         noise = model.noise.of(joint, design.segments[pair.train].loaded)
         halves = np.column_stack([first + second, first - second]) / np.sqrt(2.0)
         white = noise(bank.reduce(halves))[noise.kept(moving_rows(bank, rest))]
@@ -162,7 +158,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
         rise = float(np.std(second) / np.std(first)) - 1.0
         if rise <= MOST_WORSE or (worst is not None and rise <= worst[1]):
             continue
-        seen = _on_validate(before, after, validate, (joint,))
+        seen = on_validate(before, after, validate, (joint,))
         if seen.gain < 0 and seen.short > significant:
             worst = joint, rise
     return worst
@@ -212,12 +208,11 @@ class OnValidate:
         return min(self.predicted, self.gain) < needed
 
 
-def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValidate:
-    """Compare ``after`` with ``before`` on the validation segments, all joints together."""
-    return _on_validate(before, after, validate, range(len(before.design.machine.joints)))
-
-
-def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: Sequence[int]) -> OnValidate:
+def on_validate(
+    before: Model, after: Model, validate: Sequence[int], joints: Sequence[int] | None = None
+) -> OnValidate:
+    """Compare ``after`` with ``before`` on the validation segments, some ``joints`` together; None: all of them."""
+    joints = range(len(before.design.machine.joints)) if joints is None else joints
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
     start, entered = len(before.fit.theta), False
     densities = [Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
@@ -280,11 +275,11 @@ class Density:
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
     """Compute by how much the validation rows' whitened chi-square falls from one model to another."""
     joints = range(len(before.design.machine.joints))
-    left = [
-        sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)
-        for model in (before, after)
-    ]
-    return left[0] - left[1]
+
+    def chi_square(model: Model) -> float:
+        return sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)
+
+    return chi_square(before) - chi_square(after)
 
 
 def _white_residual(model: Model, index: int, joint: int) -> FloatArray:

@@ -79,7 +79,7 @@ def held_out_gain(
     candidate = after[0].A.shape[1] - before[0].A.shape[1]
     precision = np.zeros((after[0].A.shape[1],) * 2)
     if not expected:
-        precision[-candidate:, -candidate:] = _as_seen(*unit_columns(after), candidate)
+        precision[-candidate:, -candidate:] = _as_seen(*_unit_columns(after), candidate)
     folds = zip(_densities(before, rate_hz), _densities(after, rate_hz, precision), strict=True)
     values = np.array([2.0 * (with_it - without) for without, with_it in folds])
     if len(values) < 2:
@@ -93,7 +93,7 @@ def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray |
     """Log density of each fold, fitted without it; ``expected`` (p, p) is a prior precision of unit columns."""
     length = max(1, min(BLOCK_ROWS, round(BLOCK_SECONDS * rate_hz)))
     guard = max(1, min(GUARD_ROWS, round(GUARD_SECONDS * rate_hz)))
-    A, b = unit_columns(rows)
+    A, b = _unit_columns(rows)
     block, position = _blocks(rows, length)
     fold = np.where(block >= 0, block % FOLDS, -1)
     inside = np.mod(position, length)
@@ -112,9 +112,9 @@ def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray |
 def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
     """Compute Zellner's prior precision of the last columns: amplitudes as their fit to all rows has them."""
     base = A[:, :-candidate]
-    left = A[:, -candidate:] - base @ solve_gram(base.T @ base, base.T @ A[:, -candidate:])
+    left = A[:, -candidate:] - base @ _solve_gram(base.T @ base, base.T @ A[:, -candidate:])
     information = left.T @ left
-    values = solve_gram(information, left.T @ b)
+    values = _solve_gram(information, left.T @ b)
     gain = float(values @ information @ values)
     return np.asarray(information * candidate / max(gain, float(candidate)) + _FLAT * np.eye(candidate))
 
@@ -151,13 +151,13 @@ def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]
     return np.concatenate(blocks), np.concatenate(positions)
 
 
-def unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
+def _unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
     """Scale columns (R, p) to unit norm; with the target (R,) of the rows of all joints."""
     A = np.vstack([r.A for r in rows])
     return A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), np.concatenate([r.b for r in rows])
 
 
-def solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
+def _solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
     """Solve least squares by a Gram matrix of unit columns, (p,) or (p, k), without directions below 1e-10."""
     values, vectors = np.linalg.eigh(gram)
     live = values > 1e-10 * values[-1]

@@ -139,10 +139,8 @@ def shape_columns(model: Model) -> Extra | None:
     """Compute full-rate columns of terms' derivatives by the logarithm of each shape; None without any shape."""
     slopes = list[Extra]()
     for number, term in enumerate(model.terms):
-        if not isinstance(term.content, Effect) or term.rebuilt:
-            continue
         values = model.fit.theta[model.term_slice(number)]
-        for key, value in term.shape.items():
+        for key, value in term.shape.items() if isinstance(term.content, Effect) and not term.rebuilt else ():
             if key in term.discrete or not value:
                 continue
             slope = _slope(model, term, key, values)
@@ -154,19 +152,16 @@ def shape_columns(model: Model) -> Extra | None:
 
 def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
     """Differentiate a term's contribution by the log of one shape, per joint and segment (N, 1)."""
-    up, down = (
-        extra_columns(
-            model.design, model.views, [replace(term, shape={**term.shape, key: term.shape[key] * factor})]
-        ).columns
-        for factor in (1 + _STEP, 1 - _STEP)
-    )
-    return [
-        [
-            None if first is None or second is None else ((first - second) @ values / (2 * _STEP))[:, None]
-            for first, second in zip(a, b, strict=True)
-        ]
-        for a, b in zip(up, down, strict=True)
-    ]
+
+    def at(factor: float) -> Sequence[Sequence[FloatArray | None]]:
+        moved = replace(term, shape={**term.shape, key: term.shape[key] * factor})
+        return extra_columns(model.design, model.views, [moved]).columns
+
+    def slope(up: FloatArray | None, down: FloatArray | None) -> FloatArray | None:
+        return None if up is None or down is None else ((up - down) @ values / (2 * _STEP))[:, None]
+
+    both = zip(at(1 + _STEP), at(1 - _STEP), strict=True)
+    return [[slope(*pair) for pair in zip(*joint, strict=True)] for joint in both]
 
 
 def _white(model: Model, extra: Extra) -> FloatArray:
@@ -188,10 +183,9 @@ def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     count = len(model.design.parameters)
     if not any(isinstance(term.content, Law) for term in model.terms):
         return variances
-    named = [
-        isinstance(term.content, Effect) for term in model.terms for _ in term.names(model.design.parameters.joints)
-    ]
-    without = np.flatnonzero(model.fit.determined & np.concatenate([np.ones(count, dtype=bool), np.array(named)]))
+    without = model.fit.determined.copy()
+    for number, term in enumerate(model.terms):
+        without[model.term_slice(number)] &= isinstance(term.content, Effect)
     A = np.vstack([own.A[:, without] for own in rows])
     unit = np.linalg.norm(A, axis=0)
     plain = np.linalg.lstsq(A / unit, np.concatenate([own.b for own in rows]), rcond=1e-12)[0] / unit

@@ -111,24 +111,12 @@ def witness(
     covariance = np.linalg.pinv(gram * np.outer(scale, scale), rcond=_DEAD**2, hermitian=True) * np.outer(scale, scale)
     values = covariance @ score
     u, v = slice(0, k), slice(k, 2 * k)
-    cov_u, cov_l = covariance[u, u], covariance[v, v]
-    apart = cov_u + cov_l - covariance[u, v] - covariance[v, u]
-    seen = np.array([bool(alive[u].any()), bool(alive[v].any())])
-    z_u = _significance(values[u], cov_u) if seen[0] else 0.0
-    z_l = _significance(values[v], cov_l) if seen[1] else 0.0
-    expected_u = _significance(values[v], cov_u) if seen[0] else 0.0
-    expected_l = _significance(values[u], cov_l) if seen[1] else 0.0
-    difference = _significance(values[u] - values[v], apart) if seen.all() else 0.0
-    return Witness(
-        verdict=_verdict(z_u, z_l, expected_u, expected_l, difference),
-        unloaded=values[u],
-        loaded=values[v],
-        unloaded_z=z_u,
-        loaded_z=z_l,
-        expected_unloaded=expected_u,
-        expected_loaded=expected_l,
-        difference_z=difference,
-    )
+    z_u, z_l = (_significance(values[own], covariance[own, own]) for own in (u, v))
+    expected_u, expected_l = (_significance(values[other], covariance[own, own]) for own, other in ((u, v), (v, u)))
+    apart = covariance[u, u] + covariance[v, v] - covariance[u, v] - covariance[v, u]
+    difference = _significance(values[u] - values[v], apart) if alive[u].any() and alive[v].any() else 0.0
+    verdict = _verdict(z_u, z_l, expected_u, expected_l, difference)
+    return Witness(verdict, values[u], values[v], z_u, z_l, expected_u, expected_l, difference)
 
 
 def _significance(values: FloatArray, covariance: FloatArray) -> float:
