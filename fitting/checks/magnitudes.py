@@ -103,20 +103,13 @@ def _impossible(
         unit = _unit_of(machine, channels[0], top, usual)
         named = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
         every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
-        for number, channel in enumerate(channels):
-            if every and number:
-                break
+        for channel in channels[:1] if every else channels:
             who = "all pressures" if every else channel.name
+            own = top if every else tops[str(channel.joint)][channel.name]
             found.append(
                 Finding(
                     "unit",
-                    Sentence(
-                        "fitting.reach_pa",
-                        who=who,
-                        top=tops[str(channel.joint)][channel.name] if not every else top,
-                        what=Sentence(what),
-                        named=named,
-                    ),
+                    Sentence("fitting.reach_pa", who=who, top=own, what=Sentence(what), named=named),
                     Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
@@ -196,20 +189,19 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         ]  # fmt: skip
         likely = min(fitting)[1] if fitting and most - least > 1.5 * width else None
         sign = likely is None and -most > low - 0.15 * width and -least < high + 0.15 * width
-        what = (
-            Sentence("fitting.values_look_like", unit=likely)
-            if likely
-            else Sentence("fitting.looks_if_counted_other")
-            if sign
-            else Sentence("fitting.unit_zero_sign_wrong")
-        )
-        cure = Sentence('fitting.set_its_unit', unit=likely) if likely else (
-            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
-        )  # fmt: skip
+        if likely:
+            code, what = "unit", Sentence("fitting.values_look_like", unit=likely)
+            cure = Sentence("fitting.set_its_unit", unit=likely)
+        elif sign:
+            code, what = "sign", Sentence("fitting.looks_if_counted_other")
+            cure = Sentence("fitting.correct_sign_scale")
+        else:
+            code, what = "out_of_range", Sentence("fitting.unit_zero_sign_wrong")
+            cure = Sentence("fitting.look_at_unit_sign_offset")
         goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)
         found.append(
             Finding(
-                "unit" if likely else ("sign" if sign else "out_of_range"),
+                code,
                 Sentence("daq.named", name=channel.name, what=goes),
                 cure,
                 joint=channel.joint,

@@ -148,7 +148,11 @@ def speed_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         if len(off) == len(ratios) and all(abs(ratio / middle - 1.0) < _AGREE for ratio in ratios.values()):
             found.append(_of_clock(recording, middle, len(ratios)))
             continue
-        found += [_of_channel(machine, recording, name, ratio) for name, ratio in off.items()]
+        for name, ratio in off.items():
+            channel = machine.channel("joint_velocity", name)
+            assert channel is not None  # it has a ratio
+            who: dict[str, Any] = {"joint": name, "channel": channel.name, "recording": recording.file}
+            found.append(finding_of("scale", ratio=ratio, factor=1.0 / ratio, strength=6.0, **who))
     return found
 
 
@@ -192,18 +196,4 @@ def _of_clock(recording: Recording, ratio: float, joints: int) -> Finding:
         factor=ratio,
         alternatives=alone,
         strength=9.0,
-    )
-
-
-def _of_channel(machine: Machine, recording: Recording, joint: str, ratio: float) -> Finding:
-    channel = machine.channel("joint_velocity", joint)
-    assert channel is not None
-    return finding_of(
-        "scale",
-        ratio=ratio,
-        joint=joint,
-        channel=channel.name,
-        recording=recording.file,
-        factor=1.0 / ratio,
-        strength=6.0,
     )

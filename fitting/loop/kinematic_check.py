@@ -37,12 +37,11 @@ from fitting.residual.kinematics import (
     gap_rows,
     with_forces,
 )
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model
 from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import tempering
 from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
-from fitting.selection.posterior import MOST_NAMED
 from fitting.signals.corrections import Corrections
 
 Progress = Callable[[float, str], None]
@@ -75,7 +74,7 @@ class KinematicFinding:
     score: float
     gap_before: float
     gap_after: float
-    rivals: tuple[str, ...]
+    rivals: tuple[str, ...] = ()
     probability: float = 1.0
     rival_probabilities: tuple[float, ...] = ()
 
@@ -281,22 +280,12 @@ def _rebuilt(
     findings = []
     for one in conclusions:
         if one.part is not None:
-            own, effects_only = steps[one.name], [r for r in one.rivals if "/" not in r[0]]
-            first = next(score for score in scores if score.effect.id == one.name)
-            findings.append(
-                KinematicFinding(
-                    tuple(own),
-                    tuple(np.sum([step.values for step in own], axis=0).tolist()),
-                    first.stds,
-                    first.gain,
-                    float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300))),
-                    before,
-                    after,
-                    tuple(name for name, _ in effects_only),
-                    one.probability,
-                    tuple(p for _, p in effects_only),
-                )
-            )
+            own, first = steps[one.name], next(score for score in scores if score.effect.id == one.name)
+            values = tuple(np.sum([step.values for step in own], axis=0).tolist())
+            odds = float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300)))
+            found = KinematicFinding(tuple(own), values, first.stds, first.gain, odds, before, after)
+            names, chances = tuple(name for name, _ in one.effects), tuple(p for _, p in one.effects)
+            findings.append(replace(found, rivals=names, probability=one.probability, rival_probabilities=chances))
     return findings, corrections
 
 
@@ -357,22 +346,14 @@ def _law(posterior: GapPosterior, conclusion: GapConclusion) -> KinematicLaw:
     rows: GapRows = posterior.rows
     assert conclusion.chosen.law is not None
     values, covariance, gain = posterior.curve(conclusion.chosen)
-    could_be = tuple((name, p) for name, p in conclusion.rivals if "/" not in name)[: MOST_NAMED - 1]
-    return KinematicLaw(rows.joint, conclusion.chosen.law, values, covariance, gain, conclusion.probability, could_be)
+    law, could_be = conclusion.chosen.law, conclusion.effects
+    return KinematicLaw(rows.joint, law, values, covariance, gain, conclusion.probability, could_be)
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:
     """Combine whole explanations of all gaps; joints are independent."""
-    choices = []
-    for joint, posterior in posteriors.items():
-        own = []
-        for chosen, p in posterior.sets[:MOST_LISTED]:
-            terms = [Term(part.effect, joint, dict(part.shape)) for part in chosen.parts]
-            terms += [] if chosen.law is None else [Term(chosen.law.law, joint)]
-            if p > LEAST:
-                own.append((tuple(terms), p))
-        choices.append(own)
-    return combined(choices)
+    sets = {joint: posterior.sets[:MOST_LISTED] for joint, posterior in posteriors.items()}
+    return combined([[(own.terms(joint), p) for own, p in there if p > LEAST] for joint, there in sets.items()])
 
 
 def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:

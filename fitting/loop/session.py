@@ -402,12 +402,9 @@ class Session:
 
     def base_with(self, weights: Weights) -> Model:
         """Fit the base model with given weights: the reference of the errors before the loop."""
-        suited = self.weighted_base
-        return (
-            suited.model
-            if suited.weights == weights
-            else weighed(self.base_model, self.prior, weights, self._effort_rows).model
-        )
+        if self.weighted_base.weights == weights:
+            return self.weighted_base.model
+        return weighed(self.base_model, self.prior, weights, self._effort_rows).model
 
     @cached_property
     def stage_noise(self) -> NoiseModel:

@@ -84,7 +84,9 @@ def tempered(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """
     if not rated:
         return []
-    near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
+    best = rated[0].term
+    here = (r for r in rated if r.term.joint == best.joint or r.term.everywhere or best.everywhere)
+    near = [r for r in here if r.log_odds > 0] or [rated[0]]
     head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
     series = isinstance(head.term.content, Effect) and head.term.content.series
     odds = np.array([r.log_odds for r in near])
@@ -122,10 +124,6 @@ def tempering(gain: float | FloatArray) -> FloatArray:
     Along the last axis; ``gain`` is the chi-square that the effect takes, or of each difference, (N, 1).
     """
     return np.asarray(1.0 / (1.0 + np.array(priors.EPSILONS) ** 2 * gain / priors.CLOSE))
-
-
-def _same_place(one: Term, other: Term) -> bool:
-    return one.joint == other.joint or one.everywhere or other.everywhere
 
 
 def decided(rated: Sequence[Rated], there: bool = False) -> Rated:

@@ -22,6 +22,7 @@ from fitting.effects import effects
 from fitting.effects.base import Effect, Shape
 from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws, with_unsure
+from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.evidence import (
     DEAD,
@@ -32,7 +33,7 @@ from fitting.selection.evidence import (
     log_sum,
     whitened_parts,
 )
-from fitting.selection.posterior import MOST_NAMED
+from fitting.selection.posterior import needed
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
 _NEAR = 6
@@ -80,6 +81,11 @@ class GapSet:
         """What of it changes where the model has the arm."""
         return tuple(APART if part.effect.between_sensors else part.effect.id for part in self.parts)
 
+    def terms(self, joint: int) -> tuple[Term, ...]:
+        """Return its effects and its law as terms of a joint."""
+        laws = () if self.law is None else (Term(self.law.law, joint),)
+        return (*(Term(part.effect, joint, dict(part.shape)) for part in self.parts), *laws)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Reported identity: effects, and the variable of a law."""
@@ -103,6 +109,11 @@ class GapConclusion:
     part: GapColumns | None
     probability: float
     rivals: tuple[tuple[str, float], ...]
+
+    @property
+    def effects(self) -> tuple[tuple[str, float], ...]:
+        """The rivals that are effects, and no laws."""
+        return tuple((name, p) for name, p in self.rivals if "/" not in name)
 
 
 @dataclass(frozen=True)
@@ -136,13 +147,8 @@ class GapPosterior:
                 continue
             for instead in (n for n in other.names if n not in best.names):
                 others[instead] = others.get(instead, 0.0) + p
-        reached, rivals = own, list[tuple[str, float]]()
-        for rival, p in sorted(others.items(), key=lambda pair: -pair[1]):
-            if reached >= priors.CREDIBLE or len(rivals) >= MOST_NAMED - 1 or p < LEAST:
-                break
-            rivals.append((rival, p))
-            reached += p
-        return GapConclusion(best, name, part, own, tuple(rivals))
+        listed = sorted(((rival, p) for rival, p in others.items() if p >= LEAST), key=lambda pair: -pair[1])
+        return GapConclusion(best, name, part, own, tuple(needed(listed, own)))
 
     def scores(self, chosen: GapSet) -> tuple[GapScore, ...]:
         """Fit a set's effects jointly, with the chi-square that each takes beside the other."""

@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect, Parity
 from fitting.effects.bounds import limits
+from fitting.residual.laws import Law
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model, Term
@@ -66,7 +67,7 @@ class RatedNames:
         self, families: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], each: float, law_each: float
     ) -> list[Rated]:
         """Rate each family, with its best shape; ``each`` and ``law_each`` are log priors."""
-        exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
+        exact = self._plain({n: score for n, score in scores.items() if not is_curve(score.term)})
         bent = exact | self._bent(families, scores, exact)
         return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
@@ -92,7 +93,9 @@ class RatedNames:
         for joint, numbers in joints.items():
             most = max(scores[n].gain for n in numbers)
             near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
-            beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
+            # What nature may hold beside a name's formula: curves of its signal, and its overtone.
+            mixed = {n: [*self.own_laws(scores[n].term), *([self._mixed[n]] if n in self._mixed else [])] for n in near}
+            beside = {n: [m for m in own if m in scores] for n, own in mixed.items()}
             own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
             near = [n for n in near if own_laws[n]]
             if not near:
@@ -123,10 +126,6 @@ class RatedNames:
             sizes = priors.amplitudes(self._sizes.limit(score))
             found.append(log_mean(curve_evidence(gram, gram @ np.asarray(score.values), roots, sizes)[0].ravel()))
         return float(log_mean(found))
-
-    def _beside(self, number: int, term: Term) -> list[int]:
-        """Return numbers of what nature may hold beside a name's formula: curves of its signal, and its overtone."""
-        return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
 
     def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, list[float]]:
         """Compute log evidence of names as what found effects leave; of what acts everywhere joint by joint.
@@ -232,10 +231,6 @@ class RatedNames:
             return -np.inf
         return float(log_mean(log_sum(values) - np.log(len(sizes))))
 
-    def own_terms(self, term: Term) -> list[Term]:
-        """Return the laws of :meth:`own_laws`."""
-        return [self._candidates.terms[n] for n in self.own_laws(term)]
-
     def own_laws(self, term: Term) -> list[int]:
         """Return numbers of its signal's laws that an effect's formula may miss: of its parity, one of each sign."""
         effect = term.content
@@ -259,8 +254,9 @@ def is_series(term: Term) -> bool:
     return isinstance(term.content, Effect) and term.content.series and not term.everywhere
 
 
-def _is_named(score: Score) -> bool:
-    return score.term.id != "law" or isinstance(score.term.content, Surface)
+def is_curve(term: Term) -> bool:
+    """Return whether a term is a law of one signal."""
+    return isinstance(term.content, Law) and not isinstance(term.content, Surface)
 
 
 def _first_terms(score: Score) -> list[IntArray]:

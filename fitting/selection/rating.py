@@ -13,14 +13,13 @@ from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
-from fitting.residual.surfaces import Surface
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.decision import Family, Rated, by_formula, family
 from fitting.selection.evidence import log_sum
 from fitting.selection.gains import Sizes
 from fitting.selection.rated_laws import RatedLaws
-from fitting.selection.rated_names import RatedNames, is_series
+from fitting.selection.rated_names import RatedNames, is_curve, is_series
 from fitting.selection.trust import Trust
 
 
@@ -46,13 +45,13 @@ class Rating:
         overtones: Mapping[int, int] | None = None,
         settled: bool = False,
     ) -> None:
-        self._visible, self._settled = visible, settled
+        self._visible, self._settled, self._terms = visible, settled, candidates.terms
         self._inflations: dict[int, float] = {}
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
-            if _is_curve(term) and isinstance(term.content, Law):
-                law = term.content
+            law = term.content
+            if is_curve(term) and isinstance(law, Law):
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
         self._trust = Trust(candidates, model)
         sizes = Sizes(model, visible, self._failed)
@@ -114,7 +113,7 @@ class Rating:
         found = refined(model, rated.score)
         if found is rated.score or found.term == rated.term:
             return rated
-        terms = [found.term, rated.term, *self._names.own_terms(found.term)]
+        terms = [found.term, rated.term, *(self._terms[n] for n in self._names.own_laws(found.term))]
         effect = found.term.content
         overtone = effect.overtone(found.term.shape) if isinstance(effect, Effect) else None
         if overtone is not None:
@@ -154,7 +153,7 @@ def _families(scores: Mapping[int, Score]) -> tuple[dict[Family, list[int]], dic
         term = score.term
         if term.is_line:
             continue
-        if _is_curve(term):
+        if is_curve(term):
             laws.setdefault(term.joint or 0, []).append(number)
         else:
             names.setdefault(family(term), []).append(number)
@@ -177,8 +176,3 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
                 replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in ours
             ]
     return result
-
-
-def _is_curve(term: Term) -> bool:
-    """Return whether a term is a law of one signal."""
-    return isinstance(term.content, Law) and not isinstance(term.content, Surface)

@@ -353,7 +353,7 @@ class Search:
         """Return the findings."""
         accepted = list(self.accepted[: self.known])
         for item, slot in zip(self.accepted[self.known :], self.slots, strict=True):
-            rivals = slot.rivals(priors.CREDIBLE)
+            rivals = slot.rivals()
             accepted.append(
                 replace(
                     item,
