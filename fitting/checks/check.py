@@ -22,6 +22,7 @@ from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.checks.findings import Finding, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
+from fitting.checks.mistakes.channel_trials import late
 from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
 from fitting.checks.mistakes.hypothesis import CLEAR, gains
 from fitting.checks.mistakes.physical import Trial
@@ -254,12 +255,14 @@ def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherw
 
 
 def _of_clock(clock: Clock) -> Finding:
-    late = "late" if (clock.rate or clock.offset) > 0 else "early"
     if clock.rate:
         way = "slow" if clock.rate > 0 else "fast"
         what, code = Sentence("fitting.clock_of_efforts", percent=1e2 * abs(clock.rate), way=way), "clock_rate"
     else:
-        what, code = Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late), "clock_offset"
+        what, code = (
+            Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late(clock.offset)),
+            "clock_offset",
+        )
     return Finding(
         code,
         Sentence("fitting.against_positions_unexplained_effort", what=what, before=clock.before, after=clock.after),

@@ -7,7 +7,7 @@ here where the number enters an identification, and notes where it does not (lim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -63,10 +63,16 @@ def _in_one_recording(machine: Machine, recordings: Sequence[Recording]) -> list
     ]
 
 
-def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
-    parts = [np.asarray(r.values[channel.name]) for r in recordings if channel.name in r.values]
-    joined = np.concatenate(parts) if parts else np.zeros(0)
-    return joined[np.isfinite(joined)]
+def _measured(
+    machine: Machine, recordings: Sequence[Recording], quantities: Sequence[str]
+) -> Iterator[tuple[Channel, str, FloatArray]]:
+    """Yield the joints' channels of these quantities, each with its joint and all that was measured, SI (k,)."""
+    for channel in machine.channels:
+        parts = [np.asarray(r.values[channel.name]) for r in recordings if channel.name in r.values]
+        if channel.quantity in quantities and channel.joint is not None and parts:
+            values = np.concatenate(parts)
+            if np.isfinite(values).any():
+                yield channel, channel.joint, values[np.isfinite(values)]
 
 
 def _impossible(
@@ -75,19 +81,12 @@ def _impossible(
     """Find pressures that no cylinder has, and the largest of each channel by joint; ``usual`` gives the unit."""
     tops: dict[str, dict[str, float]] = {}
     found = []
-    for channel in machine.channels:
-        if channel.quantity not in PRESSURES or channel.joint is None:
-            continue
-        values = _values(channel, recordings)
-        if len(values) == 0:
-            continue
+    for channel, joint, values in _measured(machine, recordings, PRESSURES):
         low, top = np.percentile(values, [0.5, 99.5])
-        tops.setdefault(channel.joint, {})[channel.name] = float(top)
+        tops.setdefault(joint, {})[channel.name] = float(top)
         if low < _VACUUM and top < _WORKING[1]:
             found.append(
-                finding_of(
-                    "sign", joint=channel.joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0
-                )
+                finding_of("sign", joint=joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0)
             )
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
     small = [j for j, own in tops.items() if max(own.values()) < _WORKING[0]]
@@ -164,13 +163,8 @@ def _unit_of(machine: Machine, channel: Channel, top: float, usual: float) -> st
 
 def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     found: list[Finding] = []
-    for channel in machine.channels:
-        if channel.quantity not in POSITIONS or channel.joint is None:
-            continue
-        values = _values(channel, recordings)
-        if len(values) == 0:
-            continue
-        joint = machine.joint(channel.joint)
+    for channel, name, values in _measured(machine, recordings, POSITIONS):
+        joint = machine.joint(name)
         low, high = joint.limits.position
         if channel.quantity == "piston_position" and joint.cylinder is not None:
             low, high = 0.0, joint.cylinder.stroke

@@ -51,7 +51,7 @@ def recorded_role(path: Path) -> str:
     return role if role in ROLES else "train"
 
 
-def refused(code: str, error: RecordingError, file: str) -> Finding:
+def _refused(code: str, error: RecordingError, file: str) -> Finding:
     """Word a refusal of the strict reader as a finding: the fault before the last semicolon, the cure after it."""
     text, _, cure = str(error).rpartition("; ")
     return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
@@ -78,7 +78,7 @@ def read_leniently(
         try:
             check()
         except RecordingError as error:
-            found.append(refused(code, error, str(path)))
+            found.append(_refused(code, error, str(path)))
             return False
         return True
 

@@ -94,11 +94,8 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
     went_on = [k for k in odd if steps[k] > _PAUSE_S and _goes_on(values, int(k))]
     if went_on:
         k = int(went_on[0])
-        found.append(
-            finding_of(
-                "time_jump/clock_set", at=time[k], recording=file, before=float(steps[k]), unit="s", strength=8.0
-            )
-        )
+        details: dict[str, Any] = {"at": time[k], "recording": file, "before": float(steps[k]), "unit": "s"}
+        found.append(finding_of("time_jump/clock_set", strength=8.0, **details))
         lost -= float(np.sum(steps[went_on]))
         odd = np.setdiff1d(odd, went_on)
     if len(odd):
@@ -106,7 +103,7 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
         long = odd[steps[odd] > _LONG_S + 1 / rate]
         in_long = float(np.sum(steps[long] - 1 / rate)) / float(time[-1] - time[0])
         many = in_long > _LOST or share > _LOST_IN_ALL or len(uneven_steps(time, rate)) > 0
-        details: dict[str, Any] = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
+        details = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
         severity: Severity = "mistake" if many else "note"
         key = "lost_rows/many" if many else "lost_rows/few"
         found.append(finding_of(key, recording=file, severity=severity, before=share, strength=6.0, **details))

@@ -16,7 +16,7 @@ block-bootstrap interval excludes zero, and no joint gets worse by more than
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,9 +37,8 @@ from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term, extra_columns, late_terms
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
+from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
-
-Progress = Callable[[float, str], None]
 
 #: Shapes that are moments, s: searched by steps, not by factors.
 _MOMENTS = frozenset({"t_0"})
@@ -60,7 +59,7 @@ def held_against_everything(
     corrections: Corrections,
     search: Search,
     found: Attribution,
-    progress: Progress = lambda fraction, text: None,
+    progress: Progress = quiet,
 ) -> Attribution:
     """Check each accepted term against all samples.
 

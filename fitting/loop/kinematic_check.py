@@ -9,7 +9,7 @@ the sensor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -42,9 +42,8 @@ from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import tempering
 from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
+from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
-
-Progress = Callable[[float, str], None]
 
 #: Times that an error of geometry is rebuilt until nothing of it is left.
 _REBUILDS = 4
@@ -127,7 +126,7 @@ class Kinematics:
     hypotheses: tuple[Hypothesis, ...] = field(default_factory=lambda: (Hypothesis((), 1.0),))
 
 
-def kinematics(session: Session, progress: Progress = lambda fraction, text: None) -> Kinematics:
+def kinematics(session: Session, progress: Progress = quiet) -> Kinematics:
     """Check every joint that has two position sensors."""
     posteriors = gap_posteriors(session, progress)
     corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
@@ -138,7 +137,7 @@ def kinematics(session: Session, progress: Progress = lambda fraction, text: Non
     return Kinematics(corrections, tuple(findings), tuple(laws), _hypotheses(posteriors))
 
 
-def gap_posteriors(session: Session, progress: Progress = lambda fraction, text: None) -> dict[int, GapPosterior]:
+def gap_posteriors(session: Session, progress: Progress = quiet) -> dict[int, GapPosterior]:
     """Compute the posterior of the gap of every joint with two position sensors, by joint number."""
     plain, model, joints = session.plain, session.base_model, checkable(session.machine)
     posteriors = dict[int, GapPosterior]()

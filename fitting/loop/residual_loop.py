@@ -28,7 +28,7 @@ The same at length is in ``docs/explanation/evidence.md``.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -51,20 +51,16 @@ from fitting.residual.lines import Line, machine_lines
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term
 from fitting.selection.gains import margin
-from fitting.selection.search import Search
+from fitting.selection.search import Progress, Search, quiet
 from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
-
-Progress = Callable[[float, str], None]
 
 #: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 
 
-def attributed(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
-) -> Attribution:
+def attributed(session: Session, corrections: Corrections, progress: Progress = quiet) -> Attribution:
     """Attribute the residual of a session to its causes.
 
     Parameters
@@ -92,9 +88,7 @@ def attributed(
     return replace(found, warnings=(*found.warnings, *silent))
 
 
-def run_attribution(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
-) -> Attribution:
+def run_attribution(session: Session, corrections: Corrections, progress: Progress = quiet) -> Attribution:
     """Search on signals with rebuilt kinematic corrections, and compare the result at other cut-offs of the filter."""
     signals = SessionSignals(session, corrections)
     lines, ripples = _ripples(signals)
@@ -138,7 +132,7 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
 
 
 def other_bands(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
+    session: Session, corrections: Corrections, progress: Progress = quiet
 ) -> tuple[tuple[float, tuple[Family, ...]], ...]:
     """Find what is more probable than nothing at other cut-offs of the identification filter: (Hz, families).
 

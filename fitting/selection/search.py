@@ -33,7 +33,13 @@ from fitting.selection.rated_laws import resolved
 from fitting.selection.rating import Rating
 from fitting.selection.trust import BEYOND_BIAS, Draws
 
+#: Called with a fraction and plain words.
 Progress = Callable[[float, str], None]
+
+
+def quiet(fraction: float, text: str) -> None:
+    """Report no progress."""
+
 
 #: Explanations of a joint whose shapes are searched.
 WIDTH = 4
@@ -106,7 +112,7 @@ class Search:
         self.settled = False  # nothing more is looked for beside this model
         self.dropped: list[Slot] = []
 
-    def run(self, progress: Progress = lambda fraction, text: None) -> Attribution:
+    def run(self, progress: Progress = quiet) -> Attribution:
         """Search until nothing more is probable and every term keeps its place, and return the findings."""
         for number in range(4 * priors.MOST):
             progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
@@ -180,27 +186,23 @@ class Search:
 
     def _visible(self, model: Model) -> FloatArray:
         """Compute amplitudes per joint of a model's effects, and of what was rejected."""
-        joints = len(model.design.machine.joints)
-        seen = np.zeros(joints)
+        seen = np.zeros(len(model.design.machine.joints))
         for number, term in enumerate(model.terms):
             if term.is_line:
                 continue
             item = next((a for a in self.accepted if a.score.term.family == term.family), None)
             size = model.wald(number) if item is None else max(model.wald(number), item.score.gain)
-            for joint in range(joints) if term.everywhere else [term.joint or 0]:
-                share = 1.0
-                if term.everywhere and item is not None and item.score.places:
-                    share = float(np.clip(item.score.places[joint], 0.0, 1.0))
-                seen[joint] += share * size
+            if not term.everywhere:
+                seen[term.joint or 0] += size
+            else:
+                seen += size * (np.clip(item.score.places, 0.0, 1.0) if item is not None and item.score.places else 1.0)
         return np.sqrt(seen)
 
     def _failed(self) -> FloatArray:
         """Compute amplitudes per joint of what was significant and not confirmed elsewhere."""
-        joints = len(self.base.design.machine.joints)
-        seen = np.zeros(joints)
+        seen = np.zeros(len(self.base.design.machine.joints))
         for joint, size in self.failed:
-            for place in range(joints) if joint is None else [joint]:
-                seen[place] += priors.FAILED**2 * size
+            seen[slice(None) if joint is None else joint] += priors.FAILED**2 * size
         return np.sqrt(seen)
 
     def _at_best_shapes(self, rated: Sequence[Rated]) -> list[Rated]:
@@ -227,7 +229,7 @@ class Search:
         trial = self.gate.with_term(self.model, score.term)
         score = replace(score, term=trial.terms[-1])
         answer = self.gate.asked(score, self.model, trial)
-        place = score.term.family
+        place, found = score.term.family, answer.found
         if answer.reason:
             if answer.worse:
                 self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
@@ -237,7 +239,7 @@ class Search:
             if not answer.faint and isinstance(score.term.content, Law):
                 # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
                 self.without_law.add(score.term.joint)
-                self.unconfirmed.append(Unconfirmed(score, answer.held_out, answer.validate_gain or 0.0))
+                self.unconfirmed.append(Unconfirmed(score, found.held_out, found.validate_gain or 0.0))
             elif not answer.faint and not answer.worse:
                 self.failed.append((score.term.joint, score.gain))
             return
@@ -246,9 +248,7 @@ class Search:
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
             for item in self.accepted
         ]
-        self.accepted.append(
-            Accepted(score, (), answer.held_out, answer.validate_gain, answer.witness, silence=answer.silence)
-        )
+        self.accepted.append(found)
         self._note(score, "accepted", Sentence("fitting.gains_chi_square", gain=score.gain))
         self.before, self.model = self.scored, trial
         self.fresh.clear()

@@ -91,7 +91,8 @@ class Trust:
             self._shares |= _shares(own, scores)
         known, others = list[Sequence[int]](), list[Sequence[int]]()
         for own in names:
-            drawn = [n for n in own if _known_bias(scores[n])]
+            # Of these the share of a gain that noise makes is known: from replicas, or as it makes none so large.
+            drawn = [n for n in own if scores[n].null is not None or scores[n].gain >= BEYOND_BIAS]
             head = max(drawn or own, key=lambda n: scores[n].gain)
             if isinstance(scores[head].term.content, Effect) and scores[head].gain > priors.SMALLEST**2:
                 (known if drawn else others).append([head, *(n for n in own if n != head)])
@@ -204,11 +205,6 @@ def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, fl
 def _scatter(score: Score) -> float:
     """Return the fitted variance over the theory's by replicas; 1 where none were drawn."""
     return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
-
-
-def _known_bias(score: Score) -> bool:
-    """Return whether the regressor noise's share of a gain is known: from replicas, or as it makes none so large."""
-    return score.null is not None or score.gain >= BEYOND_BIAS
 
 
 def _biased_gain(score: Score) -> float:

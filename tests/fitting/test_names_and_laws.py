@@ -14,7 +14,7 @@ from fitting.loop.refits import SessionSignals
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.confirmation.cross_validation import HeldOut
-from fitting.residual.findings import Attribution
+from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.scoring import catalogue_terms
 from fitting.selection.confirm import Answer
 from fitting.selection.search import Search
@@ -78,9 +78,12 @@ def test_a_name_that_fails_leaves_what_it_lived_on_to_a_law(monkeypatch: pytest.
     )
     signals = SessionSignals(session, Corrections(session.machine))
     search = Search(signals.refit(()), (), signals)
-    found = search._open()
-    choice = next(r for r in found if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
-    against = Answer("it does not help on the validation motion", HeldOut(1.0, 1.0, 9), -5.0, "", faint=False)
+    choice = next(
+        r for r in search._open() if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0
+    )
+    against = Answer(
+        "it does not help on the validation motion", Accepted(choice.score, (), HeldOut(1.0, 1.0, 9), -5.0), faint=False
+    )
     monkeypatch.setattr(search.gate, "asked", lambda *_: against)
     search._try(choice)
     assert [joint for joint, _ in search.failed] == [1]
@@ -94,7 +97,9 @@ def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkey
     search = Search(signals.refit(()), (), signals)
     before = search._open()
     choice = next(r for r in before if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
-    worse = Answer("it makes joint1 worse", HeldOut(50.0, 50.0, 9), 20.0, "", faint=False, worse=True)
+    worse = Answer(
+        "it makes joint1 worse", Accepted(choice.score, (), HeldOut(50.0, 50.0, 9), 20.0), faint=False, worse=True
+    )
     monkeypatch.setattr(search.gate, "asked", lambda *_: worse)
     search._try(choice)
     open_then = {r.term.family: r.log_odds for r in search._open()}

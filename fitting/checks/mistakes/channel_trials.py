@@ -121,18 +121,18 @@ def scales(trial: Trial) -> Iterator[Hypothesis]:
             yield Hypothesis(*texts, (j,), build, key=("joints", j), factor=factor, price=1.75)
 
 
-def on_samples(change: Callable[[Samples], Samples]) -> Build:
+def _on_samples(change: Callable[[Samples], Samples]) -> Build:
     """Build a trial with other samples."""
     return lambda trial, targets: (trial.with_samples(change(trial.samples)), targets)
 
 
 def _changed(changes: Mapping[tuple[str, int], Signal]) -> Build:
-    return on_samples(lambda own: own.replaced(changes))
+    return _on_samples(lambda own: own.replaced(changes))
 
 
 def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
     """Build a trial with a channel's values times ``gain``, and ``offset`` more."""
-    return on_samples(lambda own: own.replaced({key: own.signals[key].mapped(gain, offset)}))
+    return _on_samples(lambda own: own.replaced({key: own.signals[key].mapped(gain, offset)}))
 
 
 def sensor(
@@ -223,7 +223,7 @@ def _fits(trial: Trial, number: int, signal: Signal) -> bool:
 def exchange(quantity: str, j: int, other: int) -> Build:
     """Build a trial with the same channel of two joints exchanged."""
     a, b = (quantity, j), (quantity, other)
-    return on_samples(lambda own: own.replaced({a: own.signals[b], b: own.signals[a]}))
+    return _on_samples(lambda own: own.replaced({a: own.signals[b], b: own.signals[a]}))
 
 
 def times(trial: Trial) -> Iterator[Hypothesis]:
@@ -247,12 +247,12 @@ def times(trial: Trial) -> Iterator[Hypothesis]:
 
 def delayed(keys: Sequence[tuple[str, int]], delay: float) -> Build:
     """Build a trial with some channels taken ``delay`` s later."""
-    return on_samples(lambda own: own.moved(keys, delay))
+    return _on_samples(lambda own: own.moved(keys, delay))
 
 
 def stretched(keys: Sequence[tuple[str, int]], rate: float) -> Build:
     """Build a trial with some channels taken later by ``rate`` s for each second of their recording."""
-    return on_samples(lambda own: own.moved(keys, rate * own.since))
+    return _on_samples(lambda own: own.moved(keys, rate * own.since))
 
 
 def _faster(factor: float) -> Build:
@@ -262,7 +262,7 @@ def _faster(factor: float) -> Build:
         positions = {key: own for key, own in samples.signals.items() if key[0] not in EFFORTS}
         return samples.replaced({key: own.faster(factor) for key, own in positions.items()})
 
-    return on_samples(change)
+    return _on_samples(change)
 
 
 def in_one_recording(trial: Trial, number: int) -> Iterator[Hypothesis]:
@@ -322,8 +322,8 @@ def recordings(trial: Trial) -> Iterator[Hypothesis]:
 
 
 def _changed_role(number: int, loaded: bool) -> Build:
-    return on_samples(lambda own: replace(own, loaded=np.where(own.recording == number, loaded, own.loaded)))
+    return _on_samples(lambda own: replace(own, loaded=np.where(own.recording == number, loaded, own.loaded)))
 
 
 def _left_out(number: int) -> Build:
-    return on_samples(lambda own: replace(own, used=own.used & (own.recording != number)))
+    return _on_samples(lambda own: replace(own, used=own.used & (own.recording != number)))

@@ -251,15 +251,15 @@ def _helped(trial: Trial, option: Hypothesis, before: Physical, after: Physical)
 def _moves_in(trial: Trial, recording: int) -> BoolArray:
     """Return which joints move enough in a recording to be informative: a parked one holds any load."""
     mine = (trial.samples.recording == recording) & trial.samples.used
-    part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
+    part = np.count_nonzero(trial.motion.active[mine], axis=0)
     return np.asarray(part >= max(_LEAST_SAMPLES, _LEAST_PART * np.count_nonzero(mine)))
 
 
 def _within(trial: Trial, recording: int, before: Physical, after: Physical) -> Physical:
     """Compute misfits in one recording alone: all that is explained afterwards was missing in it, not in the others."""
     mine = (trial.samples.recording == recording) & trial.samples.used
-    part = np.count_nonzero(trial.motion.active & mine[:, None], axis=0)
-    share = part / np.maximum(np.count_nonzero(trial.motion.active & trial.samples.used[:, None], axis=0), 1)
+    part, whole = (np.count_nonzero(trial.motion.active[rows], axis=0) for rows in (mine, trial.samples.used))
+    share = part / np.maximum(whole, 1)
     fallen = np.maximum(before.misfits**2 - after.misfits**2, 0.0) / np.maximum(share, 1e-3)
     return replace(before, misfits=np.where(share > 0, np.sqrt(after.misfits**2 + fallen), before.misfits))
 

@@ -73,7 +73,7 @@ class Disagreement:
     alternatives: tuple[str, ...] = ()
 
 
-def gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
+def _gap(machine: Machine, number: int, q: FloatArray, x: FloatArray) -> tuple[float, float]:
     """Compute the RMS of ``x - L(q)`` less its median, over the larger of both spreads; that median in strokes."""
     cylinder = machine.joints[number].cylinder
     assert cylinder is not None
@@ -102,7 +102,7 @@ def disagreements(trial: Trial) -> tuple[list[Disagreement], Trial]:
         if joint.cylinder is None or not all(samples.get(k, number) for k in ("joint_position", "piston_position")):
             continue
         q, x = (own[loaded] for own in _both(samples, number))
-        misfit, off = gap(machine, number, q, x)
+        misfit, off = _gap(machine, number, q, x)
         if misfit > AGREE or abs(off) > NEAR:
             bad[number] = (misfit, off)
     right = trial
@@ -123,7 +123,7 @@ def _explained(trial: Trial, number: int, misfit: float, off: float, bad: Mappin
     for option in _options(trial, number, bad):
         tried, _ = option.build(trial, {})
         q, x = (own[loaded] for own in _both(tried.samples, number))
-        left, distance = gap(tried.machine, number, q, x)
+        left, distance = _gap(tried.machine, number, q, x)
         if left < _LEFT and abs(distance) < NEAR and (left < misfit / _CLEAR or abs(off) > NEAR):
             results.append((option.price * max(left, 0.004) * (1 + 4 * abs(distance)), left, option))
     if not results:
@@ -178,7 +178,7 @@ def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) ->
             scored = []
             for new in grid:
                 trial = changed_joint(machine, number, "linkage", name, float(new))
-                left, off = gap(trial, number, q[loaded], x[loaded])
+                left, off = _gap(trial, number, q[loaded], x[loaded])
                 scored.append((left + max(abs(off) - 0.02, 0.0), float(new)))
             best = min(scored)
             step = abs(grid[1] - grid[0]) if name == "offset" else best[1] * (grid[1] / grid[0] - 1)
@@ -218,7 +218,7 @@ def recordings_apart(machine: Machine, recordings: Sequence[Recording]) -> tuple
             assert cylinder is not None
             if np.count_nonzero(known) < 50 or np.ptp(x[known]) < 0.02 * cylinder.stroke:
                 continue
-            own[number], away = gap(machine, number, q[known], x[known])
+            own[number], away = _gap(machine, number, q[known], x[known])
             off += own[number] > AGREE or abs(away) > NEAR
             follows = float(np.std(cylinder.linkage.piston_position(q[known])))
             alone += follows < 0.1 * float(np.std(x[known]))
