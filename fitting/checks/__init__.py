@@ -1,9 +1,9 @@
-"""What people get wrong: units, signs, cables, clocks, sizes, roles; found in recordings and said with the cure.
+"""Mistakes of people: units, signs, cables, clocks, sizes, roles; found in recordings and reported with the cure.
 
 Nothing is corrected. Start at :mod:`fitting.checks.check`; the findings are listed in ``docs/checks.md``.
 
 ========================  ===========================================================================
-findings                  what is said
+findings                  what is reported
 reading                   recordings as far as they can be read
 signal_faults, time_axis  one channel, one clock alone
 magnitudes                numbers that no machine has

@@ -1,8 +1,8 @@
 """All checks in their order, and of what they find the root.
 
-First what a channel or the clock says alone, then numbers that cannot be, then recordings against one another, then the
-two sensors of a joint, and last the efforts. What an earlier step finds is taken back (or its recording left out)
-before the next one looks, so that a wrong unit is not said a second time as a strange mass.
+First a channel or the clock alone, then numbers that cannot be, then recordings against one another, then the two
+sensors of a joint, and last the efforts. What an earlier step finds is taken back (or its recording left out)
+before the next one looks, so that a wrong unit is not reported a second time as a strange mass.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
 
-#: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little
+#: Share of a joint's effort that is unexplained from which it is reported without a cause. Measured joints with little
 #: effort of their own (wrists) have as much, so the joint has to carry this share of the arm's largest effort as well.
 GROSS, _CARRIES, _MOST_JOINTS = 0.55, 0.1, 0.5
 #: A misfit up to this many times another one explains as much.

@@ -146,7 +146,7 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
                 continue
             found.append((float(np.abs(away + np.log(gain)).sum()), channel, unit, top))
     best = {item[1].name: item for item in sorted(found, key=lambda item: -item[0])}
-    # Two channels alone cannot say which of them is odd: the one whose values no cylinder has.
+    # Two channels alone cannot show which of them is odd: the one whose values no cylinder has.
     return [
         finding_of(
             "unit/unlike", says=unit, joint=channel.joint, channel=channel.name, before=top, unit="Pa", strength=9.0
@@ -263,7 +263,7 @@ _ENTER = {
     "bore": "bore",
     "rod": "rod",
 }
-#: Above the misfits' strengths: nothing that efforts tell is worth a word while the file itself cannot be right.
+#: Above the misfits' strengths: nothing that efforts show is worth a word while the file itself cannot be right.
 _STRENGTH = 9.5
 
 

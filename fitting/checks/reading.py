@@ -32,7 +32,7 @@ from fitting.checks.time_axis import repaired_time, time_findings
 
 @dataclass(frozen=True)
 class Read:
-    """A recording as far as it could be read (None: not at all), and what its own file says is wrong."""
+    """A recording as far as it could be read (None: not at all), and what is wrong in its own file."""
 
     recording: Recording | None
     findings: tuple[Finding, ...]

@@ -34,7 +34,7 @@ _FROZEN_S, _CHANCE = 0.3, 1e-9
 _LEVELS, _AT_REST = 16, 0.25
 #: A position has to be resolved better: speeds and accelerations are differences of it.
 _POSITION_LEVELS = 100
-#: A position that changes by less than this share of its travel stands still: few values are then no fault.
+#: A position that changes by less than this share of its travel is at rest: few values are then no fault.
 _TRAVELS = 0.01
 #: Share of a signal's usual range (1st to 99th percentile) that a spike or a jump has at least.
 _SPIKE_POSITION, _SPIKE_EFFORT, _JUMP = 0.03, 0.25, 0.02
@@ -66,7 +66,7 @@ class _Signal:
     joined : (N - 1,) which rows follow each other
     travel : range of a position, 0 of an effort
     other : (N,) the joint's other position sensor where rods are on
-    parked : whether the joint stands for much of the recording
+    parked : whether the joint is at rest for much of the recording
     """
 
     channel: Channel
@@ -79,7 +79,7 @@ class _Signal:
 
     @property
     def position(self) -> bool:
-        """Whether it is a position, and no effort."""
+        """True for a position, False for an effort."""
         return self.channel.quantity in _ANY_POSITION
 
     @property
@@ -238,7 +238,7 @@ def _frozen(own: _Signal) -> Finding | None:
         ends = [abs(steps[i]) for i in (start - 1, stop) if 0 <= i < len(steps)]
         catches_up = max(ends, default=0.0) > 10 * ordinary
         if own.position:
-            # A machine that stands has an encoder that stands; one that moves on comes back with a jump, or the joint's
+            # A machine at rest has an encoder at rest; one that moves on comes back with a jump, or the joint's
             # other sensor has moved on, or the joint stops and starts at full speed from one row to the next.
             # It may wake where the joint happens to be again: the first step counts, or the second.
             beside = [np.abs(steps[max(start - 2, 0) : start]), np.abs(steps[stop : stop + 2])]
@@ -273,7 +273,7 @@ def _clipped(own: _Signal) -> Finding | None:
         return None
     for extreme, side in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
         count = piled_up(values, extreme)
-        # A fine sensor with little noise says one value wherever the signal rests.
+        # A fine sensor with little noise has one value wherever the signal rests.
         if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
             details: dict[str, Any] = {"rows": len(values), "side": side, "extreme": extreme, "unit": "rows"}
             return finding_of("clipped", before=float(count), strength=4.0, **details, **own.who)

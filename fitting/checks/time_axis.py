@@ -1,7 +1,7 @@
 """The time column: its unit, its rate, rows that are lost, and clocks that jump.
 
 A recorded speed agrees with the change of the position beside it to a few per cent, whatever the machine does. If they
-disagree by one factor at every joint, the rows are not as far apart as the time column says; at one joint among others,
+disagree by one factor at every joint, the rows are not as far apart as in the time column; at one joint among others,
 that channel has another unit or scale.
 """
 

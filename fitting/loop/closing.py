@@ -36,8 +36,8 @@ class Asked:
     ----------
     motion : the motion program; it starts and ends at rest
     text : what it is, in plain words
-    separates : labels of what it is to tell apart
-    chance : that one of them stands alone afterwards, as it was predicted
+    separates : labels of what it is to separate
+    chance : that one of them is left alone afterwards, as it was predicted
     """
 
     motion: Motion
@@ -71,7 +71,7 @@ class Recorder(Protocol):
 
 
 class Identified(Protocol):
-    """Recordings and what they say, which can be identified again with one more recording."""
+    """Recordings and what was found in them, which can be identified again with one more recording."""
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
@@ -80,7 +80,7 @@ class Identified(Protocol):
 
     @property
     def found(self) -> bool:
-        """Whether anything was found at all: where nothing is missing there is nothing to close."""
+        """True where anything was found at all: where nothing is missing there is nothing to close."""
         ...
 
     def question(self) -> Asked | None:
@@ -158,7 +158,7 @@ class Examined:
 
     @property
     def found(self) -> bool:
-        """Whether anything was added."""
+        """True where anything was added."""
         return bool(self.attribution.accepted)
 
     def question(self) -> Asked | None:

@@ -2,9 +2,9 @@
 
 *All samples.* The loop names effects on pieces (:attr:`fitting.loop.session.Session.search`). Here they are fitted
 jointly with the base on all samples, streamed, with their shapes searched there once more (:func:`with_best_shapes`).
-Each has to hold there too: it has to gain on all fitted rows what is said of so many parameters, and no joint may get
+Each has to hold there too: it has to gain on all fitted rows what so many parameters have to, and no joint may get
 worse on all of `validate`. What does not hold is dropped, one at a time, the weakest first. Sets become smaller: all
-samples may tell rivals apart that the pieces could not.
+samples may separate rivals that the pieces could not.
 
 *Efforts.* Where the model explains the recordings down to their noise, the confirmation on whitened rows is enough.
 Where it does not (:mod:`fitting.loop.weighting`), whitened rows all but ignore slow errors, and what lowers them on the
@@ -142,8 +142,8 @@ def _with_rivals(
 ) -> tuple[list[Accepted], dict[Family, tuple[str, str]]]:
     """Return accepted terms with their rivals by all samples, and status and reason of the changed ones.
 
-    A rival takes the term's place in the joint fit, with its shape refined on the pieces as the term's was. It stays in
-    the set where the two differ by less than a set is wide; where it is better by more, it is the term. The width is
+    A rival takes the term's place in the joint fit, with its shape refined on the pieces as the term's was. It is kept
+    in the set where the two differ by less than a set is wide; where it is better by more, it is the term. The width is
     that of the search, with the uncertainty of a bias in proportion to the gain.
     """
     result, apart = list(accepted), dict[Family, tuple[str, str]]()
@@ -302,7 +302,7 @@ def confirmed_in_effort(session: Session, corrections: Corrections, found: Attri
     if not reasons:
         return found
     model = signals.refit([item.score.term for item in kept])
-    # What was said of joints whose findings are gone goes with them.
+    # Warnings on joints whose findings are gone go with them.
     places = {item.score.term.joint for item in kept}
     names = [session.machine.joints[joint].name for joint in places if joint is not None]
     warnings = tuple(w for w in found.warnings if w.partition(":")[0] in names)

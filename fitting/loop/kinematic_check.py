@@ -90,7 +90,7 @@ class KinematicFinding:
 
 @dataclass(frozen=True)
 class KinematicLaw:
-    """A law of the gap that no effect of the catalogue is: it is said, and nothing is rebuilt.
+    """A law of the gap that no effect of the catalogue is: it is reported, and nothing is rebuilt.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class KinematicLaw:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """What position sensors say.
+    """Findings between the position sensors of all joints.
 
     Attributes
     ----------

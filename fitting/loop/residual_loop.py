@@ -15,12 +15,12 @@ with whitened rows, columns ``C``, residual ``e`` of the base and ``P`` the proj
    exchanged: ``exchange`` holds each term against all others in its place, beside the rest. Both again until nothing
    changes.
 3. *Three questions* to each that is added (:meth:`fitting.selection.confirm.Gate.asked`): whether rows that were left
-   out of the fit are more probable with it; whether `validate` and the unloaded recordings are; whether it stays
+   out of the fit are more probable with it; whether `validate` and the unloaded recordings are; whether it is
    physical, and no joint gets worse. A refusal removes the candidate and is in the table.
 4. *Other cut-offs* of the filter may refuse a name (:func:`_screened`).
 5. *All samples*, where pieces of long recordings were searched, and *efforts*, where the final fit has equal weights,
    may refuse once more (:mod:`fitting.loop.everything`).
-6. *Answer.* What may stand in each place, with probabilities (``Search.result``): explanations and the verdict are read
+6. *Answer.* What may be in each place, with probabilities (``Search.result``): explanations and the verdict are read
    from that alone (:class:`fitting.residual.findings.Attribution`).
 
 The same at length is in ``docs/explanation/evidence.md``.
@@ -55,7 +55,7 @@ from fitting.selection.search import Progress, Search, quiet
 from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
 
-#: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
+#: Factors of the filter's cut-off at which a named effect has to hold as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 
@@ -153,7 +153,7 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     search = Search(base, validate, signals)
     nothing = search.rate_nothing()
     if nothing < 0.5:
-        # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
+        # Replicas take off what noise makes of the candidates: only drawn where something is probable at all.
         search.draws = Draws(signals, session.options.bootstrap)
         nothing = search.rate_nothing()
     return () if nothing >= 0.5 else (search.open[0].term.family,)

@@ -8,7 +8,7 @@ that nothing is left out that happens in them, so of every recording
 * half of its share is spread evenly over its time,
 * the rest is chosen for coverage: each joint's range of position, speed, acceleration, effort and pressure is cut into
   bins, in both directions of motion, and the next piece is the one that adds most to the sum of ``1 - exp(-T / 3 s)``
-  over the time ``T`` spent in each bin: ten correlation times of what is left in one place say that something is there,
+  over the time ``T`` spent in each bin: ten correlation times of a residual in one place show that something is there,
   and it is not worth seeing a pose again while another has not been seen. Among equals, what adds to the sum of
   ``sqrt(T)``, as the significance of an effect in one bin does.
 

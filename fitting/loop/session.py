@@ -66,7 +66,7 @@ LONG_SAMPLES = 150_000
 LOOP_SAMPLES = 90_000
 #: Samples of all joints together in the pieces of hours that the loop searches (3.2 minutes of six joints): what else
 #: is kept of ten hours takes the room of the rest. Up to twice `LOOP_SAMPLES` so many are searched as of shorter ones:
-#: whoever adds a motion, to tell two effects apart, has no less searched than before.
+#: whoever adds a motion, to separate two effects, has no less searched than before.
 SEARCH_SAMPLES = 57_600
 
 
@@ -83,7 +83,7 @@ class Options:
     forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
     estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
     covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
-    prior : file with what is believed of the links beforehand (:mod:`fitting.regression.body_prior`)
+    prior : file with what is known of the links beforehand (:mod:`fitting.regression.body_prior`)
     columns : file with a map of the recordings' columns (:mod:`daq.recordings.column_map`)
     resample : whether recordings of other rates are brought to the machine's (:mod:`daq.recordings.resampling`)
     """
@@ -101,7 +101,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Request:
-    """What to identify.
+    """Order of an identification.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Search:
 
 
 class Described(Protocol):
-    """What has a machine: a session, or a model that one handed over."""
+    """Owner of a machine: a session, or a model that one handed over."""
 
     @property
     def machine(self) -> Machine:
@@ -273,7 +273,7 @@ class Session:
 
     @cached_property
     def search(self) -> Search:
-        """What the loop searches on: the recordings themselves, or pieces of long ones."""
+        """Recordings that the loop searches: all of them, or pieces of long ones."""
         numbers = tuple(range(len(self.recordings)))
         seconds = sum(r.duration for r in self.recordings)
         if not self.long:
@@ -317,7 +317,7 @@ class Session:
 
     @cached_property
     def prior(self) -> Prior:
-        """What is known of the moving masses, of delays between buses, and the plausible arm for these efforts."""
+        """Prior knowledge of the moving masses, of delays between buses, and the plausible arm for these efforts."""
         delays = expected_delays(self.machine)
         known = mass_prior(self.machine)
         if delays is not None:
@@ -408,7 +408,7 @@ class Session:
 
     @cached_property
     def stage_noise(self) -> NoiseModel:
-        """What stage 1 in situ weighs its rows by: the noise, or each joint's own misfit where that is no noise."""
+        """Noise of stage 1's rows in situ: the measured one, or each joint's own misfit where that is no noise."""
         if self.weighted_base.weights == "whitened":
             return self.plain.noise
         design, fit = self.plain.design, self.weighted_base.model.fit
@@ -451,7 +451,7 @@ class Session:
         triangles = []
         for i in indices:
             segment = design.segments[i]
-            # A joint that stands still has noise for an acceleration, and that would pass for excitation.
+            # A joint at rest has noise for an acceleration, and that would pass for excitation.
             qd, qdd = (np.where(segment.rest, 0.0, motion) for motion in (segment.qd, segment.qdd))
             body = base_regressor(self.machine, self.base, segment.q, qd, qdd) / segment.r[:, :, None]
             rows = [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]

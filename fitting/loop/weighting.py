@@ -1,4 +1,4 @@
-"""Which weights the fit that is handed out has: those of the measured noise, or equal ones.
+"""Weights of the fit that is handed out: those of the measured noise, or equal ones.
 
 Generalised least squares weighs rows by the spectrum of the measurement noise. That is best where the model explains
 the efforts down to that noise. Where it does not, what is left is no noise, and those weights mislead: a repeated
@@ -6,7 +6,7 @@ motion shows fast noise far below the slow error of the model, so the whitened r
 although nearly all of the effort is slow.
 
 Equal weights minimise the error of the effort itself, whatever is left. A right model loses next to nothing on the
-training motion by the other weights, so what it loses tells which case this is::
+training motion by the other weights, so what it loses shows which case this is::
 
     ratio = error of the whitened fit / error of least squares,   training motions,
 
@@ -34,7 +34,7 @@ from fitting.residual.terms import Model, beside, fit_model
 
 Weights = Literal["whitened", "equal"]
 
-#: Training error of the whitened fit over that of least squares up to which its weights are believed.
+#: Training error of the whitened fit over that of least squares up to which its weights are kept.
 MOST_LOST = 1.02
 
 

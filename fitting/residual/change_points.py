@@ -42,7 +42,7 @@ from fitting.residual.views import recording_starts
 #: same moment on in every recording, as a program that picks something up does.
 Kind = Literal["once", "lasting", "every"]
 
-#: Chance that a machine on which nothing changes is said to have changed.
+#: Chance that a machine on which nothing changes is reported to have changed.
 CHANGE_ALARM = 1e-3
 #: Share of a column's information that has to lie on either side of a change.
 TRIM = 0.05
@@ -285,7 +285,7 @@ def joint_rows(model: Model, joint: int) -> JointRows:
     for index, part in sections:
         segment, block = design.segments[index], design.blocks[joint][index]
         kept = design.kept(model.noise, joint, index)
-        # Row k of the reduced signals stands in the middle of its filter window.
+        # Row k of the reduced signals is in the middle of its filter window.
         at = bank.half + bank.decimation * np.arange(len(kept))
         time[part] = segment.t[at][kept] - begins[segment.recording]
         recording[part], unloaded[part] = segment.recording, not segment.loaded

@@ -80,7 +80,7 @@ class GapLaw:
 class GapRows:
     """Gap of one joint where it moves: the whitening of its noise, and the whitened series of each segment.
 
-    A sensor that stands says one thing, however often it is read: such rows are no witness.
+    A sensor at rest has one value, however often it is read: such rows are no witness.
 
     Attributes
     ----------

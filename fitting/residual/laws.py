@@ -1,4 +1,4 @@
-"""Laws of one measured variable: what is said when no known effect fits.
+"""Laws of one measured variable: what is reported when no known effect fits.
 
 A law is a cubic spline in one signal of the joint itself or of a neighbour, alone or times the sign of the joint's
 speed, fitted together with the base. It localises structure without knowing its physics.
@@ -136,7 +136,7 @@ class Law:
 
     @property
     def parity(self) -> tuple[bool, Way]:
-        """How it depends on the direction of motion: two laws of one signal that differ in it add up."""
+        """Dependence on the direction of motion: two laws of one signal that differ in it add up."""
         return self.signed, self.only
 
 

@@ -51,7 +51,7 @@ _OVERSAMPLING = 4
 _SIDE_BINS = (1, 2, 3)
 _SIDE_P = 1e-4
 _NEAR_BINS = (1.5, 12.0)  # either side of a line: where a resonance would raise the background as well
-_SIDE_SHARE = 0.15  # of a line's own evidence that may stand beside it: a real pump is not perfectly steady
+_SIDE_SHARE = 0.15  # of a line's own evidence that may be beside it: a real pump is not perfectly steady
 _ABSENT_SHARE = 0.3  # of the median amplitude; a line this weak in one recording is not there
 _ABSENT_Z = 4.0
 _SUPPORT_P = 1e-3
@@ -178,13 +178,13 @@ def find_lines(
         p = _chance(z, len(levels), frequency, rate_hz, longest)
         cleaned = [without_line(level, frequency) for level in levels]
         near = _near(cleaned, frequency, rate_hz, nfft)
-        # On a hump of the spectrum (a resonance) the line has to stand out of the hump.
+        # On a hump of the spectrum (a resonance) the line has to exceed the hump.
         p = max(p, _chance(z / max(1.0, near), len(levels), frequency, rate_hz, longest))
         reason = "it stands on a hump of the spectrum: a resonance" if p > threshold else ""
         reason = reason or _refutation(levels, cleaned, frequency, z, rate_hz)
         if reason:
             refuted.append(RefutedLine(joint, frequency, p, reason))
-            # What a refuted peak stands on is not looked at again.
+            # The hump below a refuted peak is not searched again.
             allowed &= np.abs(grid - frequency) > (_NEAR_BINS[1] if near > 2.0 else 4.0) * rate_hz / longest
         else:
             found.append(_line(joint, levels, frequency, z, p, rate_hz))

@@ -22,7 +22,7 @@ from fitting.signals.splines import evaluate
 
 #: Shapes that are tried of every family before the best is searched between its neighbours.
 _SHAPES = 40
-#: Shapes of every family that stand for it before any data, and places at which a spline is fitted to one.
+#: Shapes of every family that represent it before any data, and places at which a spline is fitted to one.
 _FEW_SHAPES, _PLACES = 16, 120
 #: Standard deviations below this share of their median are taken for it: no point of a curve is exact.
 _LEAST_STD = 0.05

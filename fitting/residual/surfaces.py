@@ -1,7 +1,7 @@
 """Laws of two measured signals: for what depends on a product, and on neither signal alone.
 
 A surface is a polynomial in each of two signals (tensor products of Bernstein's), alone or times the sign of the
-joint's speed. It is only asked for where a law of one signal is about to be said, by quadratics first, and has to be
+joint's speed. It is only asked for where a law of one signal is about to be added, by quadratics first, and has to be
 clearly better.
 A twist is the product of both alone: one function, so it is seen where nine are not worth their width, and offered
 beside the laws of one signal.

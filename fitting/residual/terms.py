@@ -208,7 +208,7 @@ class Model:
 
     @cached_property
     def unpriored(self) -> FloatArray | None:
-        """What turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
+        """Matrix that turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
 
         ``(k, rank)``; None where the fit has no plausible arm. With ``Q_p`` the basis in the arm's rows, the data's are
         ``I - Q_p'Q_p`` long: directions that only the arm determines are left out.

@@ -1,4 +1,4 @@
-"""What effects may look at, built from a design and the present state of the model."""
+"""Signals that effects may use, built from a design and the present state of the model."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from fitting.selection.evidence import least_gain
 
 
 class Signals(Protocol):
-    """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
+    """Corrections of the signals themselves, for effects that a column cannot correct when they are large."""
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
         """Compute terms' gains on replicas of the recordings in which the model is the whole truth."""
@@ -110,7 +110,7 @@ class Gate:
 
     def judged(self, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None]:
         """Compute the gains of a trial's last term on held-out blocks and on the validation motion."""
-        # A column of what was moved holds what is left of it: the signals before tell more.
+        # A column of what was moved holds what is left of it: the signals before show more.
         plain = self._last[2] if self._last is not None and trial is self._last[3] else trial
         expected = trial.terms[-1].expected is not None
         held_out = held_out_gain(before.rows(), plain.rows(), trial.design.bank.reduced_rate_hz, expected)

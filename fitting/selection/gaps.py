@@ -2,7 +2,7 @@
 
 Hypotheses are sets: at most one error of geometry or of an encoder, at most one thing that gives way to a force, at
 most one law of something else. The evidence is that of :mod:`fitting.selection.evidence`, on rows that nothing but a
-delay between the sensors explains beforehand. Beside each name stands a smooth discrepancy in its own variable; what a
+delay between the sensors explains beforehand. Beside each name is a smooth discrepancy in its own variable; what a
 set may leave in any variable, a share of what it explains, is no law.
 """
 
@@ -42,7 +42,7 @@ _IMPOSSIBLE = 1e-9
 #: Share of what a set explains that it may leave in any variable: of a force that a model knows, of
 #: geometry, and of a law.
 _LEFT_DRIVEN, _LEFT_PLAY, _LEFT_EXACT, _LEFT_LAW = 0.02, 0.1, 0.01, 0.1
-#: Rows of what a set leaves beyond noise that say as much as one row of noise.
+#: Rows of what a set leaves beyond noise that hold as much as one row of noise.
 _ROWS_A_WORD = 5.0
 #: Root mean square of whitened rows, about a tenth of the noise of one reading, that a sound sensor's scale may be off.
 _LEAST_ROW = 0.25
@@ -78,7 +78,7 @@ class GapSet:
 
     @property
     def pose(self) -> Pose:
-        """What of it changes where the model has the arm."""
+        """The part of it that changes where the model has the arm."""
         return tuple(APART if part.effect.between_sensors else part.effect.id for part in self.parts)
 
     def terms(self, joint: int) -> tuple[Term, ...]:
@@ -95,13 +95,13 @@ class GapSet:
 
 @dataclass(frozen=True)
 class GapConclusion:
-    """One thing that is said of a gap: an effect (``part``), or else the law of its set.
+    """One thing that is reported of a gap: an effect (``part``), or else the law of its set.
 
     Attributes
     ----------
     chosen : the set that it is a member of
     name : as :attr:`GapSet.names` has it
-    probability : that it is this; ``rivals`` what else may stand in its place, with probabilities
+    probability : that it is this; ``rivals`` what else may be in its place, with probabilities
     """
 
     chosen: GapSet

@@ -1,4 +1,4 @@
-"""Probabilities: of what stands in one place, and of whole explanations."""
+"""Probabilities: of what is in one place, and of whole explanations."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ Kind = TypeVar("Kind")
 
 @dataclass(frozen=True)
 class Slot:
-    """One place of the model: what stands there, and what else could.
+    """One place of the model: the term there, and what else could be.
 
     Attributes
     ----------
-    alternatives : with their probabilities, the best first; what stands there among them
-    probability : of what stands there
+    alternatives : with their probabilities, the best first; the term there among them
+    probability : of the term there
     nothing : that nothing has to be there
     moved : the place was given up or taken by another
     """
@@ -60,7 +60,7 @@ class Slot:
 
     @property
     def improbable(self) -> bool:
-        """Whether neither this nor what is reported with it is the more probable; laws of a joint are one."""
+        """True where neither this nor what is reported with it is the more probable; laws of a joint are one."""
         own = sum(p for r, p in self.alternatives if r.term.family == self.item.score.term.family)
         return max(self.probability, own) + sum(p for _, p in self.rivals()) < 0.5
 

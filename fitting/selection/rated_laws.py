@@ -1,4 +1,4 @@
-"""What laws of an unknown effect are worth: any smooth curve of a signal, or one of a few simple formulas.
+"""Odds of laws of an unknown effect: any smooth curve of a signal, or one of a few simple formulas.
 
 They are rated with a few functions; a law that is chosen has as many as its curve takes.
 """
@@ -43,7 +43,7 @@ class RatedLaws:
     Parameters
     ----------
     candidates : with their columns
-    sizes, trust : how large laws can be, and which share of their gain is believed
+    sizes, trust : how large laws can be, and which share of their gain counts
     """
 
     def __init__(self, candidates: Candidates, sizes: Sizes, trust: Trust) -> None:

@@ -1,4 +1,4 @@
-"""What names are worth: formulas, exactly nature's or with a curve of their own signal beside them."""
+"""Odds of names: formulas, exactly nature's or with a curve of their own signal beside them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from fitting.selection.evidence import (
 from fitting.selection.gains import Sizes, averaged, orders
 from fitting.selection.trust import Trust
 
-#: Share of a curve that the base has to leave for it to tell of anything.
+#: Share of a curve that the base has to leave for it to show anything.
 FAINT = 0.01
 #: Standard deviations of what is expected of a curve beside a name that one may be large.
 MOST_BESIDE = 2.0
@@ -46,7 +46,7 @@ class RatedNames:
     ----------
     candidates : with their columns
     model : what is there
-    sizes, trust : how large effects can be, and which share of their gain is believed
+    sizes, trust : how large effects can be, and which share of their gain counts
     laws : numbers of the laws of one signal, by joint, signal, neighbour, sign and load
     overtones : number of a name to the number of its overtone
     """

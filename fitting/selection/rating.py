@@ -1,4 +1,4 @@
-"""What every candidate is worth beside a model: its posterior odds against nothing more."""
+"""Posterior odds of every candidate beside a model, against nothing more."""
 
 from __future__ import annotations
 

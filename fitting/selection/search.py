@@ -237,7 +237,7 @@ class Search:
                 self.refused.add(family(choice.term))
             self._note(score, "rejected", answer.reason)
             if not answer.faint and isinstance(score.term.content, Law):
-                # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
+                # A curve that does not hold elsewhere: no other curve of this joint is a candidate, but names are.
                 self.without_law.add(score.term.joint)
                 self.unconfirmed.append(Unconfirmed(score, found.held_out, found.validate_gain or 0.0))
             elif not answer.faint and not answer.worse:

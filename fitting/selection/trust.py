@@ -1,4 +1,4 @@
-"""Which share of each gain counts, by replicas: what noise in the regressors makes of gains is taken off."""
+"""Share of each gain that counts, by replicas: what noise in the regressors makes of gains is taken off."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from fitting.selection.evidence import least_gain, whitened_parts
 #: Gain beyond which no noise in regressors makes it: 17 standard deviations.
 BEYOND_BIAS = 300.0
 #: Replicas that are drawn before the decision is looked at again, and how far the gain may be from the least that is
-#: said if more are to change it.
+#: reported if more are to change it.
 LEAST_DRAWS, OPEN = 3, (-10.0, 25.0)
 
 
 class Draws:
-    """Null distributions of terms. One that was drawn stays, whatever model follows: it is noise, not structure.
+    """Null distributions of terms. One that was drawn is kept, whatever model follows: it is noise, not structure.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Draws:
 
     @property
     def wanted(self) -> bool:
-        """Whether any replicas may be drawn."""
+        """True where any replicas may be drawn."""
         return self._most > 0
 
     def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
@@ -67,7 +67,7 @@ class Draws:
 
 
 class Trust:
-    """Share of the gain of each candidate, by number, that is believed.
+    """Share of the gain of each candidate, by number, that counts.
 
     Parameters
     ----------

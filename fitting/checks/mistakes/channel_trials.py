@@ -26,7 +26,7 @@ SCALES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 1.25, 1.4, 1.6, 2.0, 2.5, 3.3,
 DELAYS = (-2.0, -1.0, -0.5, -0.25, 0.25, 0.5, 1.0, 2.0)
 #: Clocks that run fast or slow against one another.
 RATES = (-0.02, -0.01, -0.005, -0.002, 0.002, 0.005, 0.01, 0.02)
-#: Rates that a recorder may have run at instead, over the one that its time column says; 20: milliseconds at 50 Hz.
+#: Rates that a recorder may have run at instead, over the one of its time column; 20: milliseconds at 50 Hz.
 TRUE_RATES = (0.05, 0.1, 0.2, 0.5, 2.0, 5.0, 10.0, 20.0)
 #: An arm on the rods never explains less where there is one; noise of a small arm leaves this much of the difference.
 _RODS_ON = 1.4

@@ -5,13 +5,13 @@ late by the same time, or by one that grows. Both are estimated for each joint a
 an effort that is late by ``d0 + d1 t`` is, to first order, ``y - (d0 + d1 t) y'``; the efforts are moved by what was
 found and the rest is estimated again.
 
-*Rows.* Rows that are ``k`` times closer in time than the file says make speeds ``k`` and accelerations ``k^2`` times
+*Rows.* Rows that are ``k`` times closer in time than in the file make speeds ``k`` and accelerations ``k^2`` times
 too small. Gravity, and friction that follows the speed's sign, are what they were: every inertia comes out ``k^2``
 times too large beside the weight of the same arm. What an arm of that weight has for inertias is taken from the machine
 file alone: rods along the links, masses in proportion to length. A geared motor turns more than its link does, by some
 tens at a wrist; no arm has that at every joint.
 
-*Bore and rod.* The one thing that a single cylinder tells of them is what its rod side weighs against its head. The
+*Bore and rod.* The one thing that a single cylinder shows of them is what its rod side weighs against its head. The
 effort is ``A1 (p1 - (A2/A1) p2)``. A scale common to both areas is absorbed by the masses; their ratio is not, because
 back-pressure changes for reasons of its own. It is estimated with everything else of the joint free::
 
@@ -178,12 +178,12 @@ def _late_by(trial: Trial, moving: Sequence[BoolArray], columns: Sequence[FloatA
 
 
 #: Inertia over the plausible one from which on (or below its inverse) a joint's is impossible, with others and where it
-#: is the only one that tells; joints agree within.
+#: is the only one that counts; joints agree within.
 _IMPOSSIBLE, _ALONE, _INERTIAS_AGREE = 30.0, 60.0, 20.0
 #: Joints whose plausible inertia is a smaller share of the arm's largest are wrists: their motors turn more than they.
 _WRIST = 0.03
-#: A joint counts whose inertia is told by so many standard errors, with one sample in so many independent, and makes up
-#: so much of its effort; and a weight that is told so well.
+#: A joint counts whose inertia is known by so many standard errors, one sample in so many independent, and makes up so
+#: much of its effort; and a weight that is known so well.
 _INERTIA_SIGMAS, _INDEPENDENT, _MAKES_UP = 6.0, 4.0, 0.1
 _LEAST_ROWS = 60
 
@@ -197,7 +197,7 @@ def inertia_findings(trial: Trial) -> list[Finding]:
     off = logs.min() > least or logs.max() < -least
     if not off or np.ptp(logs) > np.log(_INERTIAS_AGREE):
         return []
-    # Rows that are said to be further apart than they were are explained as well as ever, exchanged cables are not.
+    # Rows whose times are further apart than they were are explained as well as ever, exchanged cables are not.
     if np.nanmax(fit(trial, bounded=False).free) > SOUND:
         return []
     ratio = float(np.exp(np.median(logs)))
@@ -222,7 +222,7 @@ def _inertia_ratios(trial: Trial) -> FloatArray:
         acceleration, x = motion.qdd[rows, joint], motion.x[rows, joint]
         rest = np.column_stack([friction(motion.v[rows, joint], motion.speed_noise[joint]), np.ones(len(x)), x])
         own = static[rows, joint]
-        # What the rods weigh of one kilogram, and what the joint's effort says of it.
+        # What the rods weigh of one kilogram, and what the joint's effort shows of it.
         weight = without(np.column_stack([rest, acceleration]), np.column_stack([own @ links, effort[rows]]))
         weights += [float(weight[:, 0] @ weight[:, 1]) / size**2, float(weight[:, 0] @ weight[:, 0]) / size**2]
         left = without(np.column_stack([rest, own]), np.column_stack([acceleration, effort[rows]]))
@@ -254,7 +254,7 @@ _FAR = 0.17
 _SIGMAS, _FALLS = 6.0, 1.5
 _NOTED_SIGMAS, _NOTED_FALLS = 3.5, 1.1
 #: Cylinders are built with rod sides of a fifth to nearly all of the head's area, so no true ratio is beyond these of a
-#: declared one; and the joint has to be explained well with it, or far better: else it stands in for what is missing.
+#: declared one; and the joint has to be explained well with it, or far better: else it makes up for what is missing.
 _POSSIBLE, _EXPLAINED = (0.15, 6.0), 0.1
 #: An effect has more parameters: it has to leave less by this share, but beside areas that no cylinder has (a rod takes
 #: some of the head's).
@@ -274,7 +274,7 @@ class AreaRatio:
 
     @property
     def wrong(self) -> bool:
-        """Whether bore or rod look wrong, be it only worth a remark."""
+        """True where bore or rod look wrong, be it only worth a remark."""
         far = self.rho <= 0 or abs(float(np.log(self.rho))) > _FAR
         explained = self.after < _EXPLAINED or self.before > CLEAR * self.after
         possible = _POSSIBLE[0] < self.rho < _POSSIBLE[1] and explained
@@ -282,7 +282,7 @@ class AreaRatio:
 
     @property
     def sure(self) -> bool:
-        """Whether bore or rod cannot be right, because nothing else explains as much."""
+        """True where bore or rod cannot be right, because nothing else explains as much."""
         return self._is(_SIGMAS, _FALLS) and not self.effect
 
     def _is(self, sigmas: float, falls: float) -> bool:

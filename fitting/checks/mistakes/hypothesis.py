@@ -26,7 +26,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "N": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.448222},
     "N m": {"N m": 1.0, "kN m": 1e3, "N mm": 1e-3, "kgf m": 9.80665, "lbf ft": 1.355818, "N cm": 1e-2},
 }
-#: Units that people seldom use: a common one that fits nearly as well is said instead.
+#: Units that people seldom use: a common one that fits nearly as well is named instead.
 RARE = ("grad", "turn", "mrad", "um", "hPa (mbar)", "inch", "N cm")
 
 
@@ -47,8 +47,8 @@ class Hypothesis:
     build : gives the changed trial and targets
     channels : quantities of those joints' channels that it is about
     key : place in the machine file that would be wrong, if it is one
-    factor : number that it stands for
-    price : simplicity: of two that explain alike, the one with the lower price is said
+    factor : number that it is about
+    price : simplicity: of two that explain alike, the one with the lower price is named
     recording : number of the recording that it is about
     least : factor by which a joint's misfit has to fall
     every : it is about all joints

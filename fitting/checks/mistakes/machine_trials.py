@@ -21,7 +21,7 @@ SLIPS = (-1.0, 10.0, 0.1, 100.0, 0.01, 1e3, 1e-3)
 LONG = (0.005, 20.0)
 #: Factors by which a length of the pins, and a bore or rod, is off.
 PINS, SIZES = (0.1, 0.5, 0.75, 1.33, 2.0, 10.0), (0.1, 0.5, 0.63, 0.7, 0.794, 1.25, 1.4, 1.6, 2.0, 10.0)
-#: rad by which a base may stand askew, and a joint's zero be off, as effects of the catalogue.
+#: rad by which a base may be askew, and a joint's zero be off, as effects of the catalogue.
 TILTS, ZEROS = (-0.15, -0.08, -0.03, 0.03, 0.08, 0.15), (-0.1, -0.05, 0.05, 0.1)
 
 

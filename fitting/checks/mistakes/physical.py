@@ -1,4 +1,4 @@
-"""How well efforts can be explained by an arm that could exist: masses that are masses, friction that brakes.
+"""Fit of efforts by an arm that could exist: masses that are masses, friction that brakes.
 
 Every link is a cloud of point masses, none negative, on a grid in a box around the link; every joint has friction that
 takes power at any speed, a moving mass that is not negative, and, free in sign, a constant, a spring and a delay (a
@@ -6,11 +6,11 @@ zero error, a gas spring and a late sensor are effects of the catalogue, and no 
 
     y_j = sum_k Y_j(q, q', q'') pi(p_k) mu_k / r_j + m a + sum_i c_i phi_i(v) sgn v + [x, 1, dy/dt] f,   mu, m, c >= 0
 
-(a moving mass or a spring far beyond a cylinder's size has its price, or either could stand for a whole arm),
+(a moving mass or a spring far beyond a cylinder's size has its price, or either could represent a whole arm),
 
 which is linear, so the best such arm is one non-negative least-squares problem (point masses as physically feasible
 parameters: Ayusawa and Nakamura, "Identification of standard inertial parameters for large-DOF robots considering
-physical consistency", IROS 2010). A wrong sign, a base that stands upside down or exchanged cables leave a least
+physical consistency", IROS 2010). A wrong sign, a base that is upside down or exchanged cables leave a least
 squares fit without such bounds as good as it was; this one they do not.
 
 The misfit of a joint is the root mean square of what is left, over that of the effort less its mean. It has no unit and
@@ -35,7 +35,7 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.mistakes.samples import EFFORTS, Motion, Samples, motion_of
 from fitting.regression.prior import moving_mass
 
-#: Points along each edge of a link's box. Three tell its mass, centre and spread.
+#: Points along each edge of a link's box. Three determine its mass, centre and spread.
 _GRID = 3
 #: How far a link's box reaches beyond its two axes: a share of its own length and of the arm's mean link.
 _OWN, _MEAN = 0.5, 0.35
@@ -43,7 +43,7 @@ _OWN, _MEAN = 0.5, 0.35
 _LEAST_BOX = 0.1
 #: Speeds, as shares of a joint's largest, below which friction may be higher (Stribeck).
 _STRIBECK = 0.15
-#: Times the mass of a steel piston and rod that a cylinder's moving mass usually stays below; Pa over the head's area
+#: Times the mass of a steel piston and rod that a cylinder's moving mass is usually below; Pa over the head's area
 #: that a spring adds over the whole stroke at most (gas springs and hoses are effects of a few bar).
 _HEAVY, _STIFF = 5.0, 2.0e6
 #: Share of a column that compression loses.
@@ -54,7 +54,7 @@ LEAST_MISFIT = 0.015
 
 @dataclass(frozen=True)
 class _Side:
-    """What a joint's rows have beside the links.
+    """Columns of a joint's rows beside the links.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class Physical:
 
     Attributes
     ----------
-    misfits : (n,) root mean square of what is left, over that of the effort; NaN for a joint that says nothing
+    misfits : (n,) root mean square of what is left, over that of the effort; NaN for a joint that shows nothing
     free : the same for a least-squares fit without bounds
     own : the same for a least-squares fit of that joint alone
     shares : (n,) spread of the effort over the largest of all joints; per head area where there are cylinders
@@ -129,7 +129,7 @@ class Physical:
 
 @dataclass(eq=False)
 class _Shared:
-    """What trials have in common that differ in their links alone, once asked for; sides with exchange or not."""
+    """Common parts of trials that differ in their links alone, once asked for; sides with exchange or not."""
 
     motion: Motion | None = None
     sides: dict[bool, tuple[_Side | None, ...]] = field(default_factory=dict)
@@ -143,7 +143,7 @@ class Trial:
     ----------
     samples : of the recordings
     machine : with the geometry and linkages to try
-    positions : quantity that tells each joint's position
+    positions : quantity of each joint's position
     exchange : also offer other joints' signals as targets
     carried : (T,) 1 where the last link carries more than otherwise, or None
     """

@@ -3,7 +3,7 @@
 Positions and efforts go through one smoothing filter and are decimated at once; columns are then computed from few
 samples. That bends what jumps (the sign of a speed at a reversal) by a few per cent of the friction, which an
 identification could not afford and a search for mistakes, which are larger by far, can. Joints and pistons then move as
-the sensor says that is chosen for each.
+the sensor has it that is chosen for each.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Samples:
     machine : whose channels they are
     signals : by (quantity, number of the joint)
     dense : the same at the recordings' rate, stretch after stretch, (D,) each, for trials that move them in time
-    at, first, last : (T,) where a sample stands in them, and the ends of its stretch
+    at, first, last : (T,) where a sample is in them, and the ends of its stretch
     recording : (T,) index among the recordings
     time : (T,) s of the recordings' own clocks
     loaded : (T,) False in `unloaded` recordings

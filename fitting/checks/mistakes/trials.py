@@ -51,9 +51,9 @@ WORSE = 1.4
 FINEST_MISFIT, _BADLY = 0.004, 2.0
 #: Sum over the joints of the logarithm of the misfit's fall that a slip has to have: twice by CLEAR, all but.
 _SLIP = 1.5
-#: Of two trials that explain alike, the simpler one is said: within this share of the logarithm's gain.
+#: Of two trials that explain alike, the simpler one is named: within this share of the logarithm's gain.
 ALIKE = 0.12
-#: Nothing tells these apart; so many are named beside the one that is said.
+#: Nothing separates these; so many are named beside the one that is accused.
 THE_SAME, _MOST_ALTERNATIVES = 0.02, 3
 _MOST_MISTAKES, _MOST_ROUNDS = 3, 4
 #: Share of the joints that have to be explained better by a factor where a recording as a whole is in question.

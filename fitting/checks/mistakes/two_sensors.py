@@ -48,7 +48,7 @@ from fitting.signals.rods import with_declared_rods
 AGREE, NEAR = 0.08, 0.15
 #: What is left after the right trial, and how much better it has to be.
 _LEFT, _CLEAR = 0.04, 3.0
-#: What leaves up to this many times as much as the one that is said, or less than this, explains as well.
+#: What leaves up to this many times as much as the one that is named, or less than this, explains as well.
 _THE_SAME, _LEAST, _MOST_ALTERNATIVES = 1.1, 0.002, 3
 #: A joint's two sensors disagree in one recording only: by this share of the motion, and so many times the usual.
 _ALONE_OFF, _TIMES = 0.03, 6.0

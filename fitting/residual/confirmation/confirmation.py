@@ -19,7 +19,7 @@ _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
 #: Share by which no joint may get worse on `validate`, and the chance that a right model is refused for any joint.
 MOST_WORSE, REFUSES_RIGHT = 0.01, 0.001
-#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can tell.
+#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can show it.
 MISSES_RIGHT = 0.01
 
 
@@ -105,7 +105,7 @@ def _percent(before: Any, after: Any) -> Any:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves of one joint beyond its noise.
+    """Misfit of one joint beyond its noise.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
         rows += len(white)
     if not rows:
         return Misfit(0.0, 0.0)
-    # The sum counts structure twice; the pair's two segments stand for all loaded ones.
+    # The sum counts structure twice; the pair's two segments represent all loaded ones.
     scale = 0.5 * len(model.fit.residual[joint]) / rows
     return Misfit(scale * (together - apart), (together - apart) / float(2.0 * np.sqrt(rows)))
 
@@ -166,7 +166,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
 
 @dataclass(frozen=True)
 class OnValidate:
-    """What a better model does to the whitened residual of the validation segments.
+    """Change of the whitened residual of the validation segments by a better model.
 
     If it is right, the residual it leaves, ``u``, is noise and what its parameters' errors make, of covariance ``V =
     s^2 (I + X C X')``; the other model's is ``u - d``. The chi-square then falls by ``d'd - 2 u'd``.
@@ -195,12 +195,12 @@ class OnValidate:
 
     @property
     def has_power(self) -> bool:
-        """Whether a right model would be confirmed here in all but one case of a hundred."""
+        """True where a right model would be confirmed here in all but one case of a hundred."""
         return self.expected > CONFIRMED + float(stats.norm.isf(MISSES_RIGHT)) * self.spread
 
     @property
     def refutes(self) -> bool:
-        """Whether the rows speak against it as clearly as they have to for it, or are silent where they could speak.
+        """True where the rows speak against it as clearly as they have to for it, or are silent where they could speak.
 
         The rows' density knows how uncertain the parameters are; what is handed out has their means. Neither may.
         """

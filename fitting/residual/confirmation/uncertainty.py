@@ -5,15 +5,15 @@ Three things make the standard deviations of a least-squares fit too small once 
 shapes
     An effect's formula has parameters that are not linear (a Stribeck speed, an onset, a resonance), which were
     searched; each gets a column, the formula's derivative by its relative change, so that linear parameters share its
-    doubt.
+    uncertainty.
 laws
-    What part of a law of unknown physics lies in the base's own columns cannot be told, and is expected to be twice as
-    large as what was found beside them. And what parameters move by when the law is added is doubt as well: the law is
+    What part of a law of unknown physics lies in the base's own columns is unknown, and is expected to be twice as
+    large as what was found beside them. And by what parameters move when the law is added is uncertain: the law is
     a spline, not nature's formula.
 noise
     The spectrum that rows were whitened by was estimated (:mod:`fitting.regression.freedom`). And where a joint's
     whitened residual is refused as white and normal noise, or an effect was found there whose formula need not be
-    nature's, its rows count with what their scores say of themselves (a sandwich, Newey and West's).
+    nature's, its rows count with the variance of their scores (a sandwich, Newey and West's).
 
 Source: G. Seber and C. Wild, *Nonlinear Regression*, 1989, section 2.1 (linear approximation).
 """
@@ -41,7 +41,7 @@ from fitting.signals.filters import FilterBank
 _STEP, _SHAPE_STD = 0.004, 0.5
 #: The share of an unknown law that lies in the base's columns, in units of what lies beside them.
 _HIDDEN = 2.0
-#: Chance that white and normal noise is refused as such, and rows of a stretch that say something of its spectrum.
+#: Chance that white and normal noise is refused as such, and rows of a stretch that show something of its spectrum.
 REFUSED, _SHORTEST = 1e-3, 32
 #: Share of the bandwidth below which whitened noise is flat: the filter falls around it.
 _INSIDE = 0.9
