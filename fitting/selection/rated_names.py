@@ -11,9 +11,9 @@ from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect, Parity
 from fitting.effects.bounds import limits
 from fitting.residual.laws import Law
-from fitting.residual.scoring import Candidates, Score
+from fitting.residual.scoring import Score
 from fitting.residual.surfaces import Surface
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.decision import Family, Rated, family
 from fitting.selection.evidence import (
@@ -44,23 +44,15 @@ class RatedNames:
 
     Parameters
     ----------
-    candidates : with their columns
-    model : what is there
-    sizes, trust : how large effects can be, and which share of their gain counts
+    sizes, trust : how large effects can be, and which share of the candidates' gains counts
     laws : numbers of the laws of one signal, by joint, signal, neighbour, sign and load
     overtones : number of a name to the number of its overtone
     """
 
     def __init__(
-        self,
-        candidates: Candidates,
-        model: Model,
-        sizes: Sizes,
-        trust: Trust,
-        laws: Mapping[tuple[object, ...], int],
-        overtones: Mapping[int, int],
+        self, sizes: Sizes, trust: Trust, laws: Mapping[tuple[object, ...], int], overtones: Mapping[int, int]
     ) -> None:
-        self._candidates, self._model, self._sizes, self._trust = candidates, model, sizes, trust
+        self._candidates, self._model, self._sizes, self._trust = trust.candidates, trust.model, sizes, trust
         self._laws, self._mixed = laws, overtones
 
     def of_families(

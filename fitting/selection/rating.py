@@ -45,7 +45,7 @@ class Rating:
         overtones: Mapping[int, int] | None = None,
         settled: bool = False,
     ) -> None:
-        self._visible, self._settled, self._terms = visible, settled, candidates.terms
+        self._visible, self._settled = visible, settled
         self._inflations: dict[int, float] = {}
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
@@ -55,8 +55,8 @@ class Rating:
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
         self._trust = Trust(candidates, model)
         sizes = Sizes(model, visible, self._failed)
-        self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
-        self._laws = RatedLaws(candidates, sizes, self._trust)
+        self._names = RatedNames(sizes, self._trust, keys, overtones or {})
+        self._laws = RatedLaws(sizes, self._trust)
 
     def rated(self, scores: Mapping[int, Score], surfaces: Sequence[Score] = ()) -> list[Rated]:
         """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
@@ -113,7 +113,7 @@ class Rating:
         found = refined(model, rated.score)
         if found is rated.score or found.term == rated.term:
             return rated
-        terms = [found.term, rated.term, *(self._terms[n] for n in self._names.own_laws(found.term))]
+        terms = [found.term, rated.term, *(self._trust.candidates.terms[n] for n in self._names.own_laws(found.term))]
         effect = found.term.content
         overtone = effect.overtone(found.term.shape) if isinstance(effect, Effect) else None
         if overtone is not None:

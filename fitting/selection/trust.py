@@ -76,7 +76,7 @@ class Trust:
     """
 
     def __init__(self, candidates: Candidates, model: Model) -> None:
-        self._candidates, self._model = candidates, model
+        self.candidates, self.model = candidates, model
         self._shares: dict[int, float] = {}
 
     def of(self, number: int) -> float:
@@ -104,8 +104,8 @@ class Trust:
         """Compute the noise inflation, by joint, of the rows that show the most probable there."""
         result = {}
         for joint, score in heads.items():
-            shown = Candidates(self._model, [score.term], [1]).shown(self._model, 0, score.values)
-            result[joint] = Leftover.of(self._model, shown).inflation(shown)
+            shown = Candidates(self.model, [score.term], [1]).shown(self.model, 0, score.values)
+            result[joint] = Leftover.of(self.model, shown).inflation(shown)
         return result
 
     def divide(self, inflations: Mapping[int, float], scores: Mapping[int, Score]) -> None:
@@ -165,7 +165,7 @@ class Trust:
             for other, columns in _places(others, scores).items():
                 if place == other or None in (place, other):
                     one, two = [names[k] for k in rows], [others[k] for k in columns]
-                    cross = self._candidates.cross_products(self._model, one, two)
+                    cross = self.candidates.cross_products(self.model, one, two)
                     first, second = [scores[n] for n in one], [scores[n] for n in two]
                     mutual = _explained(first, second, cross.T) * _explained(second, first, cross).T
                     alike[np.ix_(rows, columns)] = mutual

@@ -138,17 +138,28 @@ def mapped(key: tuple[str, int], gain: float, offset: float = 0.0) -> Build:
 def sensor(
     texts: tuple[str, str, str], number: int, quantity: str, gain: float, offset: float = 0.0, price: float = 1.0
 ) -> Hypothesis:
-    """Suppose that a joint's position sensor is right only times ``gain``, and ``offset`` more (SI)."""
+    """Suppose that a joint's position sensor is right only times a gain, with an offset.
+
+    Parameters
+    ----------
+    texts : code, text and cure
+    number, quantity : of the joint, and which of its sensors
+    gain, offset : what its values are taken times, and what is added, m or rad
+    price : as of :class:`Hypothesis`
+    """
     build = mapped((quantity, number), gain, offset)
     factor = offset if gain == 1.0 else gain
     return Hypothesis(*texts, (number,), build, (quantity,), factor=factor, price=price)
 
 
 def misread(machine: Machine, number: int, quantity: str, price: float) -> Iterator[Hypothesis]:
-    """List what a joint's position sensor may be misread as.
+    """List what a joint's position sensor may be misread as: the other way (a piston's zero is at the other end then),
+    in another unit, or in another scale.
 
-    It counts the other way (a piston's zero is at the other end then), has another unit, or another scale, at its
-    ``price``.
+    Parameters
+    ----------
+    number, quantity : of the joint, and which of its sensors
+    price : of another scale
     """
     joint, piston = machine.joints[number], quantity == "piston_position"
     channel = machine.channel(quantity, joint.name)
@@ -165,7 +176,14 @@ def misread(machine: Machine, number: int, quantity: str, price: float) -> Itera
 def exchanged(
     machine: Machine, quantities: Sequence[str], first: int, second: int, key: str = "exchanged_channels"
 ) -> tuple[str, Sentence, Sentence]:
-    """Word the finding on two joints' channels that look exchanged."""
+    """Word the finding on two joints' channels that look exchanged.
+
+    Parameters
+    ----------
+    quantities : of the channels
+    first, second : numbers of the joints
+    key : of the texts
+    """
     one, other = (machine.joints[number].name for number in (first, second))
     return worded(key, what=" and ".join(q.replace("_", " ") for q in quantities), first=one, second=other)
 

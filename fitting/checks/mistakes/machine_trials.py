@@ -26,7 +26,14 @@ TILTS, ZEROS = (-0.15, -0.08, -0.03, 0.03, 0.08, 0.15), (-0.1, -0.05, 0.05, 0.1)
 
 
 def changed_joint(machine: Machine, number: int, part: str, key: str, value: float) -> Machine:
-    """Return the machine with a number of a joint's ``dh`` or ``linkage`` changed, unvalidated."""
+    """Return the machine with a number of one joint changed, unvalidated.
+
+    Parameters
+    ----------
+    number : of the joint
+    part : ``dh`` or ``linkage``
+    key, value : of the number there, m or rad
+    """
     joint = machine.joints[number]
     if part == "dh":
         new = joint.model_copy(update={"dh": joint.dh.model_copy(update={key: value})})

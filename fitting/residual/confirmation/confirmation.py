@@ -211,7 +211,14 @@ class OnValidate:
 def on_validate(
     before: Model, after: Model, validate: Sequence[int], joints: Sequence[int] | None = None
 ) -> OnValidate:
-    """Compare ``after`` with ``before`` on the validation segments, some ``joints`` together; None: all of them."""
+    """Compare a model with another one on the validation segments.
+
+    Parameters
+    ----------
+    before, after : the models
+    validate : numbers of the segments
+    joints : those that are taken together; None: all of them
+    """
     joints = range(len(before.design.machine.joints)) if joints is None else joints
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
     start, entered = len(before.fit.theta), False
