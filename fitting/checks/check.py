@@ -173,12 +173,8 @@ def _usable(
             gain = next((g for g, unit in options.items() if unit == finding.says), None)
             if gain is None:
                 return [], False
-            kept = [
-                replace(r, values={**r.values, channel.name: gain * r.values[channel.name]})
-                if channel.name in r.values
-                else r
-                for r in kept
-            ]
+            name = channel.name
+            kept = [replace(r, values={n: gain * v if n == name else v for n, v in r.values.items()}) for r in kept]
     return kept, any(r.role != "unloaded" for r in kept)
 
 

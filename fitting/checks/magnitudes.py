@@ -217,19 +217,9 @@ def _too_little(
     inside = seen[0] / factor > allowed[0] - 0.1 * width and seen[1] / factor < allowed[1] + 0.1 * width
     if factor > 0.05 or span > _TINY * width or span / factor < 0.1 * width or not inside:
         return []
-    return [
-        finding_of(
-            "unit/too_little",
-            declared=channel.unit,
-            says=unit,
-            joint=channel.joint,
-            channel=channel.name,
-            before=span / width,
-            after=span / factor / width,
-            unit="of the limits",
-            strength=6.0,
-        )
-    ]
+    who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "declared": channel.unit, "says": unit}
+    before, after = span / width, span / factor / width
+    return [finding_of("unit/too_little", before=before, after=after, unit="of the limits", strength=6.0, **who)]
 
 
 def _together(found: list[Finding], machine: Machine) -> list[Finding]:

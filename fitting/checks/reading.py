@@ -132,15 +132,8 @@ def read_leniently(
 
 def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> Finding:
     """Report an encoder of one turn that begins anew within the motion, corrected on reading."""
-    return Finding(
-        "wrap",
-        wrap_text(path, channel.name, rows, time),
-        Sentence("fitting.nothing_done_turns_put"),
-        joint=channel.joint,
-        channel=channel.name,
-        recording=str(path),
-        severity="note",
-    )
+    text, cure = wrap_text(path, channel.name, rows, time), Sentence("fitting.nothing_done_turns_put")
+    return Finding("wrap", text, cure, channel.joint, channel.name, recording=str(path), severity="note")
 
 
 def _units(metadata: Mapping[str, str]) -> dict[str, str]:

@@ -293,11 +293,10 @@ def _gaps(
 ) -> tuple[float, float]:
     """Compute the RMS of a joint's filtered gap as measured, and less the findings, m."""
     plain, indices = session.plain, prepared.validate or prepared.fitted
-    views = [model.views[i][joint] for i in indices if prepared.design.segments[i].loaded]
     explained = []
-    for view in views:
-        changes = [score.effect.gap_change(view, score.shape, score.values) for score in driven]
-        explained.append(np.sum([c for c in changes if c is not None], axis=0) if changes else np.zeros(len(view)))
+    for view in (model.views[i][joint] for i in indices if prepared.design.segments[i].loaded):
+        changes = (score.effect.gap_change(view, score.shape, score.values) for score in driven)
+        explained.append(sum((own for own in changes if own is not None), np.zeros(len(view))))
     before = gap_error(plain.design, plain.validate or plain.fitted, joint)
     return before, gap_error(prepared.design, indices, joint, explained)
 

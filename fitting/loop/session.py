@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Machine, load_machine
@@ -429,7 +428,8 @@ class Session:
         """Refuse recordings in none of which a joint moves; noise alone seems to move for a moment now and then."""
         design = self.plain.design
         indices, least = design.indices(*roles), _MOVING_S * self.bank.reduced_rate_hz
-        if indices and not any(_longest(blocks[i].keep) >= least for i in indices for blocks in design.blocks):
+        moving = (run for i in indices for blocks in design.blocks for run in runs(blocks[i].keep))
+        if indices and not any(run.stop - run.start >= least for run in moving):
             files = ", ".join(r.file for r in self.recordings if r.role in roles)
             raise RecordingError("fitting.no_joint_moves", files=files, consequence=consequence)
 
@@ -461,8 +461,3 @@ class Session:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
             raise RecordingError("fitting.motion_not_excite", files=files, names=names)
-
-
-def _longest(chosen: npt.NDArray[np.bool_]) -> int:
-    """Return the length of the longest run of True."""
-    return max((run.stop - run.start for run in runs(chosen)), default=0)

@@ -101,9 +101,9 @@ class Rating:
     def _surface(self, score: Score, prior: float, rated: Sequence[Rated]) -> Rated:
         """Rate a surface beside the laws that were rated, each of log prior odds ``prior``."""
         joint = score.term.joint or 0
-        laws = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Law)]
-        against = laws[0].against if laws else 0.0
-        return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
+        laws = (r.against for r in rated if r.term.joint == joint and isinstance(r.term.content, Law))
+        share = 1.0 / self._inflations.get(joint, 1.0)
+        return self._laws.of_surface(joint, score, prior, share, next(laws, 0.0))
 
     def at_best_shape(self, rated: Rated, model: Model) -> Rated:
         """Search the shape of a name between the grid's, and rate the result.

@@ -17,11 +17,10 @@ Targets: TypeAlias = Mapping[int, Mapping[str, float]]
 Build: TypeAlias = Callable[[Trial, Targets], tuple[Trial, Targets]]
 #: Factor by which the misfit of a joint has to fall for an accusation.
 CLEAR = 2.2
-_DEGREE = 180.0 / np.pi
 #: Units of a quantity, by its SI unit, with their size in SI.
 _UNITS: dict[str, dict[str, float]] = {
     "Pa": {"bar": 1e5, "kPa": 1e3, "psi": 6894.757, "MPa": 1e6, "hPa (mbar)": 1e2, "Pa": 1.0},
-    "rad": {"rad": 1.0, "deg": 1 / _DEGREE, "mrad": 1e-3, "turn": 2 * np.pi, "grad": np.pi / 200},
+    "rad": {"rad": 1.0, "deg": 1 / (180.0 / np.pi), "mrad": 1e-3, "turn": 2 * np.pi, "grad": np.pi / 200},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "um": 1e-6},
     "N": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.448222},
     "N m": {"N m": 1.0, "kN m": 1e3, "N mm": 1e-3, "kgf m": 9.80665, "lbf ft": 1.355818, "N cm": 1e-2},
