@@ -67,7 +67,6 @@ class Recorder(Protocol):
         HilfitError
             If it cannot be recorded; nothing is identified then.
         """
-        ...
 
 
 class Identified(Protocol):
@@ -76,20 +75,16 @@ class Identified(Protocol):
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Explanations, the most probable first."""
-        ...
 
     @property
     def found(self) -> bool:
         """True where anything was found at all: where nothing is missing there is nothing to close."""
-        ...
 
     def question(self) -> Asked | None:
         """Return the motion most informative beside these recordings; None if there is none, or nothing is open."""
-        ...
 
     def with_recording(self, recording: Recording) -> Self:
         """Identify again with all recordings and this one."""
-        ...
 
 
 Kind = TypeVar("Kind", bound=Identified)

@@ -162,7 +162,6 @@ class Described(Protocol):
     @property
     def machine(self) -> Machine:
         """The machine."""
-        ...
 
 
 class Session:

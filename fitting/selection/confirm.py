@@ -30,23 +30,18 @@ class Signals(Protocol):
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
         """Compute terms' gains on replicas of the recordings in which the model is the whole truth."""
-        ...
 
     def misfit(self, model: Model, joint: int) -> Misfit:
         """Compute what the model leaves of a joint that two runs of one motion share."""
-        ...
 
     def rebuilt(self, model: Model) -> Model:
         """Move the model's last term into the signals as far as it can be."""
-        ...
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
         """Return the model with its effort moved against that delay and, as far, with it; in one noise."""
-        ...
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Refit afresh with these terms on signals corrected by them."""
-        ...
 
 
 @dataclass(frozen=True)
