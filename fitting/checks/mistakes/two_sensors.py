@@ -26,18 +26,7 @@ from daq.recordings.recording import Recording
 from fitting.arm.linkage import parameter_names
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of, worded
-from fitting.checks.mistakes.channel_trials import (
-    DELAYS,
-    RATES,
-    delayed,
-    exchange,
-    exchanged,
-    fast,
-    late,
-    misread,
-    sensor,
-    stretched,
-)
+from fitting.checks.mistakes import channel_trials as trials
 from fitting.checks.mistakes.hypothesis import Hypothesis
 from fitting.checks.mistakes.machine_trials import changed_joint, with_joint
 from fitting.checks.mistakes.physical import Trial
@@ -143,24 +132,24 @@ def _options(trial: Trial, number: int, bad: Iterable[int]) -> Iterator[Hypothes
     cylinder = trial.machine.joints[number].cylinder
     assert cylinder is not None
     for quantity in ("joint_position", "piston_position"):
-        yield from misread(trial.machine, number, quantity, 1.4)
+        yield from trials.misread(trial.machine, number, quantity, 1.4)
         for degrees in (90, -90, 180) if quantity == "joint_position" else ():
             texts = worded("offset/sensor", degrees=degrees)
-            yield sensor(texts, number, quantity, 1.0, float(np.deg2rad(degrees)), 1.5)
+            yield trials.sensor(texts, number, quantity, 1.0, float(np.deg2rad(degrees)), 1.5)
         # Exchanged with that of another joint whose sensors contradict each other as well.
         for other in bad:
             if other != number and trial.samples.get(quantity, other) is not None:
-                texts = exchanged(trial.machine, (quantity,), number, other)
-                yield Hypothesis(*texts, (number, other), exchange(quantity, number, other), (quantity,))
+                texts = trials.exchanged(trial.machine, (quantity,), number, other)
+                yield Hypothesis(*texts, (number, other), trials.exchange(quantity, number, other), (quantity,))
     if isinstance(cylinder.linkage, ThreePin):
         yield from _pins(trial.machine, trial.samples, number, cylinder.linkage)
     piston = ("piston_position", number)
-    for delay in (*DELAYS, -0.15, 0.15):
-        texts = worded("clock_offset/sensor", seconds=abs(delay), late=late(delay))
-        yield Hypothesis(*texts, (number,), delayed([piston], delay), piston[:1], factor=delay, price=1.3)
-    for rate in RATES:
-        texts = worded(f"clock_rate/sensor_{fast(rate)}", percent=1e2 * abs(rate))
-        yield Hypothesis(*texts, (number,), stretched([piston], rate), piston[:1], factor=rate, price=1.3)
+    for delay in (*trials.DELAYS, -0.15, 0.15):
+        texts = worded("clock_offset/sensor", seconds=abs(delay), late=trials.late(delay))
+        yield Hypothesis(*texts, (number,), trials.delayed([piston], delay), piston[:1], factor=delay, price=1.3)
+    for rate in trials.RATES:
+        texts = worded(f"clock_rate/sensor_{trials.fast(rate)}", percent=1e2 * abs(rate))
+        yield Hypothesis(*texts, (number,), trials.stretched([piston], rate), piston[:1], factor=rate, price=1.3)
 
 
 def _pins(machine: Machine, samples: Samples, number: int, linkage: ThreePin) -> Iterator[Hypothesis]:
