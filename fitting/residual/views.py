@@ -52,17 +52,9 @@ class SegmentViews(Sequence[tuple[DriveView, ...]]):
 
     def _views(self, number: int) -> tuple[DriveView, ...]:
         segment, (forces, loads) = self._design.segments[number], self._efforts[number]
-        return views_of_segment(
-            self._design,
-            self._theta,
-            in_memory(segment) if self._design.stored else segment,
-            forces,
-            loads,
-            partial(self._pressures, number),
-            self._ranges,
-            self._starts,
-            self._loaded,
-        )
+        segment, pressures = in_memory(segment) if self._design.stored else segment, partial(self._pressures, number)
+        known = pressures, self._ranges, self._starts, self._loaded
+        return views_of_segment(self._design, self._theta, segment, forces, loads, *known)
 
     @cached_property
     def _starts(self) -> dict[int, float]:
