@@ -15,8 +15,8 @@ Hooks and why they are there:
     A fit that needs a negative friction coefficient is no explanation, however small its residual.
 ``applies``
     An effect of chambers needs pressures, one of a cylinder a cylinder.
-``discrete_shapes``, ``shape_units``, ``shape_steps``
-    What of a shape is a choice, in which unit the rest is, and how finely it has to be searched.
+``discrete_shapes``, ``shape_units``
+    What of a shape is a choice, and in which unit the rest is.
 ``body_columns``
     Where an effect is a change of the rigid body it says which, and the model's exports write that out.
 """
@@ -303,8 +303,6 @@ class Effect(ABC):
     discrete_shapes: ClassVar[frozenset[str]] = frozenset()
     #: Units of entries of its shapes that are numbers; without one an entry is a number, or a choice if discrete.
     shape_units: ClassVar[Mapping[str, str]] = {}
-    #: Largest relative step of the search between the grid's values, of entries with many narrow peaks.
-    shape_steps: ClassVar[Mapping[str, float]] = {}
     #: True where the joint's effort itself is moved in time; the column is only the beginning of what that does.
     delays_effort: ClassVar[bool] = False
     #: True where what it does to positions is between the sensors: both are right, each for its own side.

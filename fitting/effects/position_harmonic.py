@@ -27,7 +27,6 @@ class PositionHarmonic(Effect):
         Parameter("b", "N"),
     )
     shape_units: ClassVar[Mapping[str, str]] = {"pitch": "m"}
-    shape_steps: ClassVar[Mapping[str, float]] = {"pitch": 0.02}
     discrete_shapes = frozenset({"odd"})
     confounders = ("encoder_eccentricity", "supply_ripple")
     experiment = "change the speed: a harmonic stays in x, a ripple in t"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from fitting.effects.base import Effect
 from fitting.residual.scoring import Score, score_terms
@@ -17,26 +20,31 @@ _BEYOND = 1.25
 def refined(model: Model, score: Score) -> Score:
     """Refine the score's shape between the grid's neighbours, one continuous shape parameter after the other.
 
-    Steps are halved from half a value down to :data:`_FINEST` of it: a lightly damped resonance is that narrow. A
-    second round, of small steps, follows where parameters pull at each other.
+    Steps are halved from those to the grid's neighbours, half a value at most, down to :data:`_FINEST` of it: a lightly
+    damped resonance is that narrow. A second round, of small steps, follows where parameters pull at each other.
     """
     best = _plain(model, score)
-    keys = [key for key in score.term.shape if key not in score.term.discrete]
-    limits = {key: _limits(model, score.term, key) for key in keys}
-    content = score.term.content
-    steps = content.shape_steps if isinstance(content, Effect) else {}
-    for first in (0.5, 0.05) if len(keys) > 1 else (0.5,):
-        for key in keys:
-            best = _searched(model, best, key, min(first, steps.get(key, first)), limits[key])
+    grids = {key: _grid(model, score.term, key) for key in score.term.shape if key not in score.term.discrete}
+    steps = {key: _to_neighbours(grid, score.term.shape[key]) for key, grid in grids.items()}
+    for first in (0.5, 0.05) if len(grids) > 1 else (0.5,):
+        for key, grid in grids.items():
+            bounds = [value * factor for value in grid for factor in (_BEYOND, 1 / _BEYOND)]
+            best = _searched(model, best, key, min(first, steps[key]), (min(bounds), max(bounds)))
     return score if best.term == score.term else replace(best, grid=score.grid)
 
 
-def _limits(model: Model, term: Term, key: str) -> tuple[float, float]:
-    """Return the range that a shape may be searched in: the grid's, and somewhat beyond."""
+def _grid(model: Model, term: Term, key: str) -> list[float]:
+    """Return the grid's values of a number of a shape; that number alone where the grid has none."""
     assert isinstance(term.content, Effect)
     grid = term.content.shapes(model.views[model.fitted[0]][term.joint or 0])
-    bounds = [shape[key] * factor for shape in grid if key in shape for factor in (_BEYOND, 1 / _BEYOND)]
-    return min(bounds, default=term.shape[key]), max(bounds, default=term.shape[key])
+    return [shape[key] for shape in grid if key in shape] or [term.shape[key]]
+
+
+def _to_neighbours(grid: Sequence[float], value: float) -> float:
+    """Return the larger of the relative steps from a value to the grid's on either side; infinite where it has none."""
+    below, above = [other for other in grid if other < value], [other for other in grid if other > value]
+    beside = [*([max(below)] if below else []), *([min(above)] if above else [])]
+    return max((abs(other - value) / abs(value) for other in beside if value), default=np.inf)
 
 
 def _searched(model: Model, best: Score, key: str, span: float, limits: tuple[float, float]) -> Score:

@@ -119,7 +119,7 @@ def create(
     """Make a schedule; its first slot is the next one from now. One ``Idempotency-Key`` makes one schedule."""
 
     def make() -> str:
-        schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}", service.now())
+        schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}")
         service[Schedules].add(schedule)
         return schedule.id
 
@@ -180,7 +180,8 @@ def list_slots(id: str, service: ServiceDep, limit: Limit = 50) -> SlotList:
     return SlotList(items=[*service[Schedules].slots(id, limit)])
 
 
-def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Schedule:
+def _checked(service: Service, wish: ScheduleWish, id: str, created: str | None = None) -> Schedule:
+    """Return the schedule of a wish; by default it is made at this moment of the schedules' clock."""
     service[Machines].get(wish.machine)
     now = service[ScheduleClock].now()
     slots.check(wish.cron, wish.timezone, now)
@@ -200,7 +201,7 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str) -> Sch
         **wish.model_dump(include={"machine", "cron", "timezone", "enabled"}),
         plan=wish.plan(),
         considered=as_stored(now),
-        created=created,
+        created=created or as_stored(now),
     )
 
 

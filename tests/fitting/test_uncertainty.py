@@ -113,6 +113,19 @@ def test_a_search_does_not_leave_what_is_plausible() -> None:
     assert 0.8 <= found.term.shape["n"] <= 2.5
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("cycles", [3.6, 4.4, 11.1, 30.4])
+def test_a_search_reaches_a_pitch_between_any_two_of_the_grid(cycles: float) -> None:
+    span = clean_session().base_model.views[0][1].range.span
+    pitch = span / cycles
+    model = session_with(lambda x, v: 80.0 * np.sin(2 * np.pi * x / pitch)).base_model
+    harmonic = effect("position_harmonic")
+    shapes = [shape for shape in harmonic.shapes(model.views[model.fitted[0]][1]) if not shape["odd"]]
+    scores = score_terms(model, [Term(harmonic, 1, shape) for shape in shapes], [1] * len(shapes))
+    found = refined(model, max(scores, key=lambda score: score.gain))
+    assert found.term.shape["pitch"] == pytest.approx(pitch, rel=0.008)
+
+
 def noisy(kind: str, seed: int) -> tuple[Session, Model, list[np.ndarray]]:
     """The clean arm with made-up whitened residuals: white on joint 1, and of a kind on joint 2."""
     session, rng = clean_session(), np.random.default_rng(seed)
