@@ -121,6 +121,21 @@ def test_a_position_that_stops_and_starts_at_full_speed_has_a_frozen_sensor() ->
     assert signal_findings(alone, recording) == []
 
 
+@pytest.mark.parametrize("resolution", [0.3, 1.5, 2.5])
+def test_a_pressure_that_freezes_at_its_floor(resolution: float) -> None:
+    """A drained chamber has few levels, that repeat: six seconds of one of them, of a joint that moves, are none."""
+    rng = np.random.default_rng(3)
+
+    def floor(v: np.ndarray) -> np.ndarray:
+        low = np.maximum(v, np.percentile(v, 60)) + rng.normal(0.0, 800.0, len(v))
+        return np.round(low / (resolution * 800.0)) * resolution * 800.0
+
+    drained = spoilt("joint1.rod", floor)
+    assert "frozen" not in [own.code for own in signal_findings(MACHINE, drained)]
+    frozen = spoilt("joint1.rod", with_rows(slice(600, 900), lambda v: v[600]), drained)
+    assert named(signal_findings(MACHINE, frozen)) == [("frozen", "joint1.rod")]
+
+
 def test_pressures_in_bar_in_one_recording_are_said_of_it_alone() -> None:
     names = [c.name for c in MACHINE.channels if c.quantity.endswith("pressure")]
     other = replace(SOUND[1], values={**SOUND[1].values, **{n: 1e-5 * SOUND[1].values[n] for n in names}})
