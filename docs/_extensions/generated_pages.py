@@ -133,7 +133,7 @@ def machine_file() -> Iterator[str]:
 
 def report() -> Iterator[str]:
     """Document every key of a report."""
-    from fitting.report.schema import SCHEMA, json_schema
+    from fitting.report.schema.definition import SCHEMA, json_schema
 
     yield "# Report"
     yield ""

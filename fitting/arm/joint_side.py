@@ -1,6 +1,6 @@
 """Recordings as the fitting wants them: motion and efforts at the joints, and a pressure for every chamber.
 
-A machine file may say that motors are measured instead of joints. Motors stand at ``q_motor = R q``, and by virtual
+A machine file may have motors that are measured instead of joints. Motors are at ``q_motor = R q``, and by virtual
 work (``tau dq = tau_motor dq_motor``) their efforts act on the joints as ``tau = R' tau_motor``. ``R`` is the
 diagonal of gear ratios, with a further entry in a row where a motor turns with another joint too (a coupled wrist:
 Khalil and Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4).
@@ -138,13 +138,7 @@ def _solved(
     places = list(unknown)
     if places:
         R = machine.ratios[places]
-        motors = np.column_stack([recording.values[_channel(machine, quantity, n)] for n in places])
+        motors = _measured(machine, recording, quantity)[:, places]
         others = [n for n in range(len(machine.joints)) if n not in places and R[:, n].any()]
         known[:, places] = np.linalg.solve(R[:, places], (motors - known[:, others] @ R[:, others].T).T).T
     return known
-
-
-def _channel(machine: Machine, quantity: str, number: int) -> str:
-    channel = machine.channel(quantity, machine.joints[number].name)
-    assert channel is not None  # the machine file guarantees it
-    return channel.name

@@ -76,7 +76,7 @@ def register(app: typer.Typer) -> None:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What every kind of motion needs."""
+    """Options that every kind of motion needs."""
 
     machine: Machine
     base: BaseParameters
@@ -236,17 +236,14 @@ def _read(path: Path, machine: Machine) -> Motion | Recording:
     return read_recording(path, machine, "unloaded" if role == "unloaded" else "operation")
 
 
-def _unpinned(item: Motion | Recording) -> bool:
-    return item.rods == "unpinned" if isinstance(item, Motion) else item.role == "unloaded"
-
-
 def _whole_arm(
     plan: _Plan, options: ExcitationOptions, count: int, there: Sequence[Motion | Recording], forecast: bool
 ) -> list[tuple[Motion, dict[str, Any]]]:
     options = _asked(options, plan)
     gathered = np.zeros((len(plan.base), len(plan.base)))
     for item in there:
-        if forecast and _unpinned(item):  # tells nothing of the links, but shows effects of the cylinders
+        unpinned = item.rods == "unpinned" if isinstance(item, Motion) else item.role == "unloaded"
+        if forecast and unpinned:  # tells nothing of the links, but shows effects of the cylinders
             continue
         if isinstance(item, Recording):
             gathered += information_of_recording(plan.machine, plan.base, item)

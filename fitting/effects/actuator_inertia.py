@@ -20,12 +20,10 @@ class ActuatorInertia(Effect):
     parity = Parity.OTHER
     dependence = "own acceleration only"
     parameters = (Parameter("J", "kg m^2", low=0.0),)
-    confounders = ()
     experiment = "report it lumped with the link"
     look_at = "nothing is broken: the drive's own inertia belongs into the model"
     source = "drive inertia of the standard parameters"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         column = view.segment.qdd[:, view.joint] / view.r
         return (column if view.segment.loaded else np.zeros_like(column))[:, None]

@@ -19,16 +19,12 @@ class AsymmetricFriction(Effect):
     equation = "(f_c+ + f_v+ v) [v > 0]"
     parity = Parity.NEITHER
     dependence = "neither even nor odd in v"
-    parameters = (
-        Parameter("f_c_extending", "N"),
-        Parameter("f_v_extending", "N s/m"),
-    )
+    parameters = (Parameter("f_c_extending", "N"), Parameter("f_v_extending", "N s/m"))
     confounders = ("pressure_offset", "base_tilt")
     experiment = "an offset is also there at rest: hold the arm still at both ends of a stroke"
     look_at = "rod and piston seals of the cylinder, and the zero of its two pressure sensors"
     source = "Janot, Gautier, Brunot, EMPS benchmark, 2019"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         extending = 0.5 * (1.0 + view.s)
         return np.column_stack([extending, np.maximum(view.v, 0.0)])

@@ -1,6 +1,6 @@
-"""What an effect is: the seam `hilfit.effects`.
+"""Interface of an effect: the seam `hilfit.effects`.
 
-An effect is one physical phenomenon that the base model lacks. It says what it is (texts for people), and gives
+An effect is one physical phenomenon that the base model lacks. It describes itself (texts for people), and gives
 regressor columns: what one unit of each of its parameters adds to the drive effort (N at the piston, positive extends),
 given what is known about a joint's motion. Columns are built from the motion and from the *model's* force, never from
 the measured force: a regressor that contains the measurement noise of the very thing it explains fits that noise.
@@ -18,7 +18,7 @@ Hooks and why they are there:
 ``discrete_shapes``, ``shape_units``
     What of a shape is a choice, and in which unit the rest is.
 ``body_columns``
-    Where an effect is a change of the rigid body it says which, and the model's exports write that out.
+    Where an effect is a change of the rigid body it names that, and the model's exports write that out.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from scipy.special import ndtr
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
+from fitting.arm.expected import expected_power, expected_sign
 from fitting.arrays import FloatArray
-from fitting.regression.drive import expected_power, expected_sign
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank
+from fitting.signals.motion_frequency import quiet_motion
 from fitting.signals.preparation import PositionNoise, Segment
-from fitting.signals.quiet_motion import quiet_motion
 
 Shape = Mapping[str, float]
 Level = Literal["cylinder", "joint", "measurement"]
@@ -78,7 +78,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class DriveView:
-    """What an effect may look at: one joint in one segment, ``N`` samples at full rate, SI.
+    """Data that an effect may use: one joint in one segment, ``N`` samples at full rate, SI.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class DriveView:
 
     @property
     def quiet_torque(self) -> FloatArray:
-        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.quiet_motion`."""
+        """The model's load torque, N m (N), for further derivatives: see :mod:`fitting.signals.motion_frequency`."""
         if "quiet_torques" not in self.shared:
             motion = quiet_motion(self.segment, self.noise, self.bank)
             self.shared["quiet_torques"] = base_regressor(self.machine, self.base, *motion) @ self.base_values
@@ -226,13 +226,9 @@ class DriveView:
             self.cache["body_slopes"] = np.array(slopes)
         return self.cache["body_slopes"]
 
-    def speed_of(self, other: int) -> FloatArray:
-        """Return the speed of another joint's driving element."""
-        return self.segment.v[:, other]
-
 
 class Parity(Enum):
-    """How an effect depends on the sense of motion."""
+    """Dependence of an effect on the sense of motion."""
 
     ODD = "odd in v"
     EVEN = "even in v"
@@ -288,6 +284,8 @@ class Effect(ABC):
     source: ClassVar[str]
     #: True where the effect is one of oil and chambers; friction is there in any drive.
     needs_cylinder: ClassVar[bool] = False
+    #: True where both chambers of the cylinder have to be measured.
+    needs_pressures: ClassVar[bool] = False
     #: True where one effect acts on the whole machine (``columns`` then gives all joints at once).
     machine_wide: ClassVar[bool] = False
     #: True where an effect of one joint changes the efforts of all (``columns`` gives all joints at once).
@@ -314,15 +312,18 @@ class Effect(ABC):
 
     def applies(self, machine: Machine, joint: int) -> bool:
         """Return whether the joint can have this effect, and its channels show it."""
-        return machine.joints[joint].cylinder is not None or not self.needs_cylinder
+        if machine.joints[joint].cylinder is None:
+            return not (self.needs_cylinder or self.needs_pressures)
+        return has_pressures(machine, joint) or not self.needs_pressures
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
         """Return the grid of shape parameters; one empty shape if none. ``view`` gives scales (its ranges)."""
         return ({},)
 
     def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Return other joints that the effect may involve, one candidate each; one empty tuple if none."""
-        return ((),)
+        """Return the joints that ``other`` of its shapes may be, one candidate each; one empty tuple without it."""
+        others = [(other,) for other in range(len(machine.joints)) if other != joint]
+        return others if "other" in self.discrete_shapes else ((),)
 
     @abstractmethod
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

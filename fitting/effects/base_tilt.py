@@ -22,10 +22,7 @@ class BaseTilt(Effect):
     equation = "dY/dg (e_1 t_1 + e_2 t_2) pi, e_1 and e_2 across gravity"
     parity = Parity.EVEN
     dependence = "independent of speed; all joints at once"
-    parameters = (
-        Parameter("tilt_1", "rad", low=-0.3, high=0.3),
-        Parameter("tilt_2", "rad", low=-0.3, high=0.3),
-    )
+    parameters = (Parameter("tilt_1", "rad", low=-0.3, high=0.3), Parameter("tilt_2", "rad", low=-0.3, high=0.3))
     confounders = ("encoder_offset", "pressure_offset")
     experiment = "an inclinometer on the base, or the same motion after half a slew turn"
     by_motion = False
@@ -51,10 +48,10 @@ class BaseTilt(Effect):
     def body_columns(self, machine: Machine, shape: Shape) -> Sequence[BodyColumn]:
         """Return the fitted links in fields across gravity."""
         gravity = np.asarray(machine.gravity, dtype=float)
-        return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in across(gravity)]
+        return [BodyColumn(axis * np.linalg.norm(gravity)) for axis in _across(gravity)]
 
 
-def across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _across(gravity: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute two unit vectors across gravity, shape (3,) each."""
     down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
     start = np.eye(3)[int(np.argmin(np.abs(down)))]

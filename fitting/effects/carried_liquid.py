@@ -33,12 +33,10 @@ class CarriedLiquid(Effect):
     source = "Ibrahim, Liquid Sloshing Dynamics, 2005 (equivalent pendulum)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         # A lightly damped resonance is narrow: steps of 5 % keep it within half its width.
         return [{"frequency": f, "zeta": z} for f in geometric(0.4, 1.8, 31) for z in (0.02, 0.08)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         w, zeta, rate = 2 * np.pi * shape["frequency"], shape["zeta"], 2 * view.bank.rate_hz
         # Bilinear transform of H(s), s = rate (1 - z^-1) / (1 + z^-1).
         numerator = w**2 * np.array([1.0, 2.0, 1.0])

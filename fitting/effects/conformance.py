@@ -1,4 +1,4 @@
-"""What every effect must hold to; call it from a test of your own effect::
+"""Requirements that every effect meets; call them from a test of your own effect::
 
     from fitting.effects.conformance import check_effect
 
@@ -23,7 +23,7 @@ import yaml
 from daq.machine.machine_file import Machine, parse_machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arrays import FloatArray
-from fitting.effects.base import DriveView, Effect, Parameter, Parity, Ranges, Shape
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Ranges, Shape, has_both_positions
 from fitting.signals.filters import filter_bank
 from fitting.signals.preparation import PositionNoise, Segment, motion_segment
 
@@ -195,12 +195,7 @@ def _columns(effect: Effect, view: DriveView, shape: Shape, place: str) -> Float
 
 def _both(bench: _Bench) -> list[int]:
     """List joints of a bench with two position sensors."""
-    return [
-        j
-        for j, joint in enumerate(bench.machine.joints)
-        if joint.cylinder is not None
-        and all(bench.machine.channel(k, joint.name) for k in ("joint_position", "piston_position"))
-    ]
+    return [j for j in range(len(bench.machine.joints)) if has_both_positions(bench.machine, j)]
 
 
 def _with_efforts(view: DriveView) -> DriveView:

@@ -21,10 +21,7 @@ class CounterbalanceValve(Effect):
     equation = "-(b_0 + b_1 |v|) [v < 0] tanh(max(F_l, 0) / F_0), or mirrored; F_0 = 0: [F_l > 0]"
     parity = Parity.OTHER
     dependence = "only while an overrunning load is lowered"
-    parameters = (
-        Parameter("b_0", "N", low=0.0),
-        Parameter("b_1", "N s/m", low=0.0),
-    )
+    parameters = (Parameter("b_0", "N", low=0.0), Parameter("b_1", "N s/m", low=0.0))
     discrete_shapes = frozenset({"side"})
     confounders = ("asymmetric_friction",)
     experiment = "move the sensor to the cylinder port"
@@ -33,12 +30,10 @@ class CounterbalanceValve(Effect):
     source = "ISO 8643 (load-holding valves of earth-moving machinery)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         # A valve opens over a band of load; were it as wide as the largest load, it would be friction under load.
         return [{"side": side, "band": band} for side in (1.0, -1.0) for band in (0.0, 0.1, 0.4)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         side, band = shape["side"], shape.get("band", 0.0) * max(view.range.force, 1e-12)
         load = np.maximum(side * view.load, 0.0)
         open_share = np.tanh(load / band) if band else (load > 0).astype(float)

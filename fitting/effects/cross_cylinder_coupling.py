@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
-from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
@@ -32,18 +31,12 @@ class CrossCylinderCoupling(Effect):
         Parameter("b_4", "N s^2/m^2"),
     )
     discrete_shapes = frozenset({"other"})
-    confounders = ()
     experiment = "move the neighbour alone"
     look_at = "the return line that both cylinders share: hose bore, filter, back-pressure"
     source = "Merritt, Hydraulic Control Systems, 1967 (line losses)"
 
-    def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Return every other joint in turn."""
-        return [(other,) for other in range(len(machine.joints)) if other != joint]
-
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
-        speed = view.speed_of(int(shape["other"]))
+        speed = view.segment.v[:, int(shape["other"])]
         return np.column_stack([np.abs(speed), speed**2, speed, speed * np.abs(speed)])
 
     def possible(self, values: Sequence[float], stds: Sequence[float]) -> float:

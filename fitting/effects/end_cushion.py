@@ -23,10 +23,7 @@ class EndCushion(Effect):
     equation = "w^n (k + d v), w = distance inside the cushion, which begins at x_c"
     parity = Parity.OTHER
     dependence = "even and odd parts, only near one end"
-    parameters = (
-        Parameter("k", "N/m^n", low=0.0),
-        Parameter("d", "N s/m^(n+1)", low=0.0),
-    )
+    parameters = (Parameter("k", "N/m^n", low=0.0), Parameter("d", "N s/m^(n+1)", low=0.0))
     shape_units: ClassVar[Mapping[str, str]] = {"n": "1"}
     discrete_shapes = frozenset({"side", "n"})
     confounders = ("linkage_geometry", "hose_stiffness", "gas_spring")
@@ -35,7 +32,6 @@ class EndCushion(Effect):
     source = "ISO 10100 (cylinders, cushioning)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return [
             {"side": side, "share": share, "n": n}
             for side in (-1.0, 1.0)
@@ -44,13 +40,11 @@ class EndCushion(Effect):
         ]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         low, high = _stroke(view)
         depth = shape["share"] * (high - low)
         return {"x_c": (high - depth if shape["side"] > 0 else low + depth, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         low, high = _stroke(view)
         depth = shape["share"] * (high - low)
         inside = np.maximum(0.0, view.x - (high - depth) if shape["side"] > 0 else (low + depth) - view.x)

@@ -33,19 +33,16 @@ class GasSpring(Effect):
     source = "polytropic compression of a gas volume"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return [
             {"side": side, "rest": rest, "n": n} for side in (-1.0, 1.0) for rest in (0.3, 0.6, 1.2) for n in (1.0, 1.4)
         ]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         low, high = view.range.x
         reach = (1.0 + shape["rest"]) * view.range.span
         return {"x_0": (low + reach if shape["side"] > 0 else high - reach, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         low, high = view.range.x
         stroke = (view.x - low if shape["side"] > 0 else high - view.x) / view.range.span
         # No recording that was fitted goes beyond 1; where another does, the gas keeps half of what was left there.

@@ -35,11 +35,9 @@ class HoseStiffness(Effect):
     source = "polynomial of the joint angle, which a spring stiffens; k_0 because nobody knows where the hoses rest"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         return {"q_m": (0.5 * sum(view.machine.joints[view.joint].limits.position), "rad")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         low, high = view.machine.joints[view.joint].limits.position
         angle = view.q - 0.5 * (low + high)
         pull = np.column_stack([angle, np.ones_like(angle), angle**2, angle**3]) / view.r[:, None]

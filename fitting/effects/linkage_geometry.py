@@ -1,4 +1,4 @@
-"""A pin that is not where the machine file says: the lever arm is wrong."""
+"""A pin that is not where the machine file has it: the lever arm is wrong."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fitting.signals.corrections import Corrections
 
 
 class LinkageGeometry(Effect):
-    """A pin that is not where the machine file says: the lever arm is wrong."""
+    """A pin that is not where the machine file has it: the lever arm is wrong."""
 
     id = "linkage_geometry"
     title = "a linkage pin that is not where the machine file says"
@@ -71,7 +71,6 @@ class LinkageGeometry(Effect):
         return [shape for shape in self.shapes(view) if shape["parameter"] >= 0 or shape["zero"]]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, 3); see :class:`Effect`."""
         linkage = _linkage(view)
         if not view.segment.loaded:
             return np.zeros((len(view), 3))
@@ -90,7 +89,7 @@ class LinkageGeometry(Effect):
         number = next(n for n, each in enumerate(machine.joints) if each.name == joint)
         cylinder = machine.joints[number].cylinder
         assert cylinder is not None
-        linkage = changed(reduced(cylinder.linkage), shape, values)
+        linkage = _changed(reduced(cylinder.linkage), shape, values)
         joints = list(machine.joints)
         own = cylinder.model_copy(update={"linkage": linkage})
         joints[number] = joints[number].model_copy(update={"cylinder": own})
@@ -99,10 +98,10 @@ class LinkageGeometry(Effect):
     def gap_change(self, view: DriveView, shape: Shape, values: Sequence[float]) -> FloatArray | None:
         """Compute the same for a displacement of any size."""
         linkage = _linkage(view)
-        return changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
+        return _changed(linkage, shape, values).piston_position(view.q) - linkage.piston_position(view.q)
 
 
-def changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
+def _changed(linkage: Linkage, shape: Shape, values: Sequence[float]) -> Linkage:
     """Change the linkage's parameters by ``values``, as :class:`LinkageGeometry` names them."""
     for number, value in zip(_numbers(linkage, shape), values, strict=True):
         if number is None or not value:

@@ -28,12 +28,10 @@ class LoadDependentFriction(Effect):
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014 (load-dependent joint friction)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         # From friction in proportion to the load to one that starts with its square: a guide has play.
         return [{"knee": share} for share in (0.0, 0.1, 0.4, 1.6)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         largest = max(view.ranges[view.joint].force, 1e-12)
         load, knee = np.abs(view.force) / largest, shape.get("knee", 0.0)
         pressed = (np.hypot(load, knee) - knee) / (np.hypot(1.0, knee) - knee)

@@ -33,11 +33,9 @@ class LubricantFilmLag(Effect):
     source = "Yanada and Sekikawa, Mechatronics 18, 2008 (dynamic friction of hydraulic actuators)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return [{"tau": tau, "n": n} for tau in (0.05, 0.12, 0.3, 0.7) for n in (1 / 3, 1.0)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         steady = np.abs(view.power(shape["n"]))
         blend = 1.0 - np.exp(-1.0 / (view.bank.rate_hz * shape["tau"]))
         film = recursive([blend, 0.0], [1.0, blend - 1.0], steady, [(1.0 - blend) * steady[0]])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
@@ -30,16 +29,10 @@ class PoseDependentFriction(Effect):
     look_at = "the joint's bearing and what bends it in that pose"
     source = "Bittencourt and Axelsson, IEEE Trans. Robotics 30, 2014"
 
-    def variants(self, machine: Machine, joint: int) -> Sequence[tuple[int, ...]]:
-        """Return every other joint in turn."""
-        return [(other,) for other in range(len(machine.joints)) if other != joint]
-
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         return {"q_m": (0.5 * sum(view.machine.joints[int(shape["other"])].limits.position), "rad")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         other = int(shape["other"])
         low, high = view.machine.joints[other].limits.position
         turned = view.segment.q[:, other] - 0.5 * (low + high)

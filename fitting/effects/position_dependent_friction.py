@@ -32,10 +32,8 @@ class PositionDependentFriction(Effect):
     source = "Armstrong-Helouvry, Control of Machines with Friction, 1991 (position-dependent friction)"
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         return {"x_m": (view.range.middle, "m")}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         offset = view.x - view.range.middle
         return np.column_stack([offset**k * view.s for k in range(1, ORDER + 1)])

@@ -22,10 +22,7 @@ class PositionHarmonic(Effect):
     equation = "a sin(2 pi (x - x_m) / pitch) + b cos(2 pi (x - x_m) / pitch), also times sgn v"
     parity = Parity.OTHER
     dependence = "periodic in x"
-    parameters = (
-        Parameter("a", "N"),
-        Parameter("b", "N"),
-    )
+    parameters = (Parameter("a", "N"), Parameter("b", "N"))
     shape_units: ClassVar[Mapping[str, str]] = {"pitch": "m"}
     discrete_shapes = frozenset({"odd"})
     confounders = ("encoder_eccentricity", "supply_ripple")
@@ -34,13 +31,11 @@ class PositionHarmonic(Effect):
     source = "EMPS benchmark: 2.5 mm harmonic of the screw"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         # Fewer than three periods over the stroke are no periodicity that data could show.
         cycles = np.arange(3.25, 40.0, 0.75)
         return [{"pitch": view.range.span / c, "odd": odd} for c in cycles.tolist() for odd in (0.0, 1.0)]
 
     def references(self, view: DriveView, shape: Shape) -> Mapping[str, tuple[float, str]]:
-        """Return values that the formula counts from; see :class:`Effect`."""
         return {"x_m": (view.range.middle, "m")}
 
     def overtone(self, shape: Shape) -> Shape | None:
@@ -48,7 +43,6 @@ class PositionHarmonic(Effect):
         return {**shape, "pitch": 0.5 * shape["pitch"]}
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         key = f"harmonic {shape['pitch']}"  # shared by the even and the odd one
         if key not in view.cache:
             phase = 2 * np.pi * (view.x - view.range.middle) / shape["pitch"]

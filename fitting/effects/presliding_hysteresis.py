@@ -31,17 +31,15 @@ class PreslidingHysteresis(Effect):
     source = "Dahl, AIAA Journal 14, 1976"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         low = max(4 * view.noise[view.joint].position, 0.0005 * view.range.span)
         # Seals shear by less than their own width; over longer distances it is not elastic.
         return [{"x_s": distance} for distance in geometric(low, max(0.02 * view.range.span, 2 * low), 6)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
-        return (dahl_state(view.x, view.s, shape["x_s"]) - view.s)[:, None]
+        return (_dahl_state(view.x, view.s, shape["x_s"]) - view.s)[:, None]
 
 
-def dahl_state(x: FloatArray, sign: FloatArray, distance: float) -> FloatArray:
+def _dahl_state(x: FloatArray, sign: FloatArray, distance: float) -> FloatArray:
     """Solve Dahl's state ``z`` (N,): exact for ``dz/dx = (1 - z s) / distance`` over each step of ``x``."""
     decay = np.exp(-np.abs(np.diff(x)) / distance).tolist()
     target = sign.tolist()

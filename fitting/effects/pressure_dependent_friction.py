@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
-from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_pressures
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class PressureDependentFriction(Effect):
@@ -17,6 +16,7 @@ class PressureDependentFriction(Effect):
     id = "pressure_dependent_friction"
     title = "friction that grows with the chamber pressure"
     level = "cylinder"
+    needs_pressures = True
     variable = "head_pressure"
     equation = "beta p sgn v, p = p1 + p2, p1, p2, or max(p1, p2) + w p2 (piston seal and rod seal)"
     parity = Parity.ODD
@@ -29,18 +29,12 @@ class PressureDependentFriction(Effect):
     look_at = "seals of the cylinder that chamber pressure presses: type and wear"
     source = "Nissing, seal friction of hydraulic cylinders; Zillen, TU Delft data set on seal friction"
 
-    def applies(self, machine: Machine, joint: int) -> bool:
-        """Return whether both chambers are measured."""
-        return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
-
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         chambers = ({"head": 1.0, "rod": 1.0}, {"head": 1.0, "rod": 0.0}, {"head": 0.0, "rod": 1.0})
         # A piston seal is pressed on by the higher of both pressures, the rod's by its own chamber's.
         return (*chambers, *({"head": 0.0, "rod": 0.0, "rod_seal": share} for share in (0.2, 0.8)))
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         # p1 is rebuilt from the model's force, so the noise of neither chamber's own effort enters twice.
         if "rod_seal" in shape:
             pressure = np.maximum(view.p1, view.p2) + shape["rod_seal"] * view.p2

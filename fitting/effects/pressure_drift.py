@@ -35,7 +35,6 @@ class PressureDrift(Effect):
         return [{"tau": 0.0}, *({"tau": share * (end - start)} for share in (0.25, 0.6, 1.5))]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         tau = shape["tau"]
         drift = -tau * np.expm1(-view.clock / tau) if tau else view.clock
         return np.column_stack([drift, np.ones(len(drift))])

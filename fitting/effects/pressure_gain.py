@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
-from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape, has_pressures
+from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
 
 
 class PressureGain(Effect):
@@ -15,6 +14,7 @@ class PressureGain(Effect):
     id = "pressure_gain"
     title = "a wrong gain of a pressure sensor"
     level = "measurement"
+    needs_pressures = True
     variable = "head_pressure"
     equation = "g p1 A1 or -g p2 A2"
     parity = Parity.OTHER
@@ -27,12 +27,7 @@ class PressureGain(Effect):
     look_at = "the pressure sensor's range and scale in the machine file, then the sensor itself"
     source = "transducer data sheets: span error"
 
-    def applies(self, machine: Machine, joint: int) -> bool:
-        """Return whether both chambers are measured."""
-        return machine.joints[joint].cylinder is not None and has_pressures(machine, joint)
-
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return ({"chamber": 1.0}, {"chamber": 2.0})
 
     def signal(self, shape: Shape) -> str:
@@ -40,7 +35,6 @@ class PressureGain(Effect):
         return "head_pressure" if shape["chamber"] == 1.0 else "rod_pressure"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         cylinder = view.machine.joints[view.joint].cylinder
         assert cylinder is not None
         force = view.p1 * cylinder.head_area if shape["chamber"] == 1.0 else -view.p2 * cylinder.rod_area

@@ -27,5 +27,4 @@ class PressureOffset(Effect):
     source = "transducer data sheets: zero error"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return np.ones((len(view), 1))

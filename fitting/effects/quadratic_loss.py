@@ -27,5 +27,4 @@ class QuadraticLoss(Effect):
     source = "Merritt, Hydraulic Control Systems, 1967 (orifice flow)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return (view.v * np.abs(view.v))[:, None]

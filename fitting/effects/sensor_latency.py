@@ -25,5 +25,4 @@ class SensorLatency(Effect):
     source = "first-order expansion of F(t - tau)"
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return -view.bank.rate(view.force)[:, None]

@@ -31,11 +31,9 @@ class Stribeck(Effect):
     source = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30, 1994"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         low = max(4 * view.noise[view.joint].speed, 0.02 * view.range.v)
         speeds = geometric(low, max(0.5 * view.range.v, 1.5 * low), 7)
         return [{"v_s": speed, "delta": delta} for speed in speeds for delta in (1.0, 2.0)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return (view.s * np.exp(-(np.abs(view.v / shape["v_s"]) ** shape["delta"])))[:, None]

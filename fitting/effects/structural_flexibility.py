@@ -1,4 +1,4 @@
-"""A boom that bends: the link is not where the encoder at the cylinder says."""
+"""A boom that bends: the link is not where the encoder at the cylinder shows."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ class StructuralFlexibility(Effect):
     by_motion = False
     look_at = "the link behind the joint: cracks, loose bolts, a boom that gives way"
     source = "Moberg and Hanssen, flexible manipulators (elastic joint, to first order in the compliance)"
-    machine_wide = False
     spreads = True
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:

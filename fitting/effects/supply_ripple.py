@@ -31,7 +31,6 @@ class SupplyRipple(Effect):
     dependence = "a spectral line unrelated to motion"
     parameters = (Parameter("a", "N"), Parameter("b", "N"))
     shape_units: ClassVar[Mapping[str, str]] = {"frequency": "Hz"}
-    confounders = ()
     experiment = "change the pump's speed: the line moves with it"
     by_motion = False
     look_at = "the pump and its accumulator: worn elements, lost gas charge"
@@ -42,7 +41,6 @@ class SupplyRipple(Effect):
         return ({"frequency": 0.5 * view.bank.bandwidth_hz},)
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, 2); see :class:`Effect`."""
         phase = shape.get(f"phase_{view.segment.recording}", 0.0)
         angle = 2 * np.pi * shape["frequency"] * view.clock + phase
         return np.column_stack([np.sin(angle), np.cos(angle)])

@@ -31,10 +31,8 @@ class ThermalViscosityDrift(Effect):
     source = "Merritt, Hydraulic Control Systems, 1967 (viscosity of oil)"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         length = view.range.time[1] - view.range.time[0]
         return [{"tau": share * length} for share in (0.15, 0.4, 1.0, 4.0)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return (view.v * (np.exp(-view.clock / shape["tau"]) - 0.5))[:, None]

@@ -29,9 +29,7 @@ class VelocityRootFriction(Effect):
     source = "observed on a Staubli TX40: n = 1/2"
 
     def shapes(self, view: DriveView) -> Sequence[Shape]:
-        """Return the grid of shapes; see :class:`Effect`."""
         return [{"n": n} for n in (0.15, 0.5, 0.7, 1.5)]
 
     def columns(self, view: DriveView, shape: Shape) -> FloatArray:
-        """Compute columns (N, k); see :class:`Effect`."""
         return view.power(shape["n"])[:, None]

@@ -8,28 +8,18 @@ from __future__ import annotations
 
 from daq.seams import ESTIMATORS
 from fitting.estimators.base import Estimate, Estimator
-from fitting.estimators.context import StageTwo, TakesStage, within
-from fitting.estimators.covariance import Colour, residual_draws
+from fitting.estimators.context import StageTwo, within
+from fitting.estimators.covariance import Colour
 from fitting.estimators.ordinary import OrdinaryLeastSquares
-from fitting.estimators.possible import PossibleFit
-from fitting.estimators.recursive import RecursiveLeastSquares
-from fitting.estimators.ridge import RidgeTowardPrior
-from fitting.estimators.weighted import WeightedLeastSquares
 
 __all__ = [
     "Colour",
     "Estimate",
     "Estimator",
     "OrdinaryLeastSquares",
-    "PossibleFit",
-    "RecursiveLeastSquares",
-    "RidgeTowardPrior",
     "StageTwo",
-    "TakesStage",
-    "WeightedLeastSquares",
     "estimator",
     "estimator_ids",
-    "residual_draws",
     "within",
 ]
 

@@ -1,4 +1,4 @@
-"""Covariance of parameters when the residual is coloured.
+"""Covariance of parameters when the residual is coloured, and rows condensed to equations of unit noise by it.
 
 A machine's residual is filtered noise and what the model lacks, and both hang together over many samples (a crane's
 has autocorrelation 0.93 at 50 ms). The textbook ``sigma^2 (A'A)^-1`` then promises several times too much. With
@@ -19,14 +19,16 @@ Politis and White, Econometric Reviews 23 (2004) 53, with the correction in 28 (
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
+from scipy import linalg, signal
 
 from fitting.arrays import BoolArray, FloatArray, IntArray
-from fitting.estimators.least_squares import Solution
+from fitting.estimators.base import Rows
+from fitting.estimators.least_squares import Solution, solve
 
 #: How a covariance treats colour: a name as above, or a fixed number of lags for a plain Newey-West sum.
 Colour = int | Literal["white", "hac", "bootstrap"]
@@ -208,3 +210,43 @@ def block_length(series: FloatArray) -> int:
     if total > 0:
         b = float((2.0 * G**2 * n / (4.0 / 3.0 * total**2)) ** (1 / 3))
     return min(max(round(b), least), max(least, int(3 * np.sqrt(n))))
+
+
+@dataclass(frozen=True)
+class Information:
+    """``rows theta = target + n``, ``n`` of unit covariance: all that ``A theta = b + e`` holds of ``theta``.
+
+    Attributes
+    ----------
+    solution : least squares of the (weighted) rows
+    covariance : (p, p) of its parameters
+    rows, target : (rank, p), (rank,)
+    """
+
+    solution: Solution
+    covariance: FloatArray
+    rows: FloatArray
+    target: FloatArray
+
+
+def information(rows: Rows, colour: Colour) -> Information:
+    """Condense weighted rows.
+
+    ``Q'A theta = Q'b - Q'e`` with ``Q`` an orthonormal basis of the columns; a Cholesky factor of the covariance of
+    ``Q'e`` makes the noise one. Where too few rows are left to estimate the noise, it counts as one.
+    """
+    root = np.sqrt(rows.weights)
+    A, b = rows.A * root[:, None], rows.b * root
+    solution = solve(A, b)
+    residual = b - A @ solution.theta
+    middle = scores_covariance(solution, residual, colour, rows.group, rows.weights > 0)
+    S = np.eye(solution.rank) * middle if np.ndim(middle) == 0 else np.asarray(middle)
+    # Exact rows have a noise of rounding only; below this they are as good as exact.
+    least = (1e-9 * float(np.linalg.norm(b)) / np.sqrt(max(len(b), 1))) ** 2
+    S = S + least * np.eye(solution.rank) if np.isfinite(S).all() else np.eye(solution.rank)
+    reduced, target = solution.Q.T @ A, solution.Q.T @ b
+    if solution.rank and S.any():
+        L = linalg.cholesky(S, lower=True)
+        reduced = linalg.solve_triangular(L, reduced, lower=True)
+        target = linalg.solve_triangular(L, target, lower=True)
+    return Information(solution, solution.covariance(middle), reduced, target)

@@ -71,7 +71,7 @@ class EffortRows:
 
     @cached_property
     def rows(self) -> IntArray:
-        """How many rows each joint has, (n,)."""
+        """Number of rows of each joint, (n,)."""
         kept = [[self._design.blocks[joint][i].keep for i in self._indices] for joint in self._joints]
         return np.array([sum(int(np.count_nonzero(keep)) for keep in own) for own in kept])
 
@@ -123,7 +123,7 @@ class EffortRows:
 
     @cached_property
     def spread(self) -> float:
-        """What a row of unit noise is divided by: root of the residual's variance, of all joints per degree of
+        """Divisor that makes a row's noise unity: root of the residual's variance, of all joints per degree of
         freedom (:func:`noise_variance`), and of how much longer it is correlated than white noise (:func:`long_run`).
         """
         variance, theta = noise_variance(self.triangles, int(self.rows.sum()))
@@ -138,11 +138,6 @@ class EffortRows:
     def _stacked(self) -> FloatArray:
         """The triangles of all joints, one below the other."""
         return np.vstack(self.triangles)
-
-    @cached_property
-    def _factor(self) -> Factor:
-        """Of their columns, without what is known beforehand."""
-        return factor(self._stacked[:, :-1], self._effects)
 
     @property
     def _effects(self) -> int:
@@ -324,7 +319,7 @@ class EffortRows:
             determined=determined,
             orthonormal=tuple(np.zeros((len(e), 0)) for e in residual),
             residual=tuple(residual),
-            condition_number=self._factor.condition_number,
+            condition_number=factor(self._stacked[:, :-1], self._effects).condition_number,
             share=data_share(found.root @ found.root.T, parameters, prior),
         )
 

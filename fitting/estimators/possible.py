@@ -1,9 +1,9 @@
 """Physically possible base parameters: those of bodies that can exist, and as near to the rows as such can be.
 
 Least squares knows nothing of bodies; with noise it gives links whose inertia no distribution of mass has, and a
-simulator or controller built on them can do the impossible. Here every link's pseudo-inertia stays positive definite
+simulator or controller built on them can do the impossible. Here every link's pseudo-inertia is kept positive definite
 (:mod:`fitting.regression.plausible_arm` with a weight of a thousandth) while the distance to the rows is minimised.
-Rows have the covariance of coloured residuals in them (:mod:`fitting.estimators.information`), so the distance is a
+Rows have the covariance of coloured residuals in them (:mod:`fitting.estimators.covariance`), so the distance is a
 chi-square: the price of what is possible. The weight means nothing against a chi-square; it keeps the links strictly
 inside what is possible, and of all standard parameters that have the same base parameters it picks those nearest to
 plausible links. That choice is a belief, not a measurement; a drawing given as prior takes the place of those links.
@@ -26,7 +26,7 @@ from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.geometry import Geometry
 from fitting.estimators.base import Estimate, Rows
 from fitting.estimators.context import RowsEstimator, StageTwo
-from fitting.estimators.information import Information, information
+from fitting.estimators.covariance import Information, information
 from fitting.estimators.least_squares import residual_std
 from fitting.estimators.weighted import weighted_by_group
 from fitting.regression.body_prior import BodyPrior

@@ -50,19 +50,8 @@ class RecursiveLeastSquares:
         # Factor of the rows at squared weights, for the covariance under forgetting.
         self._squared = np.zeros((columns, columns))
         self._weight = 0.0
-        self._rows = 0
         self._buffer = np.zeros((max(32, 2 * columns), columns + 1))
         self._waiting = 0
-
-    @property
-    def rows(self) -> int:
-        """How many rows came in."""
-        return self._rows
-
-    @property
-    def columns(self) -> int:
-        """Number of parameters ``p``."""
-        return self._columns
 
     def update(self, rows: npt.ArrayLike, target: npt.ArrayLike) -> None:
         """Take in one row (p,) with its target, or a block (k, p) with (k,), oldest first.
@@ -91,7 +80,6 @@ class RecursiveLeastSquares:
             if self._waiting == len(self._buffer):
                 self._factor, self._squared, self._weight = self._current()
                 self._waiting = 0
-        self._rows += len(block)
 
     def _current(self) -> tuple[FloatArray, FloatArray, float]:
         """Return factor, factor at squared weights and sum of weights, waiting rows rotated in."""
@@ -108,9 +96,9 @@ class RecursiveLeastSquares:
         squared = _rotated(faded * self._squared, weights[:, None] * rows[:, :-1])
         return factor, squared, faded * self._weight + float(weights.sum())
 
-    def _solved(self) -> tuple[Solution, FloatArray]:
+    def _solved(self) -> Solution:
         factor, _, _ = self._current()
-        return solve(factor[:-1, :-1], factor[:-1, -1]), factor
+        return solve(factor[:-1, :-1], factor[:-1, -1])
 
     @property
     def theta(self) -> FloatArray:
@@ -129,12 +117,12 @@ class RecursiveLeastSquares:
     @property
     def determined(self) -> BoolArray:
         """Mask of the parameters that the rows determine, (p,)."""
-        return self._solved()[0].determined
+        return self._solved().determined
 
     @property
     def condition_number(self) -> float:
         """Of the weighted rows so far, columns at unit norm; infinite before the first row."""
-        return self._solved()[0].condition_number
+        return self._solved().condition_number
 
     @property
     def residual_std(self) -> float:

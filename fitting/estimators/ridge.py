@@ -15,7 +15,7 @@ import numpy as np
 from daq.errors import InputError
 from fitting.estimators.base import Estimate, Rows
 from fitting.estimators.context import RowsEstimator, StageTwo
-from fitting.estimators.information import information
+from fitting.estimators.covariance import information
 from fitting.estimators.least_squares import residual_std, solve
 from fitting.estimators.weighted import weighted_by_group
 from fitting.regression.body_prior import BodyPrior
@@ -28,7 +28,7 @@ class RidgeTowardPrior(RowsEstimator):
     Attributes
     ----------
     prior : mean and standard deviation of each parameter; None for none, which is weighted least squares
-    names : (p,) of the parameters, for what is said of them
+    names : (p,) of the parameters, for messages about them
     """
 
     name: ClassVar[str] = "ridge"

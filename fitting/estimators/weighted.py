@@ -18,7 +18,7 @@ class WeightedLeastSquares(RowsEstimator):
     """Ordinary least squares first; then again with each group's rows divided by its residual's standard deviation.
 
     The base joint of an arm carries tens of times the effort of its tip, and its noise: unweighted, the tip's own
-    parameters would be told by the base's noise.
+    parameters would be set by the base's noise.
 
     Source
     ------
@@ -34,11 +34,11 @@ class WeightedLeastSquares(RowsEstimator):
 
 def weighted_by_group(rows: Rows) -> Rows:
     """Divide each group's weights by the variance that ordinary least squares leaves in it."""
-    spread = usable_spread(weighted_fit(rows, "white").residual_std, rows)
+    spread = _usable_spread(weighted_fit(rows, "white").residual_std, rows)
     return replace(rows, weights=rows.weights / spread[rows.group] ** 2)
 
 
-def usable_spread(spread: FloatArray, rows: Rows) -> FloatArray:
+def _usable_spread(spread: FloatArray, rows: Rows) -> FloatArray:
     """Return standard deviations (g,) fit to divide by.
 
     A group fitted exactly, or with no freedom left, has no spread of its own: it takes the smallest believable one

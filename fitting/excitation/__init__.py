@@ -1,20 +1,19 @@
-"""Excitation: motions that tell the parameters.
+"""Excitation: motions that determine the parameters.
 
 =================== =====================================================================
-``fourier``         series that start and end at rest
+``fourier``         series that start and end at rest, and random motions, for searches without gradients
 ``objective``       information of a motion, its condition number, and the gradient
 ``limits``          limits and how much of them is used; supply flow and chamber pressure
 ``problem``         an unconstrained problem: free coefficients in, a motion inside its limits out
 ``search``          criterion, penalties, and the minimisation from competing starts
-``design``          one motion, or a sequence that complement each other and what was told already
+``design``          one motion, or a sequence that complement each other and what is determined already
 ``cylinders``       signals for free cylinders (stage 1): band-limited, and a staircase
 ``staircase``       constant speeds, slow to fast
-``experiments``     motions that tell effects apart: staircases, reversals, two poses, a neighbour
-``series``          random Fourier motions, for searches without gradients
+``experiments``     motions that separate effects: staircases, reversals, two poses, a neighbour
 =================== =====================================================================
 """
 
-from fitting.excitation.cylinders import CylinderExcitation, CylinderOptions, design_cylinder_motion
+from fitting.excitation.cylinders import CylinderOptions, design_cylinder_motion
 from fitting.excitation.design import (
     Excitation,
     design_motion,
@@ -22,30 +21,24 @@ from fitting.excitation.design import (
     information_of,
     information_of_recording,
 )
-from fitting.excitation.experiments import KINDS, Arm, Experiment, experiment, menu
+from fitting.excitation.experiments import KINDS, Arm, experiment
 from fitting.excitation.limits import HydraulicLimits, LimitUse, limits_of_machine, limits_used
-from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import ExcitationOptions
 
 __all__ = [
     "KINDS",
     "Arm",
-    "CylinderExcitation",
     "CylinderOptions",
     "Excitation",
     "ExcitationOptions",
-    "Experiment",
     "HydraulicLimits",
     "LimitUse",
-    "condition_of_information",
     "design_cylinder_motion",
     "design_motion",
     "design_sequence",
     "experiment",
-    "information",
     "information_of",
     "information_of_recording",
     "limits_of_machine",
     "limits_used",
-    "menu",
 ]

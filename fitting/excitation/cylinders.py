@@ -75,11 +75,6 @@ class CylinderOptions:
         """Duration of the band-limited part."""
         return self.seconds * (1 - self.staircase)
 
-    @property
-    def levels_that_fit(self) -> int:
-        """Speeds that the staircase really has."""
-        return min(self.levels, max(1, int(self.seconds * self.staircase / (1.5 * LEVEL_SECONDS))))
-
 
 @dataclass(frozen=True)
 class CylinderExcitation:
@@ -190,7 +185,8 @@ def _all_cylinders(
         x[band], xd[band], xdd[band] = _band_limited(options, time[band], middle, band_limits, rng)
         if options.staircase > 0:
             seconds = options.seconds - options.band_seconds
-            stairs = staircase(time[~band] - options.band_seconds, seconds, options.levels_that_fit, *band_limits)
+            levels = min(options.levels, max(1, int(options.seconds * options.staircase / (1.5 * LEVEL_SECONDS))))
+            stairs = staircase(time[~band] - options.band_seconds, seconds, levels, *band_limits)
             x[~band], xd[~band], xdd[~band] = stairs
         x += middle
         columns[joint.name], speed[joint.name], acceleration[joint.name] = x, xd, xdd

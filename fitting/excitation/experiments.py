@@ -9,7 +9,7 @@
 ``free_cylinder``   the joint's rod unpinned: strokes and a staircase without any load
 =================== ================================================================================
 
-A resting joint says nothing of its friction, so the joint under suspicion always moves, if only slowly. Every motion
+A resting joint shows nothing of its friction, so the joint under suspicion always moves, if only slowly. Every motion
 starts and ends at rest; parts are joined by fifth-order steps, so acceleration is continuous.
 """
 
@@ -131,8 +131,6 @@ class Arm:
             return joint_position(
                 each, middle + staircase(time, seconds, levels, half, speed, acceleration, slowest)[0]
             )
-        except NotPossibleError:
-            raise
         except InputError as error:
             raise NotPossibleError(str(error)) from None
 

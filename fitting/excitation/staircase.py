@@ -66,7 +66,7 @@ def staircase(
     for duration, speed in _without_stops(list(chain.from_iterable(reversed(parts)))):
         now += duration
         knots.append((now, speed))
-    return follow(time, knots)
+    return _follow(time, knots)
 
 
 def _without_stops(steps: list[tuple[float, float]]) -> list[tuple[float, float]]:
@@ -131,7 +131,7 @@ def _level(seconds: float, speed: float, half: float, top_acceleration: float) -
     return cycle * cycles
 
 
-def follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _follow(time: FloatArray, knots: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Integrate displacement, speed and acceleration of a piston from rest at 0; exact for the ramps."""
     x, xd, xdd = np.zeros((3, time.size))
     position = 0.0

@@ -1,4 +1,4 @@
-"""What an identification hands over: everything that its prediction is made of, and nothing else."""
+"""The model of an identification: everything that its prediction is made of, and nothing else."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import delays
 from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
-from fitting.regression.drive import UNITS, direct_units, drive_names
+from fitting.regression.drive import drive_names, drive_units, effort_unit
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.residual.views import RodLaw
@@ -120,7 +120,7 @@ class ArmModel:
     terms : effects and laws that were added
     passes : the fits, the last one being the model
     covariance : (p, p) of the last one's parameters, as efforts have it
-    told : (p,) False for a parameter that the recordings could not tell (its value is 0)
+    told : (p,) False for a parameter that the recordings could not determine (its value is 0)
     residual_std : (n,) standard deviation of measured minus predicted drive effort on the recordings of the fit, at
         the full rate, N at a piston; without single seconds that are far out
         (:func:`fitting.model.handover.without_single`)
@@ -201,7 +201,7 @@ class ArmModel:
     def parameter_units(self) -> tuple[str, ...]:
         """Units of all parameters (p,)."""
         units = [
-            (UNITS if joint.cylinder is not None else direct_units(joint.effort_unit))[name]
+            drive_units(joint)[name]
             for joint, names in zip(self.arm.joints, self.parameters.drive, strict=True)
             for name in names
         ]
@@ -217,7 +217,7 @@ class ArmModel:
     @property
     def effort_units(self) -> tuple[str, ...]:
         """Units of the drives' efforts: N of a piston, the joint's own where there is none."""
-        return tuple("N" if joint.cylinder is not None else joint.effort_unit for joint in self.arm.joints)
+        return tuple(map(effort_unit, self.arm.joints))
 
     @property
     def joint_units(self) -> tuple[str, ...]:

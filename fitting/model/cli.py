@@ -39,7 +39,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(group, name="model")
 
 
-def opened(model: Path, recording: Path, columns: Path | None, resample: bool) -> tuple[ArmModel, Recording]:
+def _opened(model: Path, recording: Path, columns: Path | None, resample: bool) -> tuple[ArmModel, Recording]:
     """Open a model and a recording of its arm, by the commands' options."""
     from fitting.model.codec import load_model
     from fitting.model.prediction import load_recording
@@ -60,13 +60,13 @@ def predict(
     from fitting.model.prediction import predict, write_predicted
 
     with working("predicting", show=not json):
-        found = predict(*opened(model, recording, columns, resample))
+        found = predict(*_opened(model, recording, columns, resample))
     if output is not None:
         write_predicted(output, found)
     if json:
         print_json(_summary(found))
         return
-    print_table(
+    _print_table(
         ("joint", "unit", "error", "RMS", "relative", "in the 95 % band"),
         [
             (name, own["unit"], *(_short(own[key]) for key in ("error", "rms", "relative", "coverage")))
@@ -89,13 +89,11 @@ def compare(
     json: Json = False,
 ) -> None:
     """Predict a recording by two models of one machine: which is better, and which parameters differ."""
-    from dataclasses import asdict
-
     from fitting.model.codec import load_model
     from fitting.model.prediction import compare
 
     with working("comparing", show=not json):
-        one, seen = opened(first, recording, columns, resample)
+        one, seen = _opened(first, recording, columns, resample)
         found = compare(one, load_model(second), seen)
     summaries = [_summary(own) for own in (found.first, found.second)]
     if json:
@@ -103,7 +101,7 @@ def compare(
         print_json({"first": summaries[0], "second": summaries[1], "overall": found.overall, "shifts": shifts})
         return
     keys = ("error", "rms", "relative", "coverage")
-    print_table(
+    _print_table(
         ("joint", "unit", *(f"{word} {which}" for word in ("error", "RMS", "relative", "in band") for which in "AB")),
         [
             (name, own["unit"], *(_short(s["joints"][name][key]) for key in keys for s in summaries))
@@ -115,7 +113,7 @@ def compare(
         change = found.overall["change_percent"]
         print(f"error of all joints from A to B: {change:+.1f} % (95 % interval {low:+.1f} % to {high:+.1f} %)")
     if found.shifts:
-        print_table(
+        _print_table(
             ("parameter", "unit", "A", "B", "difference / std"),
             [(s.name, s.unit, f"{s.first:.5g}", f"{s.second:.5g}", f"{s.sigmas:+.1f}") for s in found.shifts],
         )
@@ -134,7 +132,7 @@ def show(model: ModelPath, json: Json = False) -> None:
         return
     for line in model_card(loaded, ()):
         print(line)
-    print_table(
+    _print_table(
         ("parameter", "value", "std", "unit"),
         [
             (own["name"], f"{own['value']:.5g}", "-" if own["std"] is None else f"{own['std']:.2g}", own["unit"])
@@ -191,7 +189,7 @@ def _short(value: float | None) -> str:
     return "-" if value is None else f"{value:.4g}"
 
 
-def print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+def _print_table(header: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     """Print a table for people."""
     from rich.table import Table
 
@@ -251,14 +249,14 @@ def energy(
         loaded = load_model(model)
         found = energy_of_motion(loaded, read_path(loaded, motion), temperature)
     else:
-        found = energy_of_recording(*opened(model, motion, columns, resample))
+        found = energy_of_recording(*_opened(model, motion, columns, resample))
     rows = _energy_rows(found)
     if json:
         print_json({"seconds": found.seconds, "joints": rows})
         return
     keys = [key for key, value in next(iter(rows.values())).items() if value is not None]
     print(f"work in {found.seconds:.1f} s, J")
-    print_table(("joint", *keys), [(name, *(f"{own[key]:.4g}" for key in keys)) for name, own in rows.items()])
+    _print_table(("joint", *keys), [(name, *(f"{own[key]:.4g}" for key in keys)) for name, own in rows.items()])
 
 
 def _begins(path: Path, text: str) -> bool:
@@ -294,8 +292,8 @@ def overload(
     """Find collisions and overloads in a recording: the residual against its band, sample by sample."""
     from fitting.model.uses.overload import delay_s, learn, overloads, quick, thresholds
 
-    loaded, seen = opened(model, recording, columns, resample)
-    before = [opened(model, path, columns, resample)[1] for path in usual or ()]
+    loaded, seen = _opened(model, recording, columns, resample)
+    before = [_opened(model, path, columns, resample)[1] for path in usual or ()]
     tails = learn(loaded, before) if usual else loaded.tails
     if tails is None:
         raise InputError(f"{model}: does not say what is usual; give recordings of the unchanged machine with --usual")
@@ -310,7 +308,7 @@ def overload(
         return
     print(f"{len(found)} alarms; {false_alarms:g} false ones an hour are expected; known {1e3 * late:.0f} ms later")
     units = loaded.joint_units
-    print_table(
+    _print_table(
         ("time in s", "joint", "residual", "threshold there", "unit", "score", "threshold"),
         [
             (
@@ -337,7 +335,7 @@ def payload(
     from daq.recordings.recording_files import write_table
     from fitting.model.uses.payload import payload_signal
 
-    found = payload_signal(*opened(model, recording, columns, resample))
+    found = payload_signal(*_opened(model, recording, columns, resample))
     if output is not None:
         write_table(output, pa.table({"time": found.t, "payload.mass": found.mass, "payload.std": found.std}))
     known = np.isfinite(found.mass)
@@ -349,7 +347,7 @@ def payload(
         print("nothing moves for long enough")
         return
     every = max(1, len(found.t) // 12)
-    print_table(
+    _print_table(
         ("time in s", "mass in kg", "std"),
         [
             (f"{t:.1f}", "-", "-") if m != m else (f"{t:.1f}", f"{m:+.2f}", f"{s:.2f}")

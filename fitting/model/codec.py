@@ -1,7 +1,7 @@
 """``model.json`` (schema ``hilfit/model/1``): a model on disk.
 
 Numbers are written with all their digits: a model that was read back predicts the same numbers. Keys are added in later
-versions, never renamed. ``sha256`` is of everything else that this schema knows, so a changed file says so.
+versions, never renamed. ``sha256`` is of everything else that this schema knows, so a changed file is noticed.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def model_to_json(model: ArmModel) -> dict[str, Any]:
         "temperature": model.temperature,
     }
     plain: dict[str, Any] = _plain(content)
-    return plain | {"sha256": checksum(plain)}
+    return plain | {"sha256": _checksum(plain)}
 
 
 def _fit_to_json(model: ArmModel) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str) or not hasattr(value, "__iter__") else [_plain(own) for own in value]
 
 
-def checksum(content: Mapping[str, Any]) -> str:
+def _checksum(content: Mapping[str, Any]) -> str:
     """Compute SHA-256 of what the schema knows, without itself and a service's calibration."""
     known = {field.alias or name for name, field in _File.model_fields.items()} - {"sha256"}
     kept = {key: value for key, value in content.items() if key in known}
@@ -223,7 +223,7 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
     rests = tuple(replace(model, **_fit_from_json(own, name, f"rests.{k}.")) for k, own in enumerate(file.rests))
     for place, own in [("", model), *((f"rests.{k}.", own) for k, own in enumerate(rests))]:
         _require_sound(own, name, place)
-    if file.sha256 is not None and file.sha256 != checksum(content):
+    if file.sha256 is not None and file.sha256 != _checksum(content):
         raise InputError("fitting.sha_file_changed_after", name=name)
     return replace(model, rests=rests)
 

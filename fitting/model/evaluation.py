@@ -173,13 +173,9 @@ def without(model: ArmModel, numbers: Collection[int]) -> ArmModel:
     return replace(
         model,
         terms=tuple(term for number, term in enumerate(model.terms) if number not in numbers),
-        passes=tuple(replace(own, theta=_of(own.theta, kept)) for own in model.passes),
+        # A fit of several may have had no terms yet.
+        passes=tuple(replace(own, theta=own.theta[[k for k in kept if k < len(own.theta)]]) for own in model.passes),
         covariance=model.covariance[np.ix_(kept, kept)],
         told=model.told[kept],
         hidden=None if model.hidden is None else model.hidden[kept],
     )
-
-
-def _of(theta: FloatArray, kept: Sequence[int]) -> FloatArray:
-    """Return the kept parameters, of a fit that may have had no terms yet."""
-    return theta[[place for place in kept if place < len(theta)]]

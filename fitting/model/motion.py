@@ -73,7 +73,7 @@ def on_motion(
     time = np.broadcast_to(np.asarray(0.0 if t is None else t, dtype=float), (count,))
     heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
     outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
-    kept = kept if t is None else in_steps(kept, t)
+    kept = kept if t is None else _in_steps(kept, t)
     return evaluate(kept, [segment_of(model, motion, time, temperature=heat, external=outside)], {FOREIGN: 0.0})
 
 
@@ -99,7 +99,7 @@ def heated(model: ArmModel) -> frozenset[int]:
     )
 
 
-def in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
+def _in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
     """Return the model with filters of times in even steps, where it has terms over time.
 
     Raises

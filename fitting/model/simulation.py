@@ -2,7 +2,7 @@
 
 A sign of speed is no right-hand side for an integrator. Here it is the expectation of the sign under the noise of the
 measured speed, as the fit had it: smooth, and as wide as that noise. What holds an arm still by dry friction therefore
-creeps, slower than that width; :attr:`Simulated.friction_speed` says how slow.
+creeps, slower than that width; :attr:`Simulated.friction_speed` is that width.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ def _plant(model: ArmModel, friction_speed: float, possible: bool) -> _Plant:
         raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
     tracer = Tracer(motion.integrable(model, friction_speed))
     holds_force = any(term.uses_model for term in motion.at_rest(tracer.carried).terms)
-    return _Plant(tracer.model, compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
+    return _Plant(tracer.model, _compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
 
 
 def tracking(
@@ -218,7 +218,7 @@ def tracking(
 _FAR = 6.0
 
 
-def compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
+def _compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
     """Make :func:`~fitting.model.export.functions.moving_functions` functions of Python, by name."""
     namespace: dict[str, Any] = {
         **{name: getattr(math, name) for name in ("cos", "exp", "expm1", "hypot", "sin", "sqrt", "tanh", "erf")},

@@ -17,20 +17,19 @@ from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.stage_names import NEXT_MOTION, Progress
 from fitting.residual.findings import Attribution, Family
 from fitting.selection.posterior import together
-from fitting.signals.corrections import Corrections
 
 
 def attribution(session: Session, results: StageResults, progress: Progress) -> Attributed:
     """Attribute the residual."""
     if not session.options.loop:
         return Attributed("not_examined", looked=False)
-    corrections, search = found_corrections(session, results), session.search
+    residual, search = results[Residual], session.search
+    corrections = corrections_from_json(session, residual.steps)
     found = attributed(session, corrections, progress)
     names = tuple(joint.name for joint in session.machine.joints)
     warnings = [*found.warnings, *([] if search.whole else [search_note(search)])]
     warnings += noise_words(names, search.session.plain.rescaled)
     # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
-    residual = results[Residual]
     silent = found.verdict == "nothing_missing" and not (residual.kinematics or residual.laws)
     silent = silent and all(residual.floor_valid)
     others = other_bands(search.session, corrections, progress) if silent else ()
@@ -73,8 +72,3 @@ def _next_experiment(session: Session, found: Attribution) -> Designed | None:
     motion = asked.motion
     columns = {name: np.round(column, 7) for name, column in motion.columns.items()}
     return Designed(content, Program(motion.rods, motion.time, columns, asked.text, asked.chance))
-
-
-def found_corrections(session: Session, results: StageResults) -> Corrections:
-    """Return corrections of positions by the kinematic check."""
-    return corrections_from_json(session, results[Residual].steps)

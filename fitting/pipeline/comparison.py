@@ -196,11 +196,11 @@ def estimation(session: Session, stage_two: RigidBody, final: Weighed) -> dict[s
         "ratio": base.ratio,
         "final_ratio": final.ratio,
         "tried": tried,
-        "why": why(final),
+        "why": _why(final),
     }
 
 
-def why(final: Weighed) -> str:
+def _why(final: Weighed) -> str:
     """Word which weights the parameters have, and why."""
     percent = 100 * (final.ratio - 1)
     if final.weights == "whitened":

@@ -7,7 +7,7 @@ drive
 friction
     it opposes the motion at every speed that was used (:mod:`fitting.residual.friction_power`);
 links
-    there are bodies (pseudo-inertias that are positive semidefinite) with these base parameters, as far as those tell.
+    there are bodies (pseudo-inertias that are positive semidefinite) with the base parameters that are determined.
 
 The nearest possible parameters are sought in the metric of the estimate's own covariance ``S``,
 
@@ -34,7 +34,7 @@ from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
 from fitting.pipeline.results.stage_results import Constrained, Physics
 from fitting.regression.design import Design
-from fitting.regression.drive import UNITS, direct_units
+from fitting.regression.drive import drive_units
 from fitting.regression.error_sizes import errors_of, in_floors
 from fitting.regression.plausible_arm import ALONE, plausible_arm
 from fitting.report.languages import NAMES
@@ -75,7 +75,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Plausibility:
-    """What of a model cannot be, and the nearest parameters that can.
+    """Parameters of a model that cannot be, and the nearest that can.
 
     Attributes
     ----------
@@ -104,11 +104,6 @@ def plausibility(model: Model) -> Plausibility:
     return Plausibility(possible, nearest)
 
 
-def _units(model: Model, joint: int) -> dict[str, str]:
-    own = model.design.machine.joints[joint]
-    return UNITS if own.cylinder is not None else direct_units(own.effort_unit)
-
-
 def _drives(model: Model, most: float) -> list[Violation]:
     """Find negative masses, stiffnesses and drive inertias."""
     found = []
@@ -119,7 +114,7 @@ def _drives(model: Model, most: float) -> list[Violation]:
             value, std = float(fit.theta[start + number]), float(fit.std[start + number])
             if parameter not in ("m", "K", "J") or not fit.determined[start + number] or not value < -most * std:
                 continue
-            unit, sigmas = _units(model, joint)[parameter], -value / std if std else np.inf
+            unit, sigmas = drive_units(model.design.machine.joints[joint])[parameter], -value / std if std else np.inf
             reason = (
                 Sentence("fitting.parameter_negative", parameter=NAMES["parameters"][parameter], joint=name),
                 NAMES["causes"][parameter],
@@ -188,7 +183,8 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     S = fit.covariance[np.ix_(chosen, chosen)]
     scale = np.sqrt(np.diag(S))
     scale[scale == 0] = 1.0
-    white = linalg.solve_triangular(_root(S / np.outer(scale, scale)), np.diag(1.0 / scale), lower=True)
+    root = linalg.cholesky(S / np.outer(scale, scale) + 1e-10 * np.eye(len(S)), lower=True)  # singular or not
+    white = linalg.solve_triangular(root, np.diag(1.0 / scale), lower=True)
     A = np.zeros((len(chosen), width))
     A[:, chosen] = white
     target = A @ fit.theta[:width]
@@ -208,11 +204,6 @@ def _nearest(model: Model, whole: bool) -> tuple[FloatArray, float, int]:
     moved = white @ (theta[chosen] - fit.theta[chosen])
     theta[others] += fit.covariance[np.ix_(others, chosen)] @ (white.T @ moved)
     return theta, float(moved @ moved), len(chosen)
-
-
-def _root(correlation: FloatArray) -> FloatArray:
-    """Compute the lower Cholesky factor of a correlation, singular or not."""
-    return np.asarray(linalg.cholesky(correlation + 1e-10 * np.eye(len(correlation)), lower=True))
 
 
 def physics(design: Design, model: Model) -> Physics:

@@ -23,7 +23,8 @@ from daq.messages import with_their_messages
 from fitting.loop.session import Options, Request, Session
 from fitting.pipeline.stage_names import VALVE_STAGE
 from fitting.pipeline.stages import run_stage
-from fitting.pipeline.valve_stage import valve_stage
+from fitting.pipeline.valve_stage import identified_and_written
+from fitting.valve.export import formats
 
 
 def load_request(path: Path) -> Request:
@@ -90,7 +91,8 @@ def _one(arguments: Sequence[str], load: Callable[[Request], Session], resident:
             send({"fraction": fraction, "text": text})
 
         if arguments[1] == VALVE_STAGE:
-            summary = valve_stage(request, progress)
+            written = identified_and_written(request, tuple(formats()), progress)[1]
+            summary = {"inverses": [path.name for path in written]}
         else:
             summary = run_stage(arguments[1], request, progress, load)
     except HilfitError as error:

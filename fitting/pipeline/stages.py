@@ -22,13 +22,13 @@ from daq.motion_files import Motion, write_motion
 from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
-from fitting.loop.kinematic_check import Kinematics, kinematics
+from fitting.loop.kinematic_check import Kinematics, corrections_from_json, kinematics
 from fitting.loop.refits import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over
 from fitting.model.motion import indefinite
-from fitting.pipeline.attribution_stage import attribution, found_corrections
+from fitting.pipeline.attribution_stage import attribution
 from fitting.pipeline.check_gate import checked, with_explanation
 from fitting.pipeline.comparison import estimation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
@@ -63,7 +63,7 @@ from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections
 
 
-def check(session: Session, results: StageResults, progress: Progress) -> Checked:
+def _check(session: Session, results: StageResults, progress: Progress) -> Checked:
     """Check that recordings fit and excite the machine, and that its own equations agree."""
     choice(session)
     findings = checked(session)
@@ -79,7 +79,7 @@ def check(session: Session, results: StageResults, progress: Progress) -> Checke
     )
 
 
-def cylinder_stage(session: Session, results: StageResults, progress: Progress) -> Cylinders:
+def _cylinder_stage(session: Session, results: StageResults, progress: Progress) -> Cylinders:
     """Run stage 1."""
     prepared = session.plain
     estimates = identify_cylinders(
@@ -97,7 +97,7 @@ def cylinder_stage(session: Session, results: StageResults, progress: Progress) 
     return Cylinders(estimates)
 
 
-def residual(session: Session, results: StageResults, progress: Progress) -> Residual:
+def _residual(session: Session, results: StageResults, progress: Progress) -> Residual:
     """Compute the noise floor, and what two position sensors show of each other."""
     prepared, model = session.plain, session.weighted_base.model
     if prepared.pairs:
@@ -120,9 +120,10 @@ def residual(session: Session, results: StageResults, progress: Progress) -> Res
     )
 
 
-def refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
+def _refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Refit both stages jointly with the findings; errors before and after."""
-    prepared, final = final_model(session, found_corrections(session, results), results[Attributed].terms)
+    corrections = corrections_from_json(session, results[Residual].steps)
+    prepared, final = final_model(session, corrections, results[Attributed].terms)
     (model, chosen), before = estimated(session, final.model), estimated(session, session.base_with(final.weights))[0]
     design = session.plain.design
     found = {
@@ -184,12 +185,12 @@ def _drive_std(design: Design, model: Model) -> Iterator[float | None]:
 
 #: The stages before the report, in order.
 STEPS: dict[str, Callable[[Session, StageResults, Progress], Any]] = {
-    "check": check,
-    "cylinder_stage": cylinder_stage,
+    "check": _check,
+    "cylinder_stage": _cylinder_stage,
     "rigid_body_stage": rigid_body_stage,
-    "residual": residual,
+    "residual": _residual,
     "attribution": attribution,
-    "refit": refit,
+    "refit": _refit,
 }
 
 
@@ -252,7 +253,7 @@ def _write_results(request: Request, session: Session, results: StageResults) ->
     output, (first, *others) = request.output, request.languages
     final = final_fit(session, results)
     content, figures = build_report(session, results, final)
-    model = hand_over(session, final.steps, final.model, content)
+    model = hand_over(session, results[Residual].steps, final, content)
     wrong = indefinite(model)
     if wrong is not None:
         content["warnings"].append(Sentence("fitting.efforts_all_the_same", problem=wrong.text))

@@ -13,14 +13,8 @@ from daq.recordings.recording import read_recording
 from daq.whole_files import replacing
 from fitting.loop.session import Request
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, Progress, quiet
-from fitting.valve.export import export_valve, formats
+from fitting.valve.export import export_valve
 from fitting.valve.identify import identify_valves
-
-
-def valve_stage(request: Request, progress: Progress = quiet) -> dict[str, Any]:
-    """Identify the valves of a request, write all that there is of them, and list those files."""
-    written = identified_and_written(request, tuple(formats()), progress)[1]
-    return {"inverses": [path.name for path in written]}
 
 
 def identified_and_written(

@@ -1,4 +1,4 @@
-"""The verdict of an identification: what may be said of the model, from what every stage found.
+"""The verdict of an identification: what may be concluded of the model, from what every stage found.
 
 Strictest first:
 
@@ -12,7 +12,7 @@ Strictest first:
                      same answer at other bandwidths of the filter. Where something speaks against it the verdict is
                      ``unexplained`` with the reasons.
 
-Beside it stands a label where the recordings leave the verdict open:
+Beside it is a label where the recordings leave the verdict open:
 
 ``cannot_tell``      nothing was found, but the noise is not known, or nothing is not probable enough
                      (:data:`NEEDED`): what to record next is among the reasons;
@@ -22,7 +22,7 @@ Beside it stands a label where the recordings leave the verdict open:
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from scipy import stats
 
@@ -71,8 +71,8 @@ def verdict(results: StageResults, joints: Sequence[str]) -> tuple[str, list[str
         return ("ambiguous" if any(f.effect["indistinguishable_from"] for f in kinematics) else "effect_added"), []
     if outcome != "nothing_missing":
         return outcome, []
-    against = against_nothing_missing(results, joints)
-    return ("unexplained", against) if against else (outcome, what_to_record(results))
+    against = _against_nothing_missing(results, joints)
+    return ("unexplained", against) if against else (outcome, _what_to_record(results))
 
 
 def label(results: StageResults) -> str | None:
@@ -90,7 +90,7 @@ def label(results: StageResults) -> str | None:
     return None
 
 
-def what_to_record(results: StageResults) -> list[str]:
+def _what_to_record(results: StageResults) -> list[str]:
     """List what would decide whether something is missing, where probabilities do not."""
     found = results[Attributed]
     if label(results) != "cannot_tell" or found.nothing >= NEEDED:
@@ -98,7 +98,7 @@ def what_to_record(results: StageResults) -> list[str]:
     return [Sentence("fitting.nothing_missing_uncertain", probability=found.nothing)]
 
 
-def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
+def _against_nothing_missing(results: StageResults, joints: Sequence[str]) -> list[str]:
     """Explain why "nothing is missing" is unproven, although nothing was found; empty where proven."""
     reasons: list[str] = []
     refitted = results[Refitted]
@@ -106,7 +106,10 @@ def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> lis
     if invalid:
         reasons.append(Sentence("fitting.noise_not_known_record", joints=", ".join(invalid)))
     times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
-    allowed = math.hypot(_noise_ratio(refitted.independent_rows), refitted.parameter_error)
+    # In short recordings two equal noises differ by chance.
+    rows = (max(refitted.independent_rows[role], 1.0) for role in ("validate", "train"))
+    chance = math.sqrt(float(stats.f.isf(CHANCE, *rows)))
+    allowed = math.hypot(max(MOST_NOISE, chance), refitted.parameter_error)
     if times is not None and times > allowed:
         reasons.append(Sentence("fitting.validation_motion_error_offsets", times=times, allowed=allowed))
     for other in results[Attributed].other_bands:
@@ -115,9 +118,3 @@ def against_nothing_missing(results: StageResults, joints: Sequence[str]) -> lis
                 Sentence("fitting.other_band_finds", bandwidth_hz=other.bandwidth_hz, found=", ".join(other.found))
             )
     return reasons
-
-
-def _noise_ratio(rows: Mapping[str, float]) -> float:
-    """Bound the ratio of two equal noises: :data:`MOST_NOISE`, or chance's in short recordings."""
-    chance = float(stats.f.isf(CHANCE, max(rows["validate"], 1.0), max(rows["train"], 1.0)))
-    return max(MOST_NOISE, math.sqrt(chance))

@@ -1,4 +1,4 @@
-"""What planned motions will show, before they are made: of each effect, and of each parameter.
+"""Forecast of what planned motions will show, before they are made: of each effect, and of each parameter.
 
 The motions go through the same filters, columns and projections as recordings will (:mod:`fitting.planning.planned`,
 :mod:`fitting.planning.detection`, :mod:`fitting.regression.identifiability`). Forces, which many columns live on, come
@@ -23,8 +23,7 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.planning.detection import Visibility, typical_terms, visibilities
 from fitting.planning.guess import Guess
-from fitting.planning.planned import planned_segment
-from fitting.planning.planned_views import planned_views, usual_chambers
+from fitting.planning.planned import planned_segment, planned_views, usual_chambers
 from fitting.regression.design import NoiseModel, build_design, whitened
 from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
 from fitting.regression.prior import mass_prior, with_prior
@@ -43,7 +42,7 @@ _BACK_PRESSURE = 5.0e5  # Pa: what a valve usually keeps in the chamber that is 
 
 @dataclass(frozen=True)
 class Forecast:
-    """What a plan will show.
+    """Forecast of what a plan will show.
 
     Attributes
     ----------

@@ -1,11 +1,11 @@
-"""The next experiment, designed: which motion tells rivals apart, and how far.
+"""The next experiment, designed: which motion separates rivals, and how far.
 
 For every motion of a menu, and for motions searched for the purpose, the odds that the loop would then state are
 predicted, for the sizes that were fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the
 rivals' columns are built on it with the model's own forces, and the base model is projected out together with
 everything recorded so far (:mod:`fitting.planning.question`).
 The best is named with its expected separation, and can be run: the set is *closable*. Where no motion of this arm is
-expected to leave a single name, that is said, with how little the choice matters to the efforts, and which of the
+expected to leave a single name, that is reported, with how little the choice matters to the efforts, and which of the
 catalogue's experiments need no motion (vented chambers, an inclinometer).
 """
 
@@ -22,8 +22,8 @@ from daq.messages import Sentence
 from daq.motion_files import Motion
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import Arm, menu
+from fitting.excitation.fourier import Series, random_series, varied
 from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
-from fitting.excitation.series import Series, random_series, varied
 from fitting.planning.guess import Guess, worst_friction
 from fitting.planning.question import Question
 from fitting.planning.separation import Separation
@@ -63,11 +63,11 @@ class Option:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """What to do next about a set of rivals.
+    """The next step about a set of rivals.
 
     Attributes
     ----------
-    rivals : the terms that the data cannot tell apart, best first
+    rivals : the terms that the data cannot separate, best first
     now : their separation by what is recorded
     options : all experiments that were weighed, best first; what was recorded, once more, last
     recordings : how often the best one has to be recorded to be enough; None if no motion separates the rivals
@@ -89,7 +89,7 @@ class NextExperiment:
 
     @property
     def closable(self) -> bool:
-        """Whether a motion of this arm is expected to leave a single name."""
+        """True where a motion of this arm is expected to leave a single name."""
         return self.recordings is not None
 
     def to_json(self, machine: Machine, motion_file: str | None = None) -> dict[str, Any]:

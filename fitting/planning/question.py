@@ -1,4 +1,4 @@
-"""What is in question: rivals in the light of what is recorded, and what a motion would add to that."""
+"""The open question: rivals in the light of what is recorded, and what a motion would add to that."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from daq.motion_files import Motion
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.limits import HydraulicLimits, holding_efforts
-from fitting.planning.planned import States, planned_segment, segment_of_states
-from fitting.planning.planned_views import chamber_models, planned_views
+from fitting.planning.planned import States, chamber_models, planned_segment, planned_views, segment_of_states
 from fitting.planning.separation import Rival, Separation, leads, products, projected, separation
 from fitting.regression.design import build_design, whitened
 from fitting.regression.prior import Prior, with_prior

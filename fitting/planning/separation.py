@@ -1,4 +1,4 @@
-"""How far apart rivals will be on a motion, before it is made: in chi-square, and in the odds that the loop will state.
+"""Distance of rivals on a motion, before it is made: in chi-square, and in the odds that the loop will state.
 
 With everything whitened, base columns ``A`` (and the effects that are not in question), and rivals ``a`` and ``b`` with
 values ``eta``, a fit of base and ``b`` to data that ``a`` made leaves on average, beyond the noise,
@@ -10,7 +10,7 @@ whitened rows add up over recordings, so a new motion is judged together with al
 
 From the same products follow the scores that the loop would have if ``a`` were the truth, and from them the log odds
 of ``a`` over ``b`` with the loop's own evidence: shapes and sizes averaged, values that cannot be held against a name,
-differences of names shrunk as far as formulas are exact (:mod:`fitting.selection.decision`). What the recordings say
+differences of names shrunk as far as formulas are exact (:mod:`fitting.selection.decision`). What the recordings show
 already is the start; a new motion adds what these expected odds grow by, with a standard deviation of the root of what
 it adds to ``d^2``.
 
@@ -77,15 +77,10 @@ class Rival:
     places: tuple[slice, ...]
     values: FloatArray
 
-    @property
-    def is_law(self) -> bool:
-        """Whether it is a curve, whose formula cannot be off."""
-        return isinstance(self.terms[0].content, Law)
-
 
 @dataclass(frozen=True)
 class Lead:
-    """What data that one rival made say of it and of another one.
+    """Evidence for one rival and for another one in data that the first made.
 
     Attributes
     ----------
@@ -101,14 +96,14 @@ class Lead:
 
 @dataclass(frozen=True)
 class Pair:
-    """One rival taken for the truth, beside the one that is hardest to tell from it.
+    """One rival taken for the truth, beside the one that is hardest to separate from it.
 
     Attributes
     ----------
     chance : that this one is the truth, as far as is known
     chi_square, size : of :class:`Lead`
     expected, spread : log odds of the true one over the other that are to be expected, and their standard deviation
-    asked : log odds that it must have to stand alone
+    asked : log odds that it must have to be the only name
     """
 
     chance: float
@@ -126,7 +121,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Separation:
-    """How well rivals are told apart: each of them taken for the truth in turn."""
+    """Separation of rivals: each of them taken for the truth in turn."""
 
     pairs: tuple[Pair, ...]
 
@@ -233,7 +228,7 @@ def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | N
 
 
 def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
-    names = not any(rival.is_law for rival in both)
+    names = not any(isinstance(rival.terms[0].content, Law) for rival in both)  # a curve has no formula to be off
 
     def behind(reported: float, size: float) -> float:
         return odds_behind(reported, size) if names else reported

@@ -135,7 +135,7 @@ class JointBlock:
 class Design:
     """All blocks of a set of segments; ``blocks[joint][segment]``.
 
-    ``stored`` says that recordings are long, and segments and blocks read their arrays from a file when asked
+    ``stored`` means that recordings are long, and segments and blocks read their arrays from a file when asked
     (:mod:`fitting.regression.stored`): whatever has a row for every sample is then to be worked on segment by segment.
     """
 
@@ -249,8 +249,8 @@ def _blocks(
         external = None if segment.external is None else segment.external[:, number]
         known = known_effort(joint, segment.v[:, number], segment.a[:, number], external)
         target = segment.effort[:, number] - known
-        keep = _driven(joint.cylinder is not None or segment.loaded, moving_rows(bank, segment.rest[:, number]))
-        keep &= measured_rows(bank, segment)
+        keep = moving_rows(bank, segment.rest[:, number]) & measured_rows(bank, segment)
+        keep &= joint.cylinder is not None or segment.loaded
         reduced = bank.reduce(np.column_stack([target, columns]))
         own = reduced[:, 0], reduced[:, 1:]
         blocks.append(JointBlock(target, known, used, len(parameters), columns, *own, keep))
@@ -274,10 +274,6 @@ def measured_rows(bank: FilterBank, segment: Segment) -> BoolArray:
     if segment.bridged is None:
         return np.ones(bank.rows(len(segment)), dtype=bool)
     return np.abs(bank.reduce(hidden(segment.bridged, bank.decimation).astype(float))) < MADE_UP_SHARE
-
-
-def _driven(informative: bool, keep: BoolArray) -> BoolArray:
-    return keep if informative else np.zeros_like(keep)
 
 
 @dataclass(frozen=True)
@@ -369,13 +365,9 @@ def whitened_joint(
 def full_residual(design: Design, theta: FloatArray, joint: int, index: int, extra: Extra | None = None) -> FloatArray:
     """Compute the residual of a joint's drive effort in a segment, measured minus predicted, (N,), unfiltered."""
     block = design.blocks[joint][index]
-    p = len(design.parameters)
     residual = block.target - block.force(theta)
-    if extra is not None and extra.names:
-        own = extra.columns[joint][index]
-        if own is not None:
-            residual = residual - own @ theta[p:]
-    return residual
+    own = None if extra is None else extra.columns[joint][index]
+    return residual if own is None else residual - own @ theta[len(design.parameters) :]
 
 
 def reduced_residual(
@@ -383,10 +375,9 @@ def reduced_residual(
 ) -> FloatArray:
     """Filter :func:`full_residual` for identification, (M,)."""
     block = design.blocks[joint][index]
-    p = len(design.parameters)
     residual = block.reduced_target - block.own_reduced @ theta[block.used]
     own = None if extra is None else extra.columns[joint][index]
-    return residual if own is None else residual - design.bank.reduce(own @ theta[p:])
+    return residual if own is None else residual - design.bank.reduce(own @ theta[len(design.parameters) :])
 
 
 def effort_residual(
@@ -396,12 +387,11 @@ def effort_residual(
     r = design.segments[index].r[:, joint]
     if not design.stored:
         return design.bank.reduce(r * full_residual(design, theta, joint, index, extra))
-    p = len(design.parameters)
     block = design.blocks[joint][index]
     target, columns = block.effort(design.bank, r)
     residual = target - columns @ theta[block.used]
     own = None if extra is None else extra.columns[joint][index]
-    return residual if own is None else residual - design.bank.reduce(r * (own @ theta[p:]))
+    return residual if own is None else residual - design.bank.reduce(r * (own @ theta[len(design.parameters) :]))
 
 
 def predicted_effort(

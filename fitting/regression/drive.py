@@ -20,18 +20,6 @@ from fitting.arm.expected import expected_power, expected_sign
 from fitting.arrays import FloatArray
 from fitting.signals.filters import advanced
 
-__all__ = [
-    "UNITS",
-    "direct_units",
-    "drive_columns",
-    "drive_names",
-    "effort_unit",
-    "expected_power",
-    "expected_sign",
-    "known_effort",
-]
-
-
 UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)", "J": "kg m^2"}
 
 
@@ -40,15 +28,13 @@ def effort_unit(joint: Joint) -> str:
     return UNITS["f_c"] if joint.cylinder is not None else joint.effort_unit
 
 
-def direct_units(effort: str) -> dict[str, str]:
-    """Return the units of a direct drive's parameters; ``effort`` is ``N m`` or ``N``."""
-    revolute = effort == "N m"
-    return {
-        "J": "kg m^2" if revolute else "kg",
-        "f_c": effort,
-        "f_v": "N m s/rad" if revolute else "N s/m",
-        "f_0": effort,
-    }
+def drive_units(joint: Joint) -> dict[str, str]:
+    """Return the units of a drive's parameters by name."""
+    if joint.cylinder is not None:
+        return UNITS
+    effort, revolute = joint.effort_unit, joint.effort_unit == "N m"
+    inertia, viscous = ("kg m^2", "N m s/rad") if revolute else ("kg", "N s/m")
+    return {"J": inertia, "f_c": effort, "f_v": viscous, "f_0": effort}
 
 
 def drive_names(machine: Machine) -> tuple[tuple[str, ...], ...]:

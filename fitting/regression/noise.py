@@ -2,7 +2,7 @@
 
 With a `repeat` recording it is measured: the same motion twice, so the difference of the two *residuals* (not of the
 raw signals, because the motion is never bit-identical) holds noise only, of twice the variance. Without one it
-is estimated from what a very flexible model leaves, and said to be an estimate.
+is estimated from what a very flexible model leaves, and reported as an estimate.
 """
 
 from __future__ import annotations
@@ -185,9 +185,9 @@ def noise_model(
     """
     joints = len(design.machine.joints)
     model = white_noise_model(joints) if start is None else start
+    loaded, unloaded = ([i for i in fitted if design.segments[i].loaded == there] for there in (True, False))
     if design.stored:
-        pairs = _spread(pairs)
-    loaded, unloaded = (_noise_segments(design, fitted, there) for there in (True, False))
+        pairs, loaded, unloaded = _spread(pairs), _spread(loaded), _spread(unloaded)
     for _ in range(_PASSES):
         theta = fit_rows(design, model, fitted)[0].theta
         found, free = [], []
@@ -208,16 +208,10 @@ def noise_model(
     return model
 
 
-def _noise_segments(design: Design, fitted: Sequence[int], loaded: bool) -> Sequence[int]:
-    """Return fitted segments for the noise estimate, with the links or without."""
-    own = [i for i in fitted if design.segments[i].loaded == loaded]
-    return _spread(own) if design.stored else own
-
-
-def _spread(items: Sequence[_T]) -> Sequence[_T]:
+def _spread(items: Sequence[_T]) -> list[_T]:
     """Choose at most :data:`_MOST_SEGMENTS` of them, evenly spread; all if no more."""
     if len(items) <= _MOST_SEGMENTS:
-        return items
+        return list(items)
     return [items[round(k)] for k in np.linspace(0, len(items) - 1, _MOST_SEGMENTS)]
 
 

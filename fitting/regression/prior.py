@@ -1,4 +1,4 @@
-"""What is known before any measurement: a plausible arm, a cylinder's moving mass, and by how much efforts are late.
+"""Prior knowledge, before any measurement: a plausible arm, a cylinder's moving mass, and by how much efforts are late.
 
 Links and drives are drawn toward a plausible arm (:mod:`fitting.regression.plausible_arm`): rows at the point that the
 data and it find most probable together, at the end of the last joint's, before those of its mass and delay.
@@ -6,12 +6,12 @@ data and it find most probable together, at the end of the last joint's, before 
 In a recording that moves slowly, the moving mass of a cylinder is all but invisible, and its estimate trades off
 against the stiffness (`x''` and `x` are opposite in a sine). But a piston and its rod are made of steel, and the
 machine file gives their size: a rod as long as 1.2 strokes and a piston as long as its bore, give or take half. That
-enters as one more row per cylinder, of the weight of its uncertainty; data that can tell the mass outweigh it.
+enters as one more row per cylinder, of the weight of its uncertainty; data that determine the mass outweigh it.
 
-Where a joint's efforts come over another bus than its positions, and the machine file says by how much that bus is
+Where a joint's efforts come over another bus than its positions, and the machine file gives by how much that bus is
 behind (``delays``, measured once by ``hilfit bus check``), that is a measurement of the joint's delay: one more row,
 the last of the joint's, which no column of the base model explains, but that of a delay does. So an explanation without
-a delay pays for what the buses say, one with another delay pays for the difference, and its value is drawn towards it.
+a delay pays for the buses' delays, one with another delay pays for the difference, and its value is drawn to it.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _RELATIVE_STD = 0.4
 
 @dataclass(frozen=True)
 class Prior:
-    """What is expected of each joint; NaN where nothing is.
+    """Prior values of each joint; NaN where there are none.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Prior:
         joint
     arm : the plausible arm, None where no effort was measured yet
     point : where the arm's prior is taken as rows; None for no such rows
-    refused : True where the recordings refuse the arm, and least squares stands
+    refused : True where the recordings refuse the arm, and least squares is kept
         (:meth:`fitting.estimators.effort_fit.EffortRows.settled`)
     """
 
@@ -123,7 +123,7 @@ def prior_row(parameters: Parameters, prior: Prior, joint: int, columns: int) ->
     return row, float(prior.mass[joint] / prior.std[joint])
 
 
-def delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tuple[FloatArray, float] | None:
+def _delay_row(prior: Prior, joint: int, columns: int, late: Late | None) -> tuple[FloatArray, float] | None:
     """Return the buses' prior of a joint's delay as a unit-noise row; ``late`` is the term that explains it."""
     expected = prior.delay_of(joint)
     if expected is None:
@@ -173,7 +173,7 @@ def with_prior(
         if joint == len(rows) - 1:
             A, b = prior.arm_rows(width)
             own = WhiteRows(np.vstack([own.A, A]), np.concatenate([own.b, b]), own.sections)
-        known = (prior_row(parameters, prior, joint, width), delay_row(prior, joint, width, (late or {}).get(joint)))
+        known = (prior_row(parameters, prior, joint, width), _delay_row(prior, joint, width, (late or {}).get(joint)))
         for row in known:
             if row is not None:
                 own = WhiteRows(np.vstack([own.A, row[0]]), np.append(own.b, row[1]), own.sections)

@@ -3,22 +3,7 @@
 from __future__ import annotations
 
 from fitting.report.html import write_report
-from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.presented import presented
-from fitting.report.schema import SCHEMA, Report, ReportError, clean, json_schema, looked, validate_report
+from fitting.report.schema.definition import looked
 
-__all__ = [
-    "SCHEMA",
-    "Course",
-    "Figures",
-    "FrictionCurve",
-    "Report",
-    "ReportError",
-    "Scatter",
-    "clean",
-    "json_schema",
-    "looked",
-    "presented",
-    "validate_report",
-    "write_report",
-]
+__all__ = ["looked", "presented", "write_report"]

@@ -1,6 +1,6 @@
 """The figures of the report as SVG that takes its colours from the page.
 
-Text stays text. The output depends on the input alone.
+Text is kept as text. The output depends on the input alone.
 """
 
 from __future__ import annotations
@@ -40,11 +40,6 @@ _LINE = 20.0
 _NOTHING = np.zeros(1)
 
 
-def _thinned(*arrays: FloatArray, most: int = _POINTS) -> tuple[FloatArray, ...]:
-    step = max(1, -(-len(arrays[0]) // most))
-    return tuple(array[::step] for array in arrays)
-
-
 def _finite(*arrays: FloatArray) -> tuple[FloatArray, ...]:
     kept = np.all([np.isfinite(array) for array in arrays], axis=0)
     return tuple(np.asarray(array, dtype=float)[kept] for array in arrays)
@@ -66,9 +61,9 @@ def _gutter(*axes: Axis) -> float:
     return _LABEL + max(y.label_width for y in axes)
 
 
-def draw_scatter(scatter: Scatter, units: str, prefix: str, language: Language = ENGLISH) -> str:
+def draw_scatter(scatter: Scatter, prefix: str, language: Language = ENGLISH) -> str:
     """Draw what the law has to explain beside what is left, against its variable, on one scale."""
-    text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
+    text, axis, units = language.phrase, partial(plain_axis, decimal=language.decimal), scatter.effort_unit
     first, name = (scatter.before, "before") if scatter.partial is None else (scatter.partial, "without the law")
     way = np.ones(len(scatter.x)) if scatter.direction is None else np.asarray(scatter.direction, dtype=float)
     x, before, after, way = _finite(scatter.x, first, scatter.after, way)
@@ -118,8 +113,10 @@ def _cloud(
         chosen = way == sign if both else np.full(len(x), sign == 1)
         if not chosen.any():
             continue
-        u, v = _thinned(x[chosen], y[chosen], most=_POINTS // 2 if both else _POINTS)
-        clouds.append(panel.dots(u, v, colour, radius=1.3, opacity=0.42, hollow=sign == -1))
+        step = max(1, -(-np.count_nonzero(chosen) // (_POINTS // 2 if both else _POINTS)))
+        clouds.append(
+            panel.dots(x[chosen][::step], y[chosen][::step], colour, radius=1.3, opacity=0.42, hollow=sign == -1)
+        )
         means.append(panel.line(*_binned(x[chosen], y[chosen]), INK, dash=dash))
         entries.append(Entry(language.phrase(names[sign]), INK, dash))
     return [*clouds, *means], entries
@@ -184,7 +181,7 @@ def draw_course(course: Course, prefix: str, language: Language = ENGLISH) -> st
     )
 
 
-def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Language = ENGLISH) -> str:
+def draw_friction(curves: Sequence[FrictionCurve], language: Language = ENGLISH) -> str:
     """Draw friction over speed, one panel per joint."""
     text, axis = language.phrase, partial(plain_axis, decimal=language.decimal)
     columns = min(3, len(curves))
@@ -209,7 +206,7 @@ def draw_friction(curves: Sequence[FrictionCurve], prefix: str, language: Langua
             row_height - top - 40,
             x_axes[i],
             y_axes[i],
-            f"{prefix}-{i}",
+            f"friction-{i}",
         )
         speed, force, std = finite[i]
         inside = [
@@ -270,7 +267,7 @@ def draw_diagnostics(own: JointDiagnostics, prefix: str, language: Language = EN
     return drawing(_WIDTH, height, text("Correlations and spectrum of what is left at {}", own.joint), parts)
 
 
-def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language: Language = ENGLISH) -> str:
+def draw_errors(rows: Sequence[tuple[str, float, float]], language: Language = ENGLISH) -> str:
     """Draw validation error in noise floors, per joint: (joint, before, after)."""
     text = language.phrase
     place = np.arange(len(rows), dtype=float)[::-1]
@@ -281,16 +278,16 @@ def draw_errors(rows: Sequence[tuple[str, float, float]], prefix: str, language:
     x_axis = plain_axis(marks=9, ends=ends, decimal=language.decimal)
     y_axis = Axis(-0.6, len(rows) - 0.4, tuple(place.tolist()), tuple(row[0] for row in rows))
     left, top = 12 + max(text_width(row[0]) for row in rows), 28.0
-    panel = Panel(left, top, _WIDTH - left - 8, 24.5 * len(rows), x_axis, y_axis, f"{prefix}-errors")
+    panel = Panel(left, top, _WIDTH - left - 8, 24.5 * len(rows), x_axis, y_axis, "overview-errors")
     inside = [
         panel.upright(1.0, INK, 1.2, DOTTED),
-        panel.bars(np.minimum(before, after), np.maximum(before, after), place, RULE, width=3),
+        panel.bars(np.minimum(before, after), np.maximum(before, after), place, RULE),
     ]
     entries = [Entry(text("error" if same else "after"), AFTER, kind="diamond")]
     if not same:
         inside.append(panel.dots(before, place, BEFORE, radius=4))
         entries.insert(0, Entry(text("before"), BEFORE, kind="dot"))
-    inside.append(panel.diamonds(after, place, AFTER, radius=4.9))
+    inside.append(panel.diamonds(after, place, AFTER))
     entries.append(Entry(text("measurement noise"), INK, DOTTED, 1.2))
     label = text("error on the validation motion, in multiples of the measurement noise")
     return drawing(

@@ -24,7 +24,7 @@ from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, d
 from fitting.report.languages import ENGLISH, NAMES, Language
 from fitting.report.languages import language as language_of
 from fitting.report.model import Figures
-from fitting.report.schema import ReportError, validate_report
+from fitting.report.schema.definition import ReportError, validate_report
 
 #: The page's file.
 PAGE = "report.html"
@@ -86,7 +86,7 @@ def write_report(
 
 
 def render_html(report: Mapping[str, Any], figures: Figures, language: Language = ENGLISH) -> str:
-    """Render a checked report's page (see :func:`fitting.report.schema.validate_report`)."""
+    """Render a checked report's page (see :func:`fitting.report.schema.definition.validate_report`)."""
     report = with_messages(report, report.get("messages", {}))
     named = [
         (str(entry["id"]), language.translated(str(entry["title"])), entry.get("joint"))
@@ -176,7 +176,7 @@ def _environment(language: Language) -> jinja2.Environment:
         capital=wording.capital,
         follows=_in(language, wording.follows),
         nearest=_in(language, wording.nearest),
-        separated=lambda item, titles: wording.separated(plain(item, language), titles, language),
+        separated=lambda item, titles: wording.separated(_plain(item, language), titles, language),
         chance=_in(language, wording.as_chance),
         readable=_in(language, wording.readable),
         evidence=_in(language, wording.evidence),
@@ -184,7 +184,7 @@ def _environment(language: Language) -> jinja2.Environment:
         moment=language.moment,
         listed=language.listed,
         effort=language.effort,
-        plain=lambda value: plain(value, language),
+        plain=lambda value: _plain(value, language),
         value=lambda entry: language.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
     )
     return environment
@@ -199,7 +199,7 @@ def _defined(value: Any) -> Any:
     return None if isinstance(value, jinja2.Undefined) else value
 
 
-def plain(value: Any, language: Language = ENGLISH) -> str:
+def _plain(value: Any, language: Language = ENGLISH) -> str:
     """Write any JSON value as a short text."""
     if value is None or isinstance(value, jinja2.Undefined):
         return text.NONE
@@ -210,19 +210,16 @@ def plain(value: Any, language: Language = ENGLISH) -> str:
     if isinstance(value, float):
         return language.number(value)
     if isinstance(value, Mapping):
-        entries = (f"{language.words(str(key))}: {plain(entry, language)}" for key, entry in value.items())
+        entries = (f"{language.words(str(key))}: {_plain(entry, language)}" for key, entry in value.items())
         return "; ".join(entries) or text.NONE
     if isinstance(value, list):
-        return language.phrase(", ").join(plain(entry, language) for entry in value) or text.NONE
+        return language.phrase(", ").join(_plain(entry, language) for entry in value) or text.NONE
     return language.translated(str(value))
 
 
 def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> dict[str, Any]:
     """Draw the figures as SVG; Markup is given our own drawing only, its texts escaped."""
     errors = report["errors"]
-
-    def effort_unit(joint: str) -> str:
-        return str(errors[joint]["unit"]) if joint in errors else ""
 
     overview = []
     for joint, entry in errors.items():
@@ -231,10 +228,9 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
         if before is not None and after is not None:
             overview.append((joint, before, after))
     return {
-        "overview": Markup(draw_errors(overview, "overview", language)) if overview else None,
+        "overview": Markup(draw_errors(overview, language)) if overview else None,
         "scatter": [
-            (item, Markup(draw_scatter(item, item.effort_unit or effort_unit(item.joint), f"scatter{i}", language)))
-            for i, item in enumerate(figures.scatter)
+            (item, Markup(draw_scatter(item, f"scatter{i}", language))) for i, item in enumerate(figures.scatter)
         ],
         "worst": Markup(draw_course(figures.worst, "worst", language)) if figures.worst else None,
         "worst_data": figures.worst,
@@ -245,5 +241,5 @@ def _drawn(report: Mapping[str, Any], figures: Figures, language: Language) -> d
         "diagnostics": [
             Markup(draw_diagnostics(own, f"diagnostics{i}", language)) for i, own in enumerate(figures.diagnostics)
         ],
-        "friction": Markup(draw_friction(figures.friction, "friction", language)) if figures.friction else None,
+        "friction": Markup(draw_friction(figures.friction, language)) if figures.friction else None,
     }

@@ -1,8 +1,8 @@
 """The words for a joint: what a report calls its signals and effects, and in which units, by how the joint is driven.
 
 Inside, every joint is a drive with a position ``x`` and a force, named for the common case, a piston. A person who has
-an arm of electric motors is told of joint position and N m. This module is the only place that decides it: effects and
-laws are written for a piston, :func:`in_words_of` turns what is said into each joint's own words, and
+an arm of electric motors reads of joint position and N m. This module is the only place that decides it: effects and
+laws are written for a piston, :func:`in_words_of` turns sentences into each joint's own words, and
 :meth:`JointWords.unit` its units.
 
 A joint that is driven directly turns (rad, N m) or slides (m, N). A sliding joint has metres and newtons whatever
@@ -58,7 +58,7 @@ class JointWords:
     Attributes
     ----------
     signals : name of a drive's signal to what it is called at this joint
-    texts : what an effect says to what it says at this joint
+    texts : text of an effect to its text at this joint
     units : unit as effects have it to that of this joint
     """
 
@@ -112,18 +112,13 @@ def in_own_units(machine: Machine, entry: dict[str, Any]) -> dict[str, Any]:
         second = curve["second"]
         whose = machine.joint(joint) if second["other"] is None else machine.joints[second["other"]]
         curve = {**curve, "second": {**second, "unit": joint_words(whose).unit(second["unit"])}}
+    neighbour, _, _ = entry["variable"].rpartition(".")
     return {
         **entry,
         "law": curve,
-        "unit": _variable_unit(machine, entry["variable"], joint, entry["unit"]),
+        "unit": joint_words(machine.joint(neighbour or joint)).unit(entry["unit"]),
         "effort_unit": effort_unit(machine.joint(joint)),
     }
-
-
-def _variable_unit(machine: Machine, variable: str, joint: str, unit: str) -> str:
-    """Return a signal's unit: of the joint, or of the neighbour that ``variable`` names."""
-    neighbour, _, _ = variable.rpartition(".")
-    return joint_words(machine.joint(neighbour or joint)).unit(unit)
 
 
 def in_words_of(machine: Machine, content: Any) -> Any:

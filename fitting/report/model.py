@@ -1,4 +1,4 @@
-"""What the report draws: values only, no drawing."""
+"""Values of the figures of a report; no drawing."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Scatter:
     x : (N,) the variable
     before, after : (N,) measured minus predicted effort without and with what was added
     law_x, law_y, law_std : (K,) the law that was found, and its standard deviation; empty where there is none
-    effort_unit : unit of the residuals and of the law; the joint's effort unit of the report if empty
+    effort_unit : unit of the residuals and of the law
     direction : (N,) sign of the speed (0 at rest) where the law differs between the directions, None where it is
         the same: an odd law averages out unless both ways are drawn apart
     partial : (N,) ``after`` with the law's own part put back: what the law has to explain, so points lie on it; None
@@ -77,7 +77,7 @@ class Scatter:
     law_x: FloatArray
     law_y: FloatArray
     law_std: FloatArray
-    effort_unit: str = ""
+    effort_unit: str
     direction: FloatArray | None = None
     law_back: FloatArray | None = None
     partial: FloatArray | None = None

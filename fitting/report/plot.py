@@ -176,7 +176,10 @@ class Panel:
         if len(u) > 2 * _STRETCHES:
             kept = _extremes(v)
             u, v = u[kept], v[kept]
-        return f'<polyline points="{_points(u, v)}" {_stroke(colour, width, dash)}/>'
+        # A round end would fill the gaps of a dashed line.
+        ends = f'stroke-dasharray="{dash}"' if dash else 'stroke-linecap="round"'
+        stroke = f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linejoin="round" {ends}'
+        return f'<polyline points="{_points(u, v)}" {stroke}/>'
 
     def band(self, x: FloatArray, low: FloatArray, high: FloatArray, colour: str, opacity: float) -> str:
         """Draw the area between two lines."""
@@ -193,15 +196,15 @@ class Panel:
         dots = "".join(f'<circle cx="{u:.1f}" cy="{v:.1f}" r="{radius:g}"/>' for u, v in places)
         return f'<g {how}opacity="{opacity:g}">{dots}</g>'
 
-    def diamonds(self, x: FloatArray, y: FloatArray, colour: str, *, radius: float) -> str:
+    def diamonds(self, x: FloatArray, y: FloatArray, colour: str) -> str:
         """Draw a diamond at every point."""
         places = zip(self.across(x).tolist(), self.down(y).tolist(), strict=True)
-        return f'<path d="{"".join(_diamond(u, v, radius) for u, v in places)}" fill="{colour}"/>'
+        return f'<path d="{"".join(_diamond(u, v) for u, v in places)}" fill="{colour}"/>'
 
-    def bars(self, x_from: FloatArray, x_to: FloatArray, y: FloatArray, colour: str, *, width: float) -> str:
+    def bars(self, x_from: FloatArray, x_to: FloatArray, y: FloatArray, colour: str) -> str:
         """Draw horizontal strokes from one value to the other."""
         ends = zip(self.across(x_from).tolist(), self.across(x_to).tolist(), self.down(y).tolist(), strict=True)
-        return _path("".join(f"M{u:.2f} {v:.2f}H{w:.2f}" for u, w, v in ends), colour, width)
+        return _path("".join(f"M{u:.2f} {v:.2f}H{w:.2f}" for u, w, v in ends), colour, 3.0)
 
     def level(self, y: float) -> str:
         """Draw a line across at one value."""
@@ -232,7 +235,7 @@ def legend(entries: Sequence[Entry], left: float, middle: float, *, centred: flo
         if entry.kind == "dot":
             parts.append(f'<circle cx="{start + 12:.2f}" cy="{middle:.2f}" r="4" fill="{entry.colour}"/>')
         elif entry.kind == "diamond":
-            parts.append(f'<path d="{_diamond(start + 12, middle, 4.9)}" fill="{entry.colour}"/>')
+            parts.append(f'<path d="{_diamond(start + 12, middle)}" fill="{entry.colour}"/>')
         else:
             parts.append(_path(f"M{start:.2f} {middle:.2f}h24", entry.colour, entry.width, entry.dash))
         parts.append(text(start + 30, middle + 3.6, entry.label, colour=INK))
@@ -269,19 +272,13 @@ def _points(u: FloatArray, v: FloatArray) -> str:
     return " ".join(["%.2f,%.2f"] * len(u)) % tuple(np.column_stack([u, v]).ravel().tolist())  # at once: half the time
 
 
-def _stroke(colour: str, width: float, dash: str = "") -> str:
-    # A round end would fill the gaps of a dashed line.
-    ends = f'stroke-dasharray="{dash}"' if dash else 'stroke-linecap="round"'
-    return f'fill="none" stroke="{colour}" stroke-width="{width:g}" stroke-linejoin="round" {ends}'
-
-
 def _path(d: str, colour: str, width: float, dash: str = "") -> str:
     dashes = f' stroke-dasharray="{dash}"' if dash else ""
     return f'<path d="{d}" fill="none" stroke="{colour}" stroke-width="{width:g}"{dashes}/>'
 
 
-def _diamond(u: float, v: float, radius: float) -> str:
-    return f"M{u:.2f} {v - radius:.2f}l{radius:g} {radius:g}l-{radius:g} {radius:g}l-{radius:g} -{radius:g}z"
+def _diamond(u: float, v: float) -> str:
+    return f"M{u:.2f} {v - 4.9:.2f}l4.9 4.9l-4.9 4.9l-4.9 -4.9z"
 
 
 def _extremes(v: FloatArray) -> npt.NDArray[np.intp]:

@@ -1,6 +1,6 @@
-"""What the report says in sentences: the verdict, what was found, what to do next.
+"""Sentences of the report: the verdict, what was found, what to do next.
 
-Sentences are made in English; each part goes through the ``language`` before values stand in it.
+Sentences are made in English; each part goes through the ``language`` before values are put in.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 from daq.messages import Sentence
 from fitting.report.languages import ENGLISH, NAMES, Language
-from fitting.report.schema import looked
+from fitting.report.schema.definition import looked
 from fitting.report.text import change, moved, number
 
 #: Units of what says which variant of an effect it is, and not how large.
@@ -81,14 +81,14 @@ def _cutoffs(entries: Sequence[Mapping[str, Any]], language: Language) -> list[s
     ]
 
 
-def place(joint: str | None, language: Language = ENGLISH) -> str:
+def _place(joint: str | None, language: Language = ENGLISH) -> str:
     """Write ``at joint2``, or the whole machine."""
     return language.phrase("at {}", joint) if joint else language.phrase("of the whole machine")
 
 
-def at(effect: Mapping[str, Any], language: Language = ENGLISH, sizes: str = "") -> str:
+def _at(effect: Mapping[str, Any], language: Language = ENGLISH, sizes: str = "") -> str:
     """Write ``friction that depends on position at joint2 (k1 = 312 N/m)``."""
-    named, where = language.lower(title(effect, language)), place(effect.get("joint"), language)
+    named, where = language.lower(title(effect, language)), _place(effect.get("joint"), language)
     return language.phrase("{} {} ({})", named, where, sizes) if sizes else language.phrase("{} {}", named, where)
 
 
@@ -99,7 +99,7 @@ def alternatives(effect: Mapping[str, Any], titles: Mapping[str, str], language:
         entry = {"id": other, "joint": effect.get("joint")} if isinstance(other, str) else dict(other)
         entry["title"] = entry.get("title") or titles.get(str(entry["id"]))
         same = entry.get("joint") == effect.get("joint")
-        names.append(language.lower(title(entry, language)) if same else at(entry, language))
+        names.append(language.lower(title(entry, language)) if same else _at(entry, language))
     return names
 
 
@@ -126,7 +126,7 @@ _UP_TO = {
 }
 
 
-def how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
+def _how_large(effect: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Write a curve as ``up to 157 N more friction, worst near 120 mm``; one or two sizes with deviations."""
     parameters, size = effect.get("parameters") or {}, effect.get("amplitude")
     if not size or not size["largest"] or sum(entry.get("std") is not None for entry in parameters.values()) <= _READ:
@@ -156,7 +156,7 @@ def over_noise(report: Mapping[str, Any], which: str) -> float | None:
     return math.sqrt(sum(squares) / len(squares)) if squares else None
 
 
-def interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
+def _interval(ci: Sequence[float] | None, language: Language = ENGLISH) -> str:
     """Write ``(95 % interval −66 % to −52 %)`` or nothing."""
     if not ci:
         return ""
@@ -173,7 +173,7 @@ def improvement(report: Mapping[str, Any], joints: Sequence[str | None], languag
     where = "that of all joints together" if own else "the error of all joints on the validation motion"
     how = moved(overall["change_percent"])
     size = [language.percent(abs(overall["change_percent"])).removeprefix("+")] if "{}" in how else []
-    altogether = language.phrase(f"{where} {how}{{}}", *size, interval(overall.get("ci95_percent"), language))
+    altogether = language.phrase(f"{where} {how}{{}}", *size, _interval(overall.get("ci95_percent"), language))
     return language.phrase("{} and {}", own, altogether) if own else altogether
 
 
@@ -205,7 +205,7 @@ def follows(law: Mapping[str, Any], language: Language = ENGLISH) -> str:
     way = law.get("only_while")
     own = language.phrase(", and turns its sign with the direction of motion") if law.get("times_sign_of_speed") else ""
     turns = language.phrase(f", only while the speed of the joint is {way}") if way else own
-    where = place(law.get("joint"), language)
+    where = _place(law.get("joint"), language)
     if (law.get("evidence") or {}).get("between"):
         pattern = "what the two position sensors {} disagree by follows the {}"
         return language.phrase(pattern, where, _signals(law, language))
@@ -308,7 +308,7 @@ def chance(probability: object, language: Language = ENGLISH) -> str:
 def explanation(hypothesis: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """Word a hypothesis: its effects and laws with places, or that nothing is missing."""
     parts = [
-        at({**entry, "title": titles.get(str(entry["id"]))}, language) for entry in hypothesis.get("effects") or []
+        _at({**entry, "title": titles.get(str(entry["id"]))}, language) for entry in hypothesis.get("effects") or []
     ]
     laws = list(dict.fromkeys(follows(law, language) for law in hypothesis.get("laws") or []))
     if laws:
@@ -351,14 +351,14 @@ def _impossible(report: Mapping[str, Any], language: Language) -> list[str]:
     """Word what cannot be."""
     violations = (report.get("plausibility") or {}).get("violations") or []
     lines = [
-        language.phrase("{}. Usual cause: {}.", capital(impossible(v, language)), language.translated(v["cause"]))
+        language.phrase("{}. Usual cause: {}.", capital(_violation(v, language)), language.translated(v["cause"]))
         for v in violations[:_MOST_LISTED]
     ]
     more = len(violations) - _MOST_LISTED
     return [*lines, *([language.phrase("{} more parameters are impossible too.", str(more))] if more > 0 else [])]
 
 
-def impossible(violation: Mapping[str, Any], language: Language = ENGLISH) -> str:
+def _violation(violation: Mapping[str, Any], language: Language = ENGLISH) -> str:
     """Word a violation: ``the stiffness of joint1 is negative (-2260 +- 5 N/m)``."""
     value = language.with_std(violation.get("value"), violation.get("std"))
     size = f"{value} {language.unit(violation.get('unit'))}".strip()
@@ -375,7 +375,7 @@ def _found(report: Mapping[str, Any], titles: Mapping[str, str], language: Langu
     certain = [e for e in effects if not e.get("indistinguishable_from")]
     sentences: list[str] = []
     if certain:
-        named = [at(e, language, how_large(e, language)) for e in certain]
+        named = [_at(e, language, _how_large(e, language)) for e in certain]
         sentences.append(language.phrase("the model lacked {}", language.listed(named)))
     sentences += [_one_of_a_set(e, titles, language) for e in effects if e.get("indistinguishable_from")]
     if laws:
@@ -409,7 +409,7 @@ def _one_of_a_set(effect: Mapping[str, Any], titles: Mapping[str, str], language
         names = [name + chance(p, language) for name, p in zip(names, chances, strict=True)]
     return language.phrase(
         "something is missing {}, and these recordings cannot tell whether it is {}",
-        place(effect.get("joint"), language),
+        _place(effect.get("joint"), language),
         language.listed(names, "or"),
     )
 

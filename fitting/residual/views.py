@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from daq.scratch import ScratchArrays
+from fitting.arm.expected import expected_sign
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Ranges
 from fitting.regression.design import Design, Extra, predicted_effort
-from fitting.regression.drive import expected_sign
 from fitting.regression.stored import in_memory
 from fitting.signals.preparation import Segment
 from fitting.signals.splines import evaluate, spline_knots

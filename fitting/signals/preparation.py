@@ -71,14 +71,14 @@ class Segment:
     ----------
     recording : index among the recordings that were prepared together
     role : role of that recording
-    start : row of the recording that sample 0 stands on
+    start : row of the recording that sample 0 is
     t : (N,) s
     q, qd, qdd : (N, n) joint motion, rad (m), zero speed where the joint is parked
     x, v, a : (N, n) motion of the driving element: the piston (m), or the joint itself where there is none
     r : (N, n) lever arm dx/dq, m/rad; 1 where there is no cylinder
     effort : (N, n) measured drive effort, unfiltered; N at a piston, the joint's effort unit elsewhere
     p1, p2 : (N, n) smoothed chamber pressures in Pa; NaN where there are none
-    rest : (N, n) True where the driving element stands still
+    rest : (N, n) True where the driving element is at rest
     loaded : False for `unloaded` recordings (F_l = 0)
     temperature : (N,) K, or None
     gap : (N, n) m, smoothed piston position less x(joint position), NaN where one of the two is not measured
@@ -287,7 +287,9 @@ def _segment(
         for key, value in zip(("effort", "p1", "p2"), measured, strict=True):
             columns[key].append(value)
         way = reach(joint, joint.cylinder is not None)
-        columns["rest"].append(_rest(motion[3], motion[4], noise[number].speed, way, bank.rate_hz))
+        # At rest for longer than a reversal, by its sensor; or parked, by its reach.
+        slow = np.abs(motion[4]) <= REST_SPEED * noise[number].speed
+        columns["rest"].append(long_rests(slow, bank.rate_hz) | parked(motion[3], way, bank.rate_hz))
     stacked: dict[str, Any] = {key: np.stack(value, axis=1) for key, value in columns.items()}
     return Segment(
         recording=index,
@@ -468,11 +470,6 @@ def drive_effort(joint: Joint, channel: Callable[[str], FloatArray | None]) -> F
         if measured is not None:
             return measured
     return None
-
-
-def _rest(x: FloatArray, speed: FloatArray, speed_noise: float, reach: float, rate_hz: float) -> BoolArray:
-    """Find where the element is at rest for longer than a reversal: by its sensor, or by its reach (parked)."""
-    return long_rests(np.abs(speed) <= REST_SPEED * speed_noise, rate_hz) | parked(x, reach, rate_hz)
 
 
 def parked(x: FloatArray, reach: float, rate_hz: float) -> BoolArray:

@@ -40,11 +40,11 @@ _FLOOR = 1e-3
 
 @dataclass(frozen=True)
 class OpenSpectrum:
-    """What the data leaves open of a log-spectrum.
+    """The part of a log-spectrum that the data leaves open.
 
     Attributes
     ----------
-    covariance : (c, c) of the coefficients of :func:`log_basis`
+    covariance : (c, c) of the coefficients of :func:`_log_basis`
     bandwidth_hz : what frequency is warped by
     """
 
@@ -53,7 +53,7 @@ class OpenSpectrum:
 
     def variance(self, frequency: FloatArray, power: FloatArray) -> FloatArray:
         """Compute the variance of ``power @ S_error / S``: power (k, F) over Hz (F,); (k,)."""
-        weights = power @ log_basis(frequency, self.bandwidth_hz)
+        weights = power @ _log_basis(frequency, self.bandwidth_hz)
         return np.asarray(np.einsum("ki,ij,kj->k", weights, self.covariance, weights))
 
 
@@ -120,9 +120,9 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     spread = float(np.std(np.concatenate([bank.reduce(p) for p in series]))) if len(series) else 0.0
     if len(total) < 3 * _COEFFICIENTS or not total.sum() > 0:
         return unit_whitening(spread)
-    coefficients, covariance_of_log = _smooth(log_basis(np.concatenate(frequencies), bank.bandwidth_hz), total)
+    coefficients, covariance_of_log = _smooth(_log_basis(np.concatenate(frequencies), bank.bandwidth_hz), total)
     grid = np.linspace(0.0, edge, 2000)
-    density = np.exp(log_basis(grid, bank.bandwidth_hz) @ coefficients)
+    density = np.exp(_log_basis(grid, bank.bandwidth_hz) @ coefficients)
     _, response = signal.freqz(bank.identification, worN=grid, fs=bank.rate_hz)
     filtered = density * np.abs(response) ** 2
     lags = np.arange(_ORDER + 1) / bank.reduced_rate_hz
@@ -139,7 +139,7 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     return Whitening(taps, head, innovation, float(np.sqrt(covariance[0])), left_open)
 
 
-def log_basis(frequency: FloatArray, bandwidth_hz: float) -> FloatArray:
+def _log_basis(frequency: FloatArray, bandwidth_hz: float) -> FloatArray:
     """Compute cosines in warped frequency, (N, coefficients): a log-spectrum's basis."""
     knee = _KNEE * bandwidth_hz
     warped = np.log1p(frequency / knee) / np.log1p(_EDGE * bandwidth_hz / knee)

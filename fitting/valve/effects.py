@@ -53,10 +53,17 @@ class ValveEffect:
         """Return the addition to a direction's delay, s, and the spool's lag in it."""
         return 0.0, 0.0
 
-    def factor(
-        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
-    ) -> FloatArray:
-        """Return an opening's factor (N,), against that without this effect."""
+    def factor(self, own: FloatArray, way: str, axis: Axis, drops: Drops, shape: Shape) -> FloatArray:
+        """Return an opening's factor (N,), 1 at the reference.
+
+        Parameters
+        ----------
+        own : (N,) the factor without this effect
+        way : ``extend`` or ``retract``
+        axis : what was recorded
+        drops : (N,) each, at inlet and outlet of the direction, over their references
+        shape : numbers that are searched
+        """
         return own
 
     def columns(self, signals: Signals, share: FloatArray, areas: tuple[float, float]) -> dict[str, FloatArray]:
@@ -65,7 +72,7 @@ class ValveEffect:
 
 
 class Hysteresis(ValveEffect):
-    """The spool stays where it is until the command has gone a little way: friction, and the solenoid's remanence."""
+    """The spool keeps its place until the command has gone a little way: friction, and the solenoid's remanence."""
 
     id = "spool_hysteresis"
     title = "hysteresis of the spool"
@@ -131,9 +138,8 @@ class WarmUp(ValveEffect):
     look_at = "oil temperature and viscosity grade"
     source = "Merritt 1967, 3-3"
 
-    def factor(
-        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
-    ) -> FloatArray:
+    def factor(self, own: FloatArray, way: str, axis: Axis, drops: Drops, shape: Shape) -> FloatArray:
+        signals = axis.signals
         if signals.warm:
             return own * np.maximum(1.0 + shape["warm_up.share"] * (signals.temperature - REFERENCE) / 10.0, 0.05)
         return own * (1.0 + shape["warm_up.share"] * np.exp(-signals.clock / shape["warm_up.tau"]))
@@ -156,22 +162,20 @@ class OverrunningLoad(ValveEffect):
     def applies(self, axis: Axis) -> bool:
         if not axis.has_pressures:
             return False
-        pulling = [_pulls(axis.signals, way, axis.areas) & (sign * axis.signals.u > 0) for way, sign in _SIGNS.items()]
+        pulling = [_pulls(axis, way) & (sign * axis.signals.u > 0) for way, sign in _SIGNS.items()]
         return bool(np.any(pulling))
 
-    def factor(
-        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
-    ) -> FloatArray:
-        pulls = _pulls(signals, way, areas)
+    def factor(self, own: FloatArray, way: str, axis: Axis, drops: Drops, shape: Shape) -> FloatArray:
+        pulls = _pulls(axis, way)
         return np.where(pulls, shape[f"overrunning_load.{way}"] * root(drops[1]), own)
 
 
 _SIGNS = {"extend": 1.0, "retract": -1.0}
 
 
-def _pulls(signals: Signals, way: str, areas: tuple[float, float]) -> BoolArray:
+def _pulls(axis: Axis, way: str) -> BoolArray:
     """Return where (N,) the load is along a direction's motion."""
-    force = signals.inlet[0] * areas[0] - signals.inlet[1] * areas[1]
+    force = axis.signals.inlet[0] * axis.areas[0] - axis.signals.inlet[1] * axis.areas[1]
     return np.asarray(_SIGNS[way] * force < 0.0)
 
 
@@ -189,9 +193,7 @@ class UndeclaredOrifice(ValveEffect):
     def applies(self, axis: Axis) -> bool:
         return axis.has_supply and axis.valve.compensated is True
 
-    def factor(
-        self, own: FloatArray, way: str, signals: Signals, drops: Drops, shape: Shape, areas: tuple[float, float]
-    ) -> FloatArray:
+    def factor(self, own: FloatArray, way: str, axis: Axis, drops: Drops, shape: Shape) -> FloatArray:
         return root(drops[0])
 
 

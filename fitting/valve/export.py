@@ -1,8 +1,8 @@
 """The inverse of a valve's model for a controller: C99, Python, Structured Text, functional mock-up units, and a table.
 
 The formula (:func:`fitting.valve.inverse.inverse_graph`) is printed by the dialects of the model's own export. Each
-file has beside it what a graph cannot say: numbers that are none give the neutral command, missing pressures the
-reference, and whether the axis stood decides where it starts. The text of every file says what else a controller owes
+file has beside it what a graph cannot express: numbers that are none give the neutral command, missing pressures the
+reference, and whether the axis moved decides where it starts. The text of every file says what else a controller owes
 the machine.
 """
 
@@ -70,7 +70,7 @@ def export_valve(model: ValveModel, to: str, folder: Path) -> Written:
     return formats()[to](model, folder)
 
 
-def model_card(model: ValveModel) -> list[str]:
+def _model_card(model: ValveModel) -> list[str]:
     """Write the model's card in lines."""
     lines = [
         f"Command of the valve of {model.joint} for a speed of its rod, made {datetime.now(UTC):%Y-%m-%d} by hilfit.",
@@ -115,7 +115,7 @@ def _body(model: ValveModel, dialect: Dialect, indent: str) -> dict[str, Any]:
         "name": _name(model),
         "asks": list(model.asks),
         "given": ["head", "rod", "supply", "tank"],
-        "card": model_card(model),
+        "card": _model_card(model),
         "neutral": dialect.number(model.neutral),
         "no_number": NO_NUMBER,
     }
@@ -173,7 +173,7 @@ def _fmu(model: ValveModel, folder: Path) -> Written:
     kinds = ("ModelExchange", "CoSimulation")
     resources = {f"{name}_selftest.csv": held.getvalue()}
     unit = Unit(name, model.joint, repr(model.to_json()), kinds, tuple(variables), sources, words, None, resources)
-    return write_units(folder, [unit], model.left_out, lambda lines: model_card(replace(model, left_out=tuple(lines))))
+    return write_units(folder, [unit], model.left_out, lambda lines: _model_card(replace(model, left_out=tuple(lines))))
 
 
 def _python(model: ValveModel) -> dict[str, str]:
@@ -192,7 +192,7 @@ def _csv(model: ValveModel) -> dict[str, str]:
     """Tabulate commands over speeds and over the drop of the direction's law, in rows."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    for line in model_card(model):
+    for line in _model_card(model):
         text.write(f"# {line}\n")
     table.writerow(["direction", "speed [m/s]", "pressure drop [Pa]", f"command [{model.unit}]", "flags"])
     for way, (name, own) in enumerate(zip(WAYS, model.directions, strict=True)):

@@ -2,10 +2,14 @@
 
 Least squares of the speed over the rows that are kept. The grid is over the delay and the edges, with the best gains
 at each point; from its best point the shape is refined. Intervals are those of a jackknife over blocks that are
-several times as long as a residual hangs together (one or two seconds): a few steps tell all of an edge or of a spool's
+several times as long as a residual hangs together (one or two seconds): a few steps show all of an edge or of a spool's
 lag, the fit follows them, and sums of scores (a sandwich) call what is left the noise. Recordings differ from one
-another by more than blocks do, which counts where three or more were fitted. What a few blocks tell is not better known
-than a few values tell a variance: 95 % are Student's, with Satterthwaite's degrees of freedom.
+another by more than blocks do, which counts where three or more were fitted. What a few blocks show is no better known
+than a variance from a few values: 95 % are Student's, with Satterthwaite's degrees of freedom.
+
+A model's peers are a line, an autoregression, and a curve of the command alone. All three get the same rows, the same
+filters and the same recordings, and are judged on the same other motion; the autoregression runs freely there, on
+nothing but commands.
 
 Sources: G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10, 1973 (variable projection); H. Kuensch, Ann. Stat. 17, 1989
 (jackknife over blocks); K. Liang and S. Zeger, Biometrika 73, 1986 (between recordings); F. Satterthwaite, Biometrics
@@ -14,17 +18,19 @@ Bulletin 2, 1946 (degrees of freedom).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
-from fitting.arrays import FloatArray
+from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.effort_fit import long_run
 from fitting.regression.freedom import SIGMAS, coverage_factors, freedom_of, moved_without
 from fitting.residual.confirmation.local import Local
+from fitting.signals.filters import recursive
+from fitting.signals.held import delayed, lagged
 from fitting.valve.laws import Bounds
 from fitting.valve.model import WAYS, Shape, Structure, columns, openings, solved, speeds
 from fitting.valve.rows import Axis
@@ -79,7 +85,7 @@ class Fit:
         free = [n for n in names if self.gains[n] > 0]
         inside, ends = list[str](), list[float]()
         for name, (start, low, high) in structure.shape().items():
-            step, here = _STEP * scale_of((start, low, high)), self.shape[name]
+            step, here = _STEP * _scale_of((start, low, high)), self.shape[name]
             if low + 1e-6 * step < here < high - 1e-6 * step:
                 inside.append(name)
                 ends += [max(here - step, low), min(here + step, high)]
@@ -171,7 +177,7 @@ def relative(axis: Axis, residual: FloatArray) -> float:
     return float(np.sqrt(np.mean(residual[keep] ** 2) / max(float(np.mean(axis.speed[keep] ** 2)), 1e-30)))
 
 
-def scale_of(bounds: Bounds) -> float:
+def _scale_of(bounds: Bounds) -> float:
     """Return a usual change of a number that is searched."""
     start, low, high = bounds
     return max(abs(start), 0.02 * (high - low)) if start else 0.05 * (high - low)
@@ -228,7 +234,7 @@ def _refined(
 ) -> Fit:
     bounds = structure.shape()
     free = [name for name in shape if name not in held]
-    scales = np.array([scale_of(bounds[name]) for name in free])
+    scales = np.array([_scale_of(bounds[name]) for name in free])
     low, high = (np.array([bounds[name][k] for name in free]) / scales for k in (1, 2))
     keep, y = axis.keep, axis.speed
 
@@ -258,3 +264,66 @@ def _refined(
     )
     matrix, gains, named = solution(answer.x)
     return Fit(axis, structure, at(answer.x), named, np.where(keep, y - matrix @ gains, 0.0))
+
+
+#: Rows at the start of a stretch in which an autoregression has not forgotten that it began from nothing.
+_SETTLING = 8
+
+
+def peers_of(axis: Axis, judged: Axis) -> tuple[dict[str, float | None], Fit]:
+    """Compute errors of peers fitted to an axis on another motion, RMS over the speed's, and the static curve.
+
+    ``linear``: one gain and a delay; ``arx``: two poles, two zeros and a delay, simulated, None where that has no end;
+    ``static``: a curve of the command and a delay, no pressures: what is handed out where nothing is better.
+    """
+    curve = fitted(axis, Structure(curve="monotone"))
+    arx = min(_arx(axis, judged, lag) for lag in range(round(DELAYS[-1] * axis.bank.reduced_rate_hz) + 1))[1]
+    errors = {
+        "linear": min(_linear(axis, judged, delay) for delay in DELAYS)[1],
+        "arx": arx if np.isfinite(arx) else None,
+        "static": relative(judged, judged.speed - predicted(judged, curve)),
+    }
+    return errors, curve
+
+
+def _linear(axis: Axis, judged: Axis, delay: float) -> tuple[float, float]:
+    """Compute errors on the fitted rows and on others."""
+    one, other = (
+        own.reduced(delayed(own.signals.parts, own.signals.u, delay * axis.bank.rate_hz)) for own in (axis, judged)
+    )
+    gain = float(one[axis.keep] @ axis.speed[axis.keep]) / max(float(one[axis.keep] @ one[axis.keep]), 1e-30)
+    return relative(axis, axis.speed - gain * one), relative(judged, judged.speed - gain * other)
+
+
+def _arx(axis: Axis, judged: Axis, lag: int) -> tuple[float, float]:
+    """Compute errors, simulated freely, on fitted and other rows: ``y_k = a y_(k-1..2) + b u_(k-lag..lag+1)``."""
+    rows, right = [], []
+    for u, y, keep in _series(axis):
+        late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
+        block = lagged(late, y, poles=2, zeros=2)
+        kept = keep[2:] & keep[1:-1] & keep[:-2]
+        rows.append(block[kept])
+        right.append(y[2:][kept])
+    a = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right), rcond=None)[0]
+    if np.any(np.abs(np.roots([1.0, -a[0], -a[1]])) >= 1.0):
+        return np.inf, np.inf
+    return _simulated(axis, a, lag), _simulated(judged, a, lag)
+
+
+def _simulated(axis: Axis, a: FloatArray, lag: int) -> float:
+    errors = list[FloatArray]()
+    for u, y, keep in _series(axis):
+        late = np.concatenate([np.full(lag, u[0]), u])[: len(u)]
+        out = recursive([a[2], a[3], 0.0], [1.0, -a[0], -a[1]], late)
+        errors.append(np.where(keep & (np.arange(len(y)) >= _SETTLING), y - out, 0.0))
+    return relative(axis, np.concatenate(errors))
+
+
+def _series(axis: Axis) -> Iterator[tuple[FloatArray, FloatArray, BoolArray]]:
+    """Return filtered command, speed and whether a row is kept (rows,), by stretch."""
+    start = 0
+    for part in axis.signals.parts:
+        u = axis.bank.reduce(axis.signals.u[part])
+        own = slice(start, start + len(u))
+        start += len(u)
+        yield u, axis.speed[own], axis.keep[own]

@@ -21,11 +21,10 @@ from fitting.valve.checks import axis_checks, compensated_edge, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
 from fitting.valve.drift import Kept
 from fitting.valve.effects import EFFECTS
-from fitting.valve.fit import Fit, predicted, profile, relative
+from fitting.valve.fit import Fit, peers_of, predicted, profile, relative
 from fitting.valve.inverse import ValveModel, direction_of, model_of
 from fitting.valve.laws import LAWS
 from fitting.valve.model import WAYS
-from fitting.valve.peers import peers_of
 from fitting.valve.pump import PumpLimit, pump_limits_of
 from fitting.valve.rows import Axis, axis_of
 

@@ -8,7 +8,7 @@ For the directions ``i`` = extend, retract, with ``u`` the command over its full
 
 A command is held until the next one is sent: on the average that makes it half a cycle later, which is not part of
 ``T``. The spool's lag ``tau`` is: at 3 Hz their sum alone is well known. It counts nevertheless, as a spool that is
-told to jump comes to its edge late, and to a farther edge later. ``f_i`` is a law of the pressure
+to jump comes to its edge late, and to a farther edge later. ``f_i`` is a law of the pressure
 (:mod:`fitting.valve.laws`), the last term the oil that the chamber's pressure takes (``V_i`` its volume, hoses
 included). ``k_i``, ``1/K`` and the hoses' part are linear and never negative; ``T``, ``tau``, its damping ``D``,
 ``e_i`` and all else that bends are the *shape*.
@@ -127,7 +127,7 @@ def _directed(
     spool = (structure.effects, of_effects, lag * rate, shape["damping"])
     power = shape.get(f"power.{WAYS[way]}", 1.0)
     opened = _land(axis, structure.curve, way, spool, shape[f"edge.{WAYS[way]}"], power)
-    factor, moved = SIGNS[way] * factors(axis, structure, shape, way), (late - lag) * rate
+    factor, moved = SIGNS[way] * _factors(axis, structure, shape, way), (late - lag) * rate
     return {name: factor * delayed(signals.parts, own, moved) for name, own in opened.items()}
 
 
@@ -185,12 +185,12 @@ def _land(axis: Axis, curve: str, way: int, spool: _Spool, edge: float, power: f
     return dict(zip(names, whole, strict=True))
 
 
-def factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
+def _factors(axis: Axis, structure: Structure, shape: Shape, way: int) -> FloatArray:
     """Compute an opening's factors (N,) of pressures and effects, 1 at the reference."""
     law = structure.laws[way]
     factor = _by_law(axis, law, way, tuple(shape[f"{name}.{WAYS[way]}"] for name in LAWS[law].shape))
     for effect in structure.found:
-        factor = effect.factor(factor, WAYS[way], axis.signals, _drops(axis, way), shape, axis.areas)
+        factor = effect.factor(factor, WAYS[way], axis, _drops(axis, way), shape)
     return factor
 
 

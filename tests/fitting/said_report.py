@@ -11,9 +11,9 @@ from test_report import JOINTS, VERDICTS, sample_report
 from daq.messages import Sentence, messages_in, texts
 from fitting.effects import effects
 from fitting.effects.base import Effect
-from fitting.report import clean
 from fitting.report.joint_words import _AS_WRITTEN, MOTOR, SLEW, JointWords
 from fitting.report.languages import NAMES
+from fitting.report.schema.definition import clean
 
 #: What a joint is driven by, and the words for it.
 DRIVES = {"cylinder": _AS_WRITTEN, "motor": JointWords(**MOTOR, units={}), "slew": JointWords(**SLEW, units={})}

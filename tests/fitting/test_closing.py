@@ -16,7 +16,7 @@ from fitting.loop.session import Request
 from fitting.pipeline import resolving
 from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Designed, Program, Resolution
 from fitting.planning.next_experiment import MOST_RECORDINGS
-from fitting.report.schema import ResolutionStep
+from fitting.report.schema.loop import ResolutionStep
 from fitting.report.wording import resolution
 from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution, Hypothesis

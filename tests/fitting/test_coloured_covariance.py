@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fitting.estimators import OrdinaryLeastSquares, residual_draws
-from fitting.estimators.covariance import Colour, autoregression, block_length
+from fitting.estimators import OrdinaryLeastSquares
+from fitting.estimators.covariance import Colour, autoregression, block_length, residual_draws
 
 Array = npt.NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from fitting.arm.dynamics import coupled_regressor, standard_regressor
 from fitting.arm.geometry import geometry_of
 from fitting.arm.joint_side import at_joints
 from fitting.loop.session import Options, Session
-from fitting.pipeline.rigid_body_stage import identify_one_shot
-from fitting.regression.drive import direct_units, drive_names
+from fitting.pipeline.stage_two import identify_one_shot
+from fitting.regression.drive import drive_names, drive_units
 
 RATE = 200.0
 RATIO, PULL = -32.0, 16.0
@@ -255,7 +255,7 @@ def test_the_tx40_has_61_parameters() -> None:
     assert sum(name == "f_0" for names in drives for name in names) == 6
     assert len(reduce_parameters(machine)) + sum(map(len, drives)) == 61
     assert [number + 1 for number, names in enumerate(drives) if "J" in names] == [3, 4, 5, 6]
-    assert direct_units("N m")["f_0"] == "N m"
+    assert drive_units(machine.joints[0])["f_0"] == "N m"
 
 
 BENCH = """

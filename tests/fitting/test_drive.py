@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from synthetic_arm import planar_machine, truth
 
-from fitting.regression.drive import UNITS, drive_columns, drive_names, expected_power, expected_sign, known_effort
+from fitting.arm.expected import expected_power, expected_sign
+from fitting.regression.drive import UNITS, drive_columns, drive_names, known_effort
 from fitting.regression.prior import mass_prior, moving_mass
 from fitting.signals.filters import advanced
 

@@ -20,8 +20,7 @@ from fitting.estimators import Estimator, estimator, estimator_ids
 from fitting.estimators.conformance import check_estimator
 from fitting.loop.session import Options
 from fitting.pipeline.cylinder_stage import identify_cylinders
-from fitting.pipeline.rigid_body_stage import identify_rigid_body, refit_rigid_body
-from fitting.pipeline.stage_two import Choice, chosen
+from fitting.pipeline.stage_two import Choice, chosen, identify_rigid_body, refit_rigid_body
 
 IDS = ("ols", "possible", "ridge", "wls")
 

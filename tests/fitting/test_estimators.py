@@ -12,17 +12,13 @@ from coloured import automatic_lags, hac_covariance
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fitting.estimators import (
-    Estimate,
-    Estimator,
-    OrdinaryLeastSquares,
-    PossibleFit,
-    RecursiveLeastSquares,
-    RidgeTowardPrior,
-    WeightedLeastSquares,
-)
+from fitting.estimators import Estimate, Estimator, OrdinaryLeastSquares
 from fitting.estimators.conformance import check_estimator
 from fitting.estimators.least_squares import solve
+from fitting.estimators.possible import PossibleFit
+from fitting.estimators.recursive import RecursiveLeastSquares
+from fitting.estimators.ridge import RidgeTowardPrior
+from fitting.estimators.weighted import WeightedLeastSquares
 
 Array = npt.NDArray[np.float64]
 ESTIMATORS: tuple[Estimator, ...] = (
@@ -279,7 +275,6 @@ def test_one_row_at_a_time_equals_the_batch() -> None:
     for row, value in zip(A, b, strict=True):
         recursion.update(row, value)
     batch = OrdinaryLeastSquares().fit(A, b)
-    assert recursion.rows == 3000
     assert recursion.theta == pytest.approx(batch.theta, rel=1e-11)
     assert recursion.covariance == pytest.approx(batch.covariance, rel=1e-9, abs=1e-12)
     assert recursion.residual_std == pytest.approx(batch.residual_std[0], rel=1e-11)
@@ -418,7 +413,7 @@ def test_wrong_rows_are_refused_and_change_nothing() -> None:
     for rows, target in (([1.0], 1.0), ([[1.0, 2.0]], [1.0, 2.0]), ([1.0, np.nan], 1.0), ([1.0, 2.0], np.inf)):
         with pytest.raises(ValueError, match=r"do not fit|not finite"):
             recursion.update(rows, target)
-    assert np.array_equal(recursion.theta, before) and recursion.rows == 3
+    assert np.array_equal(recursion.theta, before)
 
 
 @pytest.mark.parametrize(("columns", "forgetting"), [(0, 1.0), (2, 0.0), (2, 1.1), (2, -0.5)])

@@ -10,14 +10,10 @@ from arm_examples import driven_arm, random_chain
 
 from fitting.arm.base_parameters import condition_number, reduce_parameters
 from fitting.arm.dynamics import rigid_body_regressor
-from fitting.excitation import (
-    ExcitationOptions,
-    HydraulicLimits,
-    condition_of_information,
-)
+from fitting.excitation import ExcitationOptions, HydraulicLimits
 from fitting.excitation.cylinders import _band_value
 from fitting.excitation.fourier import fourier_basis, spread_harmonics
-from fitting.excitation.objective import probed_regressor, spectral_objective
+from fitting.excitation.objective import condition_of_information, probed_regressor, spectral_objective
 from fitting.excitation.problem import pose_problem, random_start
 from fitting.excitation.search import STAGES, value_and_gradient
 

@@ -18,14 +18,13 @@ from fitting.arm.linkage import piston_motion
 from fitting.excitation import (
     ExcitationOptions,
     HydraulicLimits,
-    condition_of_information,
     design_motion,
     design_sequence,
-    information,
     information_of,
     information_of_recording,
 )
 from fitting.excitation.limits import chamber_pressure
+from fitting.excitation.objective import condition_of_information, information
 from fitting.excitation.problem import pose_problem, random_start
 
 QUICK = ExcitationOptions(seconds=12.0, starts=1, iterations=15, samples=60, harmonics=5)

@@ -18,7 +18,7 @@ from fitting.arm.geometry import geometry_of
 from fitting.estimators import OrdinaryLeastSquares
 from fitting.estimators.effort_fit import EffortRows
 from fitting.loop.session import Options, Session
-from fitting.pipeline.rigid_body_stage import identify_one_shot
+from fitting.pipeline.stage_two import identify_one_shot
 from fitting.regression.design import (
     Design,
     JointBlock,

@@ -24,8 +24,7 @@ from daq.motion_files import Motion
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.linkage import lever_arm
 from fitting.planning.guess import default_guess, guess_from_file, worst_friction
-from fitting.planning.planned import planned_segment, segment_of_states
-from fitting.planning.planned_views import chamber_models, planned_views, usual_chambers
+from fitting.planning.planned import chamber_models, planned_segment, planned_views, segment_of_states, usual_chambers
 from fitting.regression.design import build_design
 from fitting.signals.filters import filter_bank
 

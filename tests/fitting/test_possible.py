@@ -9,7 +9,9 @@ from arm_examples import chain, physical_links, planar_arm, puma_560, standard_p
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.arm.dynamics import standard_of_link
 from fitting.arm.geometry import Geometry
-from fitting.estimators import PossibleFit, StageTwo, WeightedLeastSquares, within
+from fitting.estimators import StageTwo, within
+from fitting.estimators.possible import PossibleFit
+from fitting.estimators.weighted import WeightedLeastSquares
 from fitting.regression.body_prior import pseudo_inertia
 
 

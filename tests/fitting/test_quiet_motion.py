@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fitting.signals.filters import filter_bank
+from fitting.signals.motion_frequency import motion_edge, quiet_motion
 from fitting.signals.preparation import PositionNoise, Segment
-from fitting.signals.quiet_motion import motion_edge, quiet_motion
 
 RATE, SECONDS = 50.0, 60.0
 BANK = filter_bank(RATE, 3.0)

@@ -16,17 +16,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.messages import Sentence
-from fitting.report import (
-    Course,
-    Figures,
-    FrictionCurve,
-    ReportError,
-    Scatter,
-    json_schema,
-    validate_report,
-    write_report,
-)
+from fitting.report import write_report
+from fitting.report.model import Course, Figures, FrictionCurve, Scatter
 from fitting.report.schema import file
+from fitting.report.schema.definition import ReportError, json_schema, validate_report
 from fitting.report.text import moment, moved, number, percent, unit, with_std
 from fitting.report.wording import as_chance, chance, explanation, follows, nearest, readable, sizes, verdict_sentence
 
@@ -230,6 +223,7 @@ def sample_figures(blamed: bool = True) -> Figures:
                 grid,
                 1600.0 * (grid - 0.15),
                 np.full(60, 9.0),
+                "N m",
                 direction=np.sign(v),
                 law_back=-1600.0 * (grid - 0.15),
             ),
@@ -545,7 +539,7 @@ def test_gaps_in_figures_are_left_out(tmp_path: Path) -> None:
 def test_empty_figures_are_drawn_without_complaint(tmp_path: Path) -> None:
     none = np.zeros(0)
     figures = Figures(
-        scatter=(Scatter("joint1", "time", "s", none, none, none, none, none, none),),
+        scatter=(Scatter("joint1", "time", "s", none, none, none, none, none, none, "N m"),),
         friction=(FrictionCurve("joint1", "m/s", "N", none, none, none),),
     )
     _, page = written(sample_report(), figures, tmp_path)

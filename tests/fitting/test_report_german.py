@@ -16,11 +16,11 @@ from test_report import sample_figures, sample_report
 from daq.errors import InputError
 from daq.messages import Sentence, texts
 from fitting.pipeline.stage_names import ReportLanguage
-from fitting.report import Figures, wording, write_report
 from fitting.report import html as pages
+from fitting.report import wording, write_report
 from fitting.report.html import render_html
 from fitting.report.languages import ENGLISH, NAMES, codes, content_of, language
-from fitting.report.model import JointDiagnostics
+from fitting.report.model import Figures, JointDiagnostics
 
 GERMAN = language("de")
 CONTENT = content_of("de")

@@ -10,7 +10,7 @@ from daq.errors import InputError, RecordingError
 from fitting.arm.base_parameters import reduce_parameters
 from fitting.loop.session import Options, Session
 from fitting.pipeline.cylinder_stage import CylinderEstimate, identify_cylinders
-from fitting.pipeline.rigid_body_stage import identify_one_shot, identify_rigid_body
+from fitting.pipeline.stage_two import identify_one_shot, identify_rigid_body
 from fitting.regression.design import white_noise_model
 
 

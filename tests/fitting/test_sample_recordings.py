@@ -20,7 +20,7 @@ from fitting.loop.session import Session
 from fitting.pipeline.results.results import build_report
 from fitting.pipeline.results.stage_results import StageResults
 from fitting.pipeline.stages import STEPS
-from fitting.report import Figures
+from fitting.report.model import Figures
 
 pytestmark = pytest.mark.slow
 

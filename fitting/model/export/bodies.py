@@ -1,9 +1,9 @@
 """Links for simulators (URDF, MJCF): standard parameters of bodies that can exist, with the model's base parameters.
 
-Recordings tell base parameters only; of the many standard ones that have them, those nearest to plausible links are
-taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, those whose efforts
-are nearest over the limits of the machine are taken if that is asked for, and what it costs is said. Drives and
-cylinders are written beside them as far as the format has them.
+Recordings determine base parameters only; of the many standard ones that have them, those nearest to plausible links
+are taken (:mod:`fitting.regression.plausible_arm`). Where no body has the model's very base parameters, those whose
+efforts are nearest over the limits of the machine are taken if that is asked for, and what it costs is reported. Drives
+and cylinders are written beside them as far as the format has them.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
     found = _nearest(geometry, base, _EXACT * rows, theta)
     found[base.independent] += theta - base.regrouping @ found  # the last digits
     apart = None
-    if not _possible(found, n):
+    if not all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in found[: 10 * n].reshape(n, 10)):
         if not possible:
             raise InputError(
                 "export: no bodies have the model's base parameters; --possible writes the nearest that can exist, "
@@ -125,10 +125,10 @@ def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
         change = base_regressor(model.arm, base, *seen) @ (base.regrouping @ found - theta)
         apart = np.asarray(np.sqrt(np.mean(change**2, axis=0)))
     standard = found[: 10 * n].reshape(n, 10)
-    return Bodies(tuple(_links(geometry, standard)), standard, gravity_of(model), apart)
+    return Bodies(tuple(_links(geometry, standard)), standard, _gravity_of(model), apart)
 
 
-def gravity_of(model: ArmModel) -> FloatArray:
+def _gravity_of(model: ArmModel) -> FloatArray:
     """Return gravity (3,) in the base's frame with the tilt of effects, m/s^2."""
     field = np.asarray(model.arm.gravity, dtype=float)
     for columns, values in _tilts(model).values():
@@ -153,10 +153,6 @@ def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: 
     return arm.optimum(rows, target, weight=ALONE).standard.copy()
 
 
-def _possible(standard: FloatArray, joints: int) -> bool:
-    return all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in standard[: 10 * joints].reshape(-1, 10))
-
-
 def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
     links, before, frames = [], np.eye(4), link_frames(geometry, np.zeros(geometry.joints))
     for i, row in enumerate(standard):
@@ -178,12 +174,12 @@ def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
     return links
 
 
-def tendon_of(cylinder: Cylinder) -> bool:
+def _tendon_of(cylinder: Cylinder) -> bool:
     """Return whether a simulator's tendon moves like the cylinder."""
     return isinstance(reduced(cylinder.linkage), ThreePin | Rack | Direct)
 
 
-def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
+def _not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -> tuple[str, ...]:
     """List a line for each part of a model outside a simulator format's links and drives.
 
     Parameters
@@ -195,7 +191,7 @@ def not_in_bodies(model: ArmModel, bodies: Bodies, *, cylinders: bool = False) -
         names = model.parameters.drive[number]
         if joint.cylinder is None:
             lines += [f"drive of {joint.name} (f_0)"] if "f_0" in names else []
-        elif not cylinders or not tendon_of(joint.cylinder):
+        elif not cylinders or not _tendon_of(joint.cylinder):
             own = ", ".join((*names, *(["damping"] if joint.cylinder.damping else [])))
             lines.append(f"cylinder of {joint.name} ({own}, at the piston): its lever arm changes with the joint")
         elif "f_s" in names:
@@ -226,7 +222,7 @@ def _drive(model: ArmModel, number: int) -> dict[str, float]:
 def _cylinder(model: ArmModel, number: int, place: FloatArray) -> dict[str, Any] | None:
     """Return a cylinder as a tendon: its pins, areas, friction, mass and stiffness, never below zero."""
     cylinder, found = model.arm.joints[number].cylinder, model.drive_values(number)
-    if cylinder is None or not tendon_of(cylinder):
+    if cylinder is None or not _tendon_of(cylinder):
         return None
     values = {name: max(found.get(name, 0.0), 0.0) for name in ("m", "K", "f_c", "f_v")}
     result = values | {"head": cylinder.head_area, "rod": cylinder.rod_area}
@@ -253,7 +249,7 @@ def written_bodies(model: ArmModel, path: Path, template: str, possible: bool, *
     model, notes = moving_model(model, possible)
     bodies = bodies_of(model, possible=possible)
     drives = [_drive(model, number) for number in range(len(model.joints))]
-    left_out = [*notes, *not_in_bodies(model, bodies, cylinders=cylinders)]
+    left_out = [*notes, *_not_in_bodies(model, bodies, cylinders=cylinders)]
     if not cylinders:  # the format has no place for what the other has
         inertias = zip(model.joints, (own["inertia"] for own in drives), strict=True)
         left_out += [f"inertia of the drive of {name}: {own:.6g}" for name, own in inertias if own]

@@ -1,4 +1,4 @@
-"""What an exported program can be asked, as nodes: the same functions in every language."""
+"""Functions of an exported program, as nodes: the same ones in every language."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.export.printing import Dialect, statements
 from fitting.model.export.tracing.graph import Node, needed
-from fitting.model.export.tracing.recursion import State
+from fitting.model.export.tracing.moments import State
 from fitting.model.export.tracing.tracing import Past, Tracer, tracer_of
 from fitting.model.export.words import Written, model_card
 
@@ -141,7 +141,7 @@ def program_of(model: ArmModel) -> Program:
         If the machine has something that no format has.
     """
     tracer = tracer_of(model)
-    return Program(identifier(model.machine.name), tracer, tuple(functions_of(tracer)))
+    return Program(identifier(model.machine.name), tracer, tuple(_functions_of(tracer)))
 
 
 def forward_program(model: ArmModel, possible: bool) -> tuple[Program | None, tuple[str, ...]]:
@@ -200,7 +200,7 @@ def written(folder: Path, texts: Mapping[str, str], left_out: Sequence[str]) -> 
     return Written(tuple(folder / name for name in texts), tuple(left_out))
 
 
-def functions_of(tracer: Tracer) -> list[Function]:
+def _functions_of(tracer: Tracer) -> list[Function]:
     """List what an exported model can be asked."""
     state, moment = tracer.variables(), ("q", "qd", "qdd", "t", *tracer.oil)
     known = () if tracer.model.temperature is None else ("temperature",)

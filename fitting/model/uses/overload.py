@@ -5,7 +5,7 @@ The filters of an identification look seconds to both sides. Here motion comes f
 residual over its band: parameters and what the fit left of its recordings; and where a drive hardly moves, as much
 more as its Coulomb friction leaves open there. Where it rests, friction is whatever holds it, up to the Coulomb
 friction either way, and only what is beyond counts: a joint that is held trembles by more than its encoder's noise, so
-a sign of speed says nothing there. What counts is what lasts: the smallest score of :data:`LASTS_S`, and none of a
+a sign of speed means nothing there. What counts is what lasts: the smallest score of :data:`LASTS_S`, and none of a
 stretch's first :data:`QUIET_S`.
 
 What an unchanged machine's scores do was learnt (:mod:`fitting.model.tails`), so a threshold has a rate of false
@@ -128,7 +128,8 @@ def scores_in(found: Evaluated, index: int) -> Scores:
     error = segment.effort - found.drive_effort(index)
     band = np.hypot(found.parameter_std(index), model.residual_std)
     for joint in range(error.shape[1]):
-        known, most = expected_sign(segment.v[:, joint], model.noise[joint].speed), _coulomb(model, joint)
+        known = expected_sign(segment.v[:, joint], model.noise[joint].speed)
+        most = abs(model.drive_values(joint).get("f_c", 0.0))  # Coulomb friction, N or N m
         rest = segment.rest[:, joint]
         held = error[:, joint] + most * known  # with the friction that the sign of speed stands for
         error[:, joint] = np.where(rest, np.sign(held) * np.maximum(np.abs(held) - most, 0.0), error[:, joint])
@@ -145,11 +146,6 @@ def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
         sizes[before:] = np.lib.stride_tricks.sliding_window_view(np.abs(scores), before + 1, axis=0).min(axis=-1)
     sizes[:first] = 0.0
     return sizes
-
-
-def _coulomb(model: ArmModel, joint: int) -> float:
-    """Return a drive's Coulomb friction, N or N m; 0 where undetermined."""
-    return abs(model.drive_values(joint).get("f_c", 0.0))
 
 
 def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:

@@ -1,7 +1,7 @@
-"""What the loop found, as ``loop`` of report.json.
+"""Findings of the loop, as ``loop`` of report.json.
 
-What is said of a finding whatever the final fit makes of its size is made when it is found, and is part of the stage's
-result; :func:`loop_content` puts it together with what the final fit says.
+What is reported of a finding whatever the final fit makes of its size is made when it is found, part of the stage's
+result; :func:`loop_content` puts it together with sizes from the final fit.
 """
 
 from __future__ import annotations
@@ -51,16 +51,22 @@ _CHOICES = {
 LIMIT_POWER = 0.95
 
 
-def loop_content(session: Session, results: StageResults, model: Model, terms: list[Term]) -> dict[str, Any]:
-    """Build ``loop`` of report.json, of the final fit's ``model`` with these ``terms``."""
+def loop_content(session: Session, results: StageResults, model: Model) -> dict[str, Any]:
+    """Build ``loop`` of report.json.
+
+    Parameters
+    ----------
+    session, results : the identification, and what its stages found
+    model : the final fit, with the terms that were found
+    """
     machine = session.machine
     names = [joint.name for joint in machine.joints]
     found, kinematics, effects, unexplained = results[Attributed], results[Residual].kinematics, [], []
-    added = {term.family for term in terms}
+    added = {term.family for term in found.terms}
     for finding in kinematics:
         if (finding.steps[0]["effect"], finding.steps[0]["joint"]) not in added:  # a name is said once
             effects.append(finding.effect)
-    for number, (term, accepted) in enumerate(zip(terms, found.accepted, strict=True)):
+    for number, (term, accepted) in enumerate(zip(found.terms, found.accepted, strict=True)):
         if isinstance(term.content, Law):
             unexplained.append(_added_law(machine, term, term.content, model, number, accepted))
         else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
@@ -15,7 +15,7 @@ from fitting.arrays import FloatArray
 from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import final_model
 from fitting.loop.residual_loop import is_ripple
-from fitting.loop.session import Prepared, Session
+from fitting.loop.session import Session
 from fitting.pipeline.check_gate import for_report
 from fitting.pipeline.results.loop_content import loop_content
 from fitting.pipeline.results.loop_results import Attributed
@@ -31,7 +31,7 @@ from fitting.pipeline.results.stage_results import (
     StageResults,
 )
 from fitting.pipeline.stage_two import estimated
-from fitting.regression.drive import UNITS, direct_units, effort_unit
+from fitting.regression.drive import drive_units, effort_unit
 from fitting.regression.error_sizes import in_floors
 from fitting.regression.flags import mark
 from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
@@ -41,7 +41,7 @@ from fitting.report.languages import NAMES
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.lines import Line
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model
 
 #: What the joint refit's weights make it, and its deviations.
 _ESTIMATORS = {"whitened": "gls", "equal": "joint_ols"}
@@ -52,34 +52,21 @@ MOSTLY_PRIOR = 0.5
 BEYOND = 2.0
 
 
-@dataclass(frozen=True)
-class Final:
-    """The final fit with everything that was found.
+def final_fit(session: Session, results: StageResults) -> Model:
+    """Make the final fit with everything that was found again, from the stages' results."""
+    corrections = corrections_from_json(session, results[Residual].steps)
+    return estimated(session, final_model(session, corrections, results[Attributed].terms)[1].model)[0]
 
-    Attributes
+
+def build_report(session: Session, results: StageResults, final: Model | None = None) -> tuple[dict[str, Any], Figures]:
+    """Build report.json's content (DESIGN 6) and the page's figures.
+
+    Parameters
     ----------
-    steps : of the kinematic corrections, as JSON
-    terms : effects and laws
-    prepared, model : design and fit
+    session, results : the identification, and what its stages found
+    final : of :func:`final_fit`, which is called if None
     """
-
-    steps: tuple[Mapping[str, Any], ...]
-    terms: list[Term]
-    prepared: Prepared
-    model: Model
-
-
-def final_fit(session: Session, results: StageResults) -> Final:
-    """Make the final fit again, from the stages' results."""
-    terms, steps = results[Attributed].terms, results[Residual].steps
-    prepared, final = final_model(session, corrections_from_json(session, steps), terms)
-    return Final(steps, terms, prepared, estimated(session, final.model)[0])
-
-
-def build_report(session: Session, results: StageResults, final: Final | None = None) -> tuple[dict[str, Any], Figures]:
-    """Build report.json's content (DESIGN 6) and the page's figures; the ``final`` fit is made if not given."""
-    final = final or final_fit(session, results)
-    terms, prepared, model = final.terms, final.prepared, final.model
+    model = final or final_fit(session, results)
     checked, refitted = results[Checked], results[Refitted]
     content = {
         "schema": "hilfit/report/1",
@@ -112,7 +99,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
         "one_shot": _one_shot(session, results),
         "errors": _errors(session, results),
         "overall": refitted.overall,
-        "loop": loop_content(session, results, model, terms),
+        "loop": loop_content(session, results, model),
         "estimation": refitted.estimation,
         "plausibility": _plausibility(session, results),
         "parameter_shifts": _shifts(session, results),
@@ -124,7 +111,7 @@ def build_report(session: Session, results: StageResults, final: Final | None = 
     for part in ("loop", "estimation", "plausibility", "warnings"):
         content[part] = in_words_of(session.machine, content[part])
     mark(content)
-    return content, _figures(session, results, prepared, model, terms)
+    return content, _figures(session, results, model)
 
 
 def _plausibility(session: Session, results: StageResults) -> dict[str, Any]:
@@ -152,7 +139,7 @@ def _cylinders(session: Session, results: StageResults) -> dict[str, Any]:
     cylinders = {}
     for number, (joint, first) in enumerate(zip(session.machine.joints, results[Cylinders].cylinders, strict=True)):
         part = session.plain.design.parameters.drive_slice(number)
-        units = UNITS if joint.cylinder is not None else direct_units(joint.effort_unit)
+        units = drive_units(joint)
         cylinders[joint.name] = {
             "parameters": _values(
                 first.names, refit.after.theta[part], refit.after.std[part], units, refit.after.share[part]
@@ -353,7 +340,7 @@ def _parameter_verdicts(session: Session) -> tuple[ParameterVerdict, ...]:
     return parameter_verdicts(plain.design, plain.noise, plain.fitted, theta, session.base_model.prior)
 
 
-def _figures(session: Session, results: StageResults, prepared: Prepared, model: Model, terms: list[Term]) -> Figures:
+def _figures(session: Session, results: StageResults, model: Model) -> Figures:
     before = estimated(session, session.base_with(results[Refitted].weights))[0]
     shown = session.plain.validate or session.plain.design.indices("train", "operation")
     return Figures(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,14 +12,6 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.residual.findings import Hypothesis
 from fitting.residual.terms import Term
-
-
-def _numbers(value: Any) -> FloatArray:
-    return np.asarray(value, dtype=float)
-
-
-def _flags(value: Any) -> BoolArray:
-    return np.asarray(value, dtype=bool)
 
 
 # Their types say that infinities are numbers here, which JSON itself does not have.
@@ -44,8 +37,8 @@ def _hypothesis_to_json(value: Hypothesis) -> dict[str, Any]:
     return {"terms": [term_to_json(term) for term in value.terms], "probability": value.probability}
 
 
-Numbers = Annotated[FloatArray, PlainValidator(_numbers), PlainSerializer(_numbers_to_json)]
-Flags = Annotated[BoolArray, PlainValidator(_flags), PlainSerializer(_flags_to_json)]
+Numbers = Annotated[FloatArray, PlainValidator(partial(np.asarray, dtype=float)), PlainSerializer(_numbers_to_json)]
+Flags = Annotated[BoolArray, PlainValidator(partial(np.asarray, dtype=bool)), PlainSerializer(_flags_to_json)]
 StoredTerm = Annotated[Term, PlainValidator(_term), PlainSerializer(term_to_json)]
 StoredHypothesis = Annotated[Hypothesis, PlainValidator(_hypothesis), PlainSerializer(_hypothesis_to_json)]
 Json = dict[str, Any]

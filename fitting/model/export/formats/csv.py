@@ -1,8 +1,8 @@
 """Gravity and friction as tables over their variables, for controllers that interpolate (a PLC).
 
-Which variables a value has is tried out on the model (:mod:`fitting.model.export.grids`). How far linear interpolation
-is off is measured on points between those of the grid, and said in ``tables.csv`` beside units and ranges. What needs
-more than two variables is no table, and is said.
+Which variables a value has is tried out on the model; a grid is as fine as linear interpolation needs. How far that
+is off is measured on points between those of the grid, and listed in ``tables.csv`` beside units and ranges. What needs
+more than two variables is no table, and is listed as left out.
 
 Gravity along parallel axes needs no table of several positions: the part of each link is a function of its own angle to
 the first of these axes (the sum of the joint positions), and a joint bears the parts of its own link and of all behind
@@ -15,10 +15,11 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import RegularGridInterpolator
 
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
@@ -27,8 +28,131 @@ from fitting.model import motion
 from fitting.model.arm_model import ArmModel
 from fitting.model.evaluation import without
 from fitting.model.export.functions import written
-from fitting.model.export.grids import ROUNDING, Quantity, Table, grid_points, tabled
 from fitting.model.export.words import Written, model_card, refitted, require_folder
+
+#: Error of linear interpolation that grids are refined to, as a share of the table's largest value.
+TOLERANCE = 1e-3
+#: Most points along a variable of a table of one, and of two.
+_MOST = {1: 513, 2: 65}
+_TRIALS, _BETWEEN = 40, 2000
+#: Share of the largest value below which a change is rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """Something to be tabled.
+
+    Attributes
+    ----------
+    name : of the file
+    description : what it is, and how it is used
+    unit : of the value
+    variables : name, unit, lowest, highest of everything that it may depend on
+    value : (N, variables) to (N,)
+    """
+
+    name: str
+    description: str
+    unit: str
+    variables: tuple[tuple[str, str, float, float], ...]
+    value: Callable[[FloatArray], FloatArray]
+
+    @property
+    def low(self) -> FloatArray:
+        """Lowest values of the variables."""
+        return np.array([own[2] for own in self.variables])
+
+    @property
+    def high(self) -> FloatArray:
+        """Highest values of the variables."""
+        return np.array([own[3] for own in self.variables])
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A quantity on a grid.
+
+    Attributes
+    ----------
+    quantity : what it is
+    chosen : numbers of the variables that it depends on
+    axes : their values, rising
+    values : on the grid
+    error : largest error of linear interpolation between, in the unit of the value
+    """
+
+    quantity: _Quantity
+    chosen: tuple[int, ...]
+    axes: tuple[FloatArray, ...]
+    values: FloatArray
+    error: float
+
+
+def _tabled(quantity: _Quantity, rng: np.random.Generator) -> _Table | str | None:
+    """Tabulate a quantity over its variables; return a line on why not, None of nothing."""
+    low, high = quantity.low, quantity.high
+    points = rng.uniform(low, high, (_TRIALS, len(low)))
+    first = quantity.value(points)
+    scale = float(np.max(np.abs(first)))
+    if scale == 0.0:
+        return None
+    chosen = []
+    for k in range(len(low)):
+        moved = points.copy()
+        moved[:, k] = rng.uniform(low[k], high[k], _TRIALS)
+        if np.max(np.abs(quantity.value(moved) - first)) > ROUNDING * scale:
+            chosen.append(k)
+    if len(chosen) > max(_MOST):
+        names = ", ".join(quantity.variables[k][0] for k in chosen)
+        return f"{quantity.name}: it depends on {names}, which is more than a table of two variables has"
+    chosen = chosen or [0]
+    middle = 0.5 * (low + high)
+
+    def at(rows: FloatArray) -> FloatArray:
+        whole = np.tile(middle, (len(rows), 1))
+        whole[:, chosen] = rows
+        return quantity.value(whole)
+
+    axes = _refined(at, low[chosen], high[chosen], TOLERANCE * scale)
+    values = _ongrid_points(at, axes)
+    between = rng.uniform(low[chosen], high[chosen], (_BETWEEN, len(chosen)))
+    # Middles of the cells as well, where linear interpolation of something smooth is worst.
+    middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
+    between = np.vstack([between, _grid_points(middles)])
+    error = float(np.max(np.abs(RegularGridInterpolator(axes, values)(between) - at(between))))
+    return _Table(quantity, tuple(chosen), axes, values, error)
+
+
+def _grid_points(axes: Sequence[FloatArray]) -> FloatArray:
+    return np.stack([own.ravel() for own in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+
+def _ongrid_points(value: Callable[[FloatArray], FloatArray], axes: Sequence[FloatArray]) -> FloatArray:
+    return value(_grid_points(axes)).reshape([len(axis) for axis in axes])
+
+
+def _refined(
+    value: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray, tolerance: float
+) -> tuple[FloatArray, ...]:
+    """Refine axes until linear interpolation errs by at most ``tolerance``, as far as points suffice."""
+    most = _MOST[len(low)]
+    axes = [np.linspace(a, b, 17) for a, b in zip(low, high, strict=True)]
+    busy = True
+    while busy:
+        busy, values = False, _ongrid_points(value, axes)
+        for k, axis in enumerate(list(axes)):
+            middles = 0.5 * (axis[1:] + axis[:-1])
+            between = _ongrid_points(value, [*axes[:k], middles, *axes[k + 1 :]])
+            ends = np.moveaxis(values, k, 0)
+            wrong = np.abs(np.moveaxis(between, k, 0) - 0.5 * (ends[1:] + ends[:-1])).reshape(len(middles), -1)
+            worst = wrong.max(axis=1)
+            worse = np.argsort(-worst)[: max(most - len(axis), 0)]
+            added = middles[worse[worst[worse] > tolerance]]
+            if len(added):
+                axes[k], busy = np.sort(np.concatenate([axis, added])), True
+                break  # the values of the other axis are on the old grid
+    return tuple(axes)
 
 
 def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
@@ -52,11 +176,13 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     whole, model = model, motion.at_rest(rest or model, cold=True)
     rng = np.random.default_rng(0)
     tables = []
-    for quantity in (*gravity_quantities(model), *friction_quantities(model)):
-        found = tabled(quantity, rng)
+    links = _links(model)
+    held = [_held(model, links, joint) for joint in range(len(model.joints))]
+    for quantity in (*_link_quantities(links), *held, *_friction_quantities(model)):
+        found = _tabled(quantity, rng)
         if found is None:
             continue
-        if isinstance(found, Table):
+        if isinstance(found, _Table):
             tables.append(found)
         else:
             left_out.append(found)
@@ -65,14 +191,14 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
     return written(path, files, left_out)
 
 
-def _text(table: Table) -> str:
+def _text(table: _Table) -> str:
     variables = [table.quantity.variables[k] for k in table.chosen]
     header = [*(f"{name} [{unit}]" for name, unit, _, _ in variables), f"{table.quantity.name} [{table.quantity.unit}]"]
-    rows = np.column_stack([grid_points(table.axes), table.values.ravel()])
+    rows = np.column_stack([_grid_points(table.axes), table.values.ravel()])
     return _csv([header, *([repr(value) for value in row] for row in rows.tolist())])
 
 
-def _index(tables: Sequence[Table]) -> str:
+def _index(tables: Sequence[_Table]) -> str:
     header = ["file", "value", "unit", "variables", "points", "largest", "interpolation_error", "says"]
     rows = []
     for own in tables:
@@ -91,15 +217,6 @@ def _csv(rows: Sequence[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-_TRIALS = 40
-
-
-def gravity_quantities(model: ArmModel) -> list[Quantity]:
-    """Return the effort at rest: gravity of the links, and what else holds a joint, if any."""
-    links = _links(model)
-    return [*_link_quantities(links), *(_held(model, links, joint) for joint in range(len(model.joints)))]
-
-
 def _links(model: ArmModel) -> ArmModel:
     """Return the links alone, with what effects change about them."""
     changes = {
@@ -114,7 +231,7 @@ def _links(model: ArmModel) -> ArmModel:
     )
 
 
-def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
+def _held(model: ArmModel, links: ArmModel, joint: int) -> _Quantity:
     """Return what acts at rest beside the links."""
     about = f"effort of {model.joints[joint]} at rest beside the links' gravity: stiffness, offset, springs"
     return _at_rest(
@@ -122,22 +239,24 @@ def _held(model: ArmModel, links: ArmModel, joint: int) -> Quantity:
     )
 
 
-def _own_gravity(model: ArmModel, joint: int) -> Quantity:
+def _own_gravity(model: ArmModel, joint: int) -> _Quantity:
     about = f"effort of {model.joints[joint]} that holds the links still"
     return _at_rest(model, joint, "gravity", about, lambda q: motion.gravity(model, q)[:, joint])
 
 
-def _at_rest(model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]) -> Quantity:
+def _at_rest(
+    model: ArmModel, joint: int, what: str, about: str, value: Callable[[FloatArray], FloatArray]
+) -> _Quantity:
     """Return a joint's effort over all joint positions."""
     positions = tuple(_position(model, k) for k in range(len(model.joints)))
-    return Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
+    return _Quantity(f"{what}_{model.joints[joint]}", about, model.joint_units[joint], positions, value)
 
 
-def _link_quantities(model: ArmModel) -> list[Quantity]:
+def _link_quantities(model: ArmModel) -> list[_Quantity]:
     """Return links' gravity over the link's angle along parallel axes, else over joint positions."""
     limits = model.limits.T
-    result: list[Quantity] = []
-    for chain in parallel_axes(model):
+    result: list[_Quantity] = []
+    for chain in _parallel_axes(model):
         last = chain[-1]
         if not _alone(model, chain):
             result += [_own_gravity(model, joint) for joint in chain]
@@ -158,11 +277,11 @@ def _link_quantities(model: ArmModel) -> list[Quantity]:
             about = f"part of link {model.joints[joint]} in the gravity of itself and of the joints before it from "
             about += f"{model.joints[chain[0]]} on, over {names}: a joint bears its own link's part and those behind"
             variable = (f"{model.joints[joint]}.link_angle", "rad", float(low), float(high))
-            result.append(Quantity(f"gravity_{model.joints[joint]}", about, "N m", (variable,), part))
+            result.append(_Quantity(f"gravity_{model.joints[joint]}", about, "N m", (variable,), part))
     return result
 
 
-def parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
+def _parallel_axes(model: ArmModel) -> list[tuple[int, ...]]:
     """Group joints in runs of parallel turning axes; a sliding joint is a run of its own."""
     geometry = geometry_of(model.arm)
     runs: list[tuple[int, ...]] = []
@@ -202,7 +321,7 @@ def _position(model: ArmModel, joint: int) -> tuple[str, str, float, float]:
     return (f"{described.name}.position", unit, *described.limits.position)
 
 
-def friction_quantities(model: ArmModel) -> list[Quantity]:
+def _friction_quantities(model: ArmModel) -> list[_Quantity]:
     """Return every drive's friction over its own speed, and whatever else it depends on."""
     n, result = len(model.joints), []
     levers = motion.levers(model, model.limits.mean(axis=0, keepdims=True))[0]
@@ -229,5 +348,5 @@ def friction_quantities(model: ArmModel) -> list[Quantity]:
         ]
         unit = model.effort_units[joint]
         about = f"friction of the drive of {described.name}: what changes its sign with its speed"
-        result.append(Quantity(f"friction_{described.name}", about, unit, (speed, *positions, *speeds), value))
+        result.append(_Quantity(f"friction_{described.name}", about, unit, (speed, *positions, *speeds), value))
     return result

@@ -1,11 +1,11 @@
 """A model as expressions of one moment: position, speed and acceleration of every joint, and the time.
 
-The rigid body is Newton's and Euler's recursion (:mod:`~fitting.model.export.tracing.recursion`) with the base
+The rigid body is Newton's and Euler's recursion (:mod:`~fitting.model.export.tracing.moments`) with the base
 parameters on their own columns (the other standard parameters are zero). Drives and linkages are written out. Effects
 and laws are *traced*: their own code runs on arrays of
 nodes instead of numbers (:mod:`~fitting.model.export.tracing.graph`), so no formula exists twice. One that
 has a history is traced at some moments at once and becomes a recurrence
-(:mod:`~fitting.model.export.tracing.memory`). A term that cannot be traced (a derivative, a formula that asks for
+(:mod:`~fitting.model.export.tracing.moments`). A term that cannot be traced (a derivative, a formula that asks for
 numbers) is named and left out.
 """
 
@@ -27,8 +27,7 @@ from fitting.effects.base import BodyColumn, DriveView, Effect
 from fitting.model.arm_model import FOREIGN, ArmModel, Pass, of_sensors, over_time, phase_unknown
 from fitting.model.evaluation import beyond, segment_of, without
 from fitting.model.export.tracing.graph import Graph, Node, Value, sign, spline_curve, traced
-from fitting.model.export.tracing.memory import MOMENTS, Memory, Remembered, remembered
-from fitting.model.export.tracing.recursion import State, newton_euler
+from fitting.model.export.tracing.moments import MOMENTS, Memory, Remembered, State, newton_euler, remembered
 from fitting.model.export.words import refitted
 from fitting.model.motion import heated
 from fitting.regression.design import Design
