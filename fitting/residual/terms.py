@@ -303,7 +303,7 @@ def fit_model(
     """Refit drive, base and terms jointly.
 
     Columns that hold the model's own force depend on the fit; where there are any, they are rebuilt from the last one,
-    ``passes`` times.
+    ``passes`` times, the first time from ``start``.
     Which of the drives' parameters the prior holds is found anew for these terms.
     """
     fitted = tuple(fitted)
@@ -321,7 +321,7 @@ def fit_model(
     else:
         fit, extra = start.fit, start.extra
     views = SegmentViews(design, fit.theta, fitted, extra)
-    earlier: list[FloatArray] = []
+    earlier = [] if start is None or not terms else list(start.earlier)
     moving = any(term.uses_model for term in terms)
     for _ in range(passes if moving else bool(terms)):
         earlier.append(fit.theta)

@@ -18,7 +18,7 @@ from fitting.model.codec import model_from_json, model_to_json
 from fitting.model.handover import hand_over
 from fitting.model.prediction import on_recording
 from fitting.regression.design import predicted_effort
-from fitting.residual.terms import Term
+from fitting.residual.terms import Term, fit_model
 from fitting.signals.preparation import Segment
 
 
@@ -35,9 +35,12 @@ def through_its_file(model: ArmModel) -> ArmModel:
     return model_from_json(json.loads(json.dumps(model_to_json(model), allow_nan=False)))
 
 
-def assert_reproduced(terms: Sequence[Term]) -> None:
+def assert_reproduced(terms: Sequence[Term], refitted: bool = False) -> None:
     session = session_of(2)
     pipeline = fitted(session, terms)
+    if refitted:  # as where the prior holds other parameters than it held at first
+        plain = session.plain
+        pipeline = fit_model(plain.design, plain.noise, plain.fitted, terms, session.prior, pipeline)
     handed = hand_over(session, (), pipeline, report_of(session))
     model = through_its_file(handed)
     # A model is of a machine with its links: free cylinders have pressures of their own.
@@ -57,6 +60,12 @@ def test_efforts_are_the_pipelines(names: list[str]) -> None:
     session = session_of(2)
     joints = {e.id: applies(e, session.machine) or 0 for e in effects()}
     assert_reproduced([term_of(session, name, joints[name]) for name in names])
+
+
+@pytest.mark.slow
+def test_a_fit_that_began_at_another_one_is_reproduced() -> None:
+    session = session_of(2)
+    assert_reproduced([term_of(session, name, 1) for name in ("load_dependent_friction", "stribeck")], refitted=True)
 
 
 def test_every_effect_of_the_catalogue_was_tried() -> None:
