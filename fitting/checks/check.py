@@ -1,8 +1,8 @@
 """All checks in their order, and of what they find the root.
 
-First what a channel or the clock says alone, then numbers that cannot be, then recordings against one another, then the
-two sensors of a joint, and last the efforts. What an earlier step finds is taken back (or its recording left out)
-before the next one looks, so that a wrong unit is not said a second time as a strange mass.
+First a channel or the clock alone, then numbers that cannot be, then recordings against one another, then the two
+sensors of a joint, and last the efforts. What an earlier step finds is taken back (or its recording left out)
+before the next one looks, so that a wrong unit is not reported a second time as a strange mass.
 """
 
 from __future__ import annotations
@@ -20,29 +20,25 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
-from fitting.checks.mistakes.areas import AreaRatio, area_ratios
-from fitting.checks.mistakes.clocks import Clock, clock_of, inertia_findings
-from fitting.checks.mistakes.factors import gains
-from fitting.checks.mistakes.hypothesis import CLEAR
-from fitting.checks.mistakes.other_causes import with_couplings, with_payload
+from fitting.checks.mistakes.channel_trials import late
+from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
+from fitting.checks.mistakes.hypothesis import CLEAR, gains
 from fitting.checks.mistakes.physical import Trial
 from fitting.checks.mistakes.samples import positions_of, take_samples
-from fitting.checks.mistakes.trials import Accused, Searched, search
-from fitting.checks.mistakes.two_sensors import Disagreement, disagreements
+from fitting.checks.mistakes.trials import Accused, Searched, search, with_couplings, with_payload
+from fitting.checks.mistakes.two_sensors import Disagreement, disagreements, recordings_apart, rods_for_a_time
 from fitting.checks.motions import beginning_findings, motion_findings
 from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
-from fitting.checks.recordings_apart import recordings_apart, rods_for_a_time
-from fitting.checks.signal_faults import signal_findings
+from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repeated_findings, speed_findings
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
 
-#: Share of a joint's effort that stays unexplained from which it is said without a cause. Measured joints with little
+#: Share of a joint's effort that is unexplained from which it is reported without a cause. Measured joints with little
 #: effort of their own (wrists) have as much, so the joint has to carry this share of the arm's largest effort as well.
 GROSS, _CARRIES, _MOST_JOINTS = 0.55, 0.1, 0.5
 #: A misfit up to this many times another one explains as much.
@@ -173,16 +169,12 @@ def _usable(
         for channel in machine.channels:
             if channel.name not in (finding.channels or (finding.channel,)):
                 continue
-            options = gains(machine.si_unit(channel), machine.conversion(channel).factor)
+            options = gains(machine, channel)
             gain = next((g for g, unit in options.items() if unit == finding.says), None)
             if gain is None:
                 return [], False
-            kept = [
-                replace(r, values={**r.values, channel.name: gain * r.values[channel.name]})
-                if channel.name in r.values
-                else r
-                for r in kept
-            ]
+            name = channel.name
+            kept = [replace(r, values={n: gain * v if n == name else v for n, v in r.values.items()}) for r in kept]
     return kept, any(r.role != "unloaded" for r in kept)
 
 
@@ -259,12 +251,14 @@ def _named(machine: Machine, joint: str, quantity: str | None, text: str, otherw
 
 
 def _of_clock(clock: Clock) -> Finding:
-    late = "late" if (clock.rate or clock.offset) > 0 else "early"
     if clock.rate:
         way = "slow" if clock.rate > 0 else "fast"
         what, code = Sentence("fitting.clock_of_efforts", percent=1e2 * abs(clock.rate), way=way), "clock_rate"
     else:
-        what, code = Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late), "clock_offset"
+        what, code = (
+            Sentence("fitting.all_efforts_come", offset=abs(clock.offset), late=late(clock.offset)),
+            "clock_offset",
+        )
     return Finding(
         code,
         Sentence("fitting.against_positions_unexplained_effort", what=what, before=clock.before, after=clock.after),

@@ -1,4 +1,4 @@
-"""What a check says: a mistake or a remark, where it is, and what to do about it."""
+"""Findings of checks: a mistake or a remark, where it is, and what to do about it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 from daq.messages import Sentence, placeholders
 
-#: `mistake`: more likely than any effect of the catalogue. `note`: said, but harmless.
+#: `mistake`: more likely than any effect of the catalogue. `note`: reported, but harmless.
 Severity = Literal["mistake", "note"]
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong, or worth saying.
+    """One thing that is wrong, or worth a remark.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Finding:
     factor : number that was interpreted (a gain, an offset, a delay), if there is one
     says : unit that values look like, where another was declared
     channels : all that it is about, where they are several
-    alternatives : what explains the data as well, and cannot be told apart by them
+    alternatives : what explains the data as well, and cannot be separated by them
     strength : for the order of findings: natural logarithm of how much better the data fit with the cure
     """
 
@@ -54,7 +54,7 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """What was seen and what to do, in one line."""
+        """Text and cure in one line."""
         others = Sentence("fitting.as_well", alternatives=[*self.alternatives]) if self.alternatives else ""
         return Sentence("fitting.finding", text=self.text, others=others, cure=self.cure)
 

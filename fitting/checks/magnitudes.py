@@ -7,7 +7,7 @@ here where the number enters an identification, and notes where it does not (lim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,13 +19,14 @@ from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
-from fitting.checks.mistakes.factors import RARE, gains
+from fitting.checks.mistakes.hypothesis import RARE, gains
+from fitting.checks.mistakes.samples import POSITIONS, PRESSURES
 from fitting.checks.places import Places
 from fitting.signals.filters import white_noise_of
 
 #: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus
 #: one bar.
-PRESSURES = (2.0e4, 1.0e8)
+_WORKING = (2.0e4, 1.0e8)
 _VACUUM = -1.5e5
 #: Pa: usual largest pressures, to choose among units.
 _USUAL, _USUAL_RANGE = 1.2e7, (3.0e5, 6.0e7)
@@ -39,7 +40,8 @@ _TINY = 0.025
 
 def magnitude_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     """Report channels whose values cannot be; on all channels of a kind at once where all have it."""
-    found = [*_pressures(machine, recordings), *_positions(machine, recordings)]
+    impossible, tops = _impossible(machine, recordings)
+    found = [*(impossible or _unlike(machine, recordings, tops)), *_positions(machine, recordings)]
     if any(own.code == "unit" for own in found) or len(recordings) < 2:
         return found
     return [*found, *_in_one_recording(machine, recordings)]
@@ -61,15 +63,16 @@ def _in_one_recording(machine: Machine, recordings: Sequence[Recording]) -> list
     ]
 
 
-def _values(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
-    parts = [np.asarray(r.values[channel.name]) for r in recordings if channel.name in r.values]
-    joined = np.concatenate(parts) if parts else np.zeros(0)
-    return joined[np.isfinite(joined)]
-
-
-def _pressures(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
-    found, tops = _impossible(machine, recordings)
-    return found or _unlike(machine, recordings, tops)
+def _measured(
+    machine: Machine, recordings: Sequence[Recording], quantities: Sequence[str]
+) -> Iterator[tuple[Channel, str, FloatArray]]:
+    """Yield the joints' channels of these quantities, each with its joint and all that was measured, SI (k,)."""
+    for channel in machine.channels:
+        parts = [np.asarray(r.values[channel.name]) for r in recordings if channel.name in r.values]
+        if channel.quantity in quantities and channel.joint is not None and parts:
+            values = np.concatenate(parts)
+            if np.isfinite(values).any():
+                yield channel, channel.joint, values[np.isfinite(values)]
 
 
 def _impossible(
@@ -78,48 +81,34 @@ def _impossible(
     """Find pressures that no cylinder has, and the largest of each channel by joint; ``usual`` gives the unit."""
     tops: dict[str, dict[str, float]] = {}
     found = []
-    for channel in machine.channels:
-        if channel.quantity not in ("head_pressure", "rod_pressure") or channel.joint is None:
-            continue
-        values = _values(channel, recordings)
-        if len(values) == 0:
-            continue
+    for channel, joint, values in _measured(machine, recordings, PRESSURES):
         low, top = np.percentile(values, [0.5, 99.5])
-        tops.setdefault(channel.joint, {})[channel.name] = float(top)
-        if low < _VACUUM and top < PRESSURES[1]:
+        tops.setdefault(joint, {})[channel.name] = float(top)
+        if low < _VACUUM and top < _WORKING[1]:
             found.append(
-                finding_of(
-                    "sign", joint=channel.joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0
-                )
+                finding_of("sign", joint=joint, channel=channel.name, before=float(low), unit="Pa", strength=5.0)
             )
     # One chamber may be open to the air; a cylinder with both chambers empty does not work.
-    small = [j for j, own in tops.items() if max(own.values()) < PRESSURES[0]]
-    large = [j for j, own in tops.items() if max(own.values()) > PRESSURES[1]]
+    small = [j for j, own in tops.items() if max(own.values()) < _WORKING[0]]
+    large = [j for j, own in tops.items() if max(own.values()) > _WORKING[1]]
     for joints, what in ((small, "fitting.no_cylinder_works_little"), (large, "fitting.no_cylinder_holds")):
         if not joints:
             continue
-        wrong = [machine.channel(q, j) for j in joints for q in ("head_pressure", "rod_pressure")]
+        wrong = [machine.channel(q, j) for j in joints for q in PRESSURES]
         channels = [c for c in wrong if c is not None and c.name in tops[str(c.joint)]]
         if joints is large:
-            channels = [c for c in channels if tops[str(c.joint)][c.name] > PRESSURES[1]]
+            channels = [c for c in channels if tops[str(c.joint)][c.name] > _WORKING[1]]
         top = max(tops[str(c.joint)][c.name] for c in channels)
         unit = _unit_of(machine, channels[0], top, usual)
         named = Sentence("fitting.values_look_like", unit=unit) if unit else Sentence("fitting.they_no_unit_known")
         every = len(channels) == sum(len(own) for own in tops.values()) and len(tops) > 1
-        for number, channel in enumerate(channels):
-            if every and number:
-                break
+        for channel in channels[:1] if every else channels:
             who = "all pressures" if every else channel.name
+            own = top if every else tops[str(channel.joint)][channel.name]
             found.append(
                 Finding(
                     "unit",
-                    Sentence(
-                        "fitting.reach_pa",
-                        who=who,
-                        top=tops[str(channel.joint)][channel.name] if not every else top,
-                        what=Sentence(what),
-                        named=named,
-                    ),
+                    Sentence("fitting.reach_pa", who=who, top=own, what=Sentence(what), named=named),
                     Sentence("fitting.set_unit", unit=unit) if unit else Sentence("fitting.look_at_unit_and_wiring"),
                     joint=None if every else channel.joint,
                     channel=None if every else channel.name,
@@ -138,9 +127,8 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
     sizes: dict[str, tuple[float, float]] = {}
     for own in tops.values():
         for name, top in own.items():
-            noise = max(
-                (white_noise_of([_finite(r.values[name])]) for r in recordings if name in r.values), default=0.0
-            )
+            measured = [r.values[name][np.isfinite(r.values[name])] for r in recordings if name in r.values]
+            noise = max((white_noise_of([values]) for values in measured), default=0.0)
             if noise > 0 and top > 0:
                 sizes[name] = (float(np.log(top)), float(np.log(noise)))
     found = []
@@ -150,7 +138,7 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
             continue
         middle = np.median(np.array(others), axis=0)
         away = np.array(sizes[channel.name]) - middle
-        for gain, unit in gains("Pa", machine.conversion(channel).factor).items():
+        for gain, unit in gains(machine, channel).items():
             if abs(np.log(gain)) < np.log(500) or np.any(np.abs(away + np.log(gain)) > np.log(_ALIKE)):
                 continue
             top = float(np.exp(sizes[channel.name][0]))
@@ -158,7 +146,7 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
                 continue
             found.append((float(np.abs(away + np.log(gain)).sum()), channel, unit, top))
     best = {item[1].name: item for item in sorted(found, key=lambda item: -item[0])}
-    # Two channels alone cannot say which of them is odd: the one whose values no cylinder has.
+    # Two channels alone cannot show which of them is odd: the one whose values no cylinder has.
     return [
         finding_of(
             "unit/unlike", says=unit, joint=channel.joint, channel=channel.name, before=top, unit="Pa", strength=9.0
@@ -167,27 +155,16 @@ def _unlike(machine: Machine, recordings: Sequence[Recording], tops: dict[str, d
     ]
 
 
-def _finite(values: FloatArray) -> FloatArray:
-    return np.asarray(values)[np.isfinite(values)]
-
-
 def _unit_of(machine: Machine, channel: Channel, top: float, usual: float) -> str | None:
-    options = gains("Pa", machine.conversion(channel).factor)
+    options = gains(machine, channel)
     near = {g: unit for g, unit in options.items() if _USUAL_RANGE[0] < g * top < _USUAL_RANGE[1]}
     return min(near.items(), key=lambda item: abs(np.log(item[0] * top / usual)))[1] if near else None
 
 
 def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
     found: list[Finding] = []
-    counted: dict[str, int] = {}
-    for channel in machine.channels:
-        if channel.quantity not in ("joint_position", "piston_position") or channel.joint is None:
-            continue
-        counted[channel.quantity] = counted.get(channel.quantity, 0) + 1
-        values = _values(channel, recordings)
-        if len(values) == 0:
-            continue
-        joint = machine.joint(channel.joint)
+    for channel, name, values in _measured(machine, recordings, POSITIONS):
+        joint = machine.joint(name)
         low, high = joint.limits.position
         if channel.quantity == "piston_position" and joint.cylinder is not None:
             low, high = 0.0, joint.cylinder.stroke
@@ -197,7 +174,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         if beyond <= _BEYOND:
             found += _too_little(machine, channel, (least, most), (low, high))
             continue
-        options = gains(unit, machine.conversion(channel).factor)
+        options = gains(machine, channel)
         fitting = [
             (abs(np.log((most - least) * g / (0.6 * width))) + (0.7 if likely in RARE else 0.0), likely)
             for g, likely in options.items()
@@ -206,20 +183,19 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
         ]  # fmt: skip
         likely = min(fitting)[1] if fitting and most - least > 1.5 * width else None
         sign = likely is None and -most > low - 0.15 * width and -least < high + 0.15 * width
-        what = (
-            Sentence("fitting.values_look_like", unit=likely)
-            if likely
-            else Sentence("fitting.looks_if_counted_other")
-            if sign
-            else Sentence("fitting.unit_zero_sign_wrong")
-        )
-        cure = Sentence('fitting.set_its_unit', unit=likely) if likely else (
-            Sentence('fitting.correct_sign_scale') if sign else Sentence('fitting.look_at_unit_sign_offset')
-        )  # fmt: skip
+        if likely:
+            code, what = "unit", Sentence("fitting.values_look_like", unit=likely)
+            cure = Sentence("fitting.set_its_unit", unit=likely)
+        elif sign:
+            code, what = "sign", Sentence("fitting.looks_if_counted_other")
+            cure = Sentence("fitting.correct_sign_scale")
+        else:
+            code, what = "out_of_range", Sentence("fitting.unit_zero_sign_wrong")
+            cure = Sentence("fitting.look_at_unit_sign_offset")
         goes = Sentence("fitting.goes_beyond", least=least, most=most, unit=unit, low=low, high=high, what=what)
         found.append(
             Finding(
-                "unit" if likely else ("sign" if sign else "out_of_range"),
+                code,
                 Sentence("daq.named", name=channel.name, what=goes),
                 cure,
                 joint=channel.joint,
@@ -229,7 +205,7 @@ def _positions(machine: Machine, recordings: Sequence[Recording]) -> list[Findin
                 strength=7.0 if likely else 4.0,
             )
         )
-    return _together(found, counted, machine)
+    return _together(found, machine)
 
 
 def _too_little(
@@ -241,27 +217,18 @@ def _too_little(
     inside = seen[0] / factor > allowed[0] - 0.1 * width and seen[1] / factor < allowed[1] + 0.1 * width
     if factor > 0.05 or span > _TINY * width or span / factor < 0.1 * width or not inside:
         return []
-    return [
-        finding_of(
-            "unit/too_little",
-            declared=channel.unit,
-            says=unit,
-            joint=channel.joint,
-            channel=channel.name,
-            before=span / width,
-            after=span / factor / width,
-            unit="of the limits",
-            strength=6.0,
-        )
-    ]
+    who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "declared": channel.unit, "says": unit}
+    before, after = span / width, span / factor / width
+    return [finding_of("unit/too_little", before=before, after=after, unit="of the limits", strength=6.0, **who)]
 
 
-def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -> list[Finding]:
+def _together(found: list[Finding], machine: Machine) -> list[Finding]:
     """Merge into one finding where all channels of a kind have the same one."""
     result = found
-    for quantity, count in counted.items():
-        own = [f for f in result if f.channel and _quantity(machine, f.channel) == quantity and f.code == "unit"]
-        if count > 1 and len(own) == count and len({f.cure for f in own}) == 1:
+    for quantity in dict.fromkeys(c.quantity for c in machine.channels if c.quantity in POSITIONS):
+        names = {c.name for c in machine.channels if c.quantity == quantity and c.joint is not None}
+        own = [f for f in result if f.channel in names and f.code == "unit"]
+        if 1 < len(names) == len(own) and len({f.cure for f in own}) == 1:
             first = own[0]
             whole = Finding(
                 "unit",
@@ -276,10 +243,6 @@ def _together(found: list[Finding], counted: dict[str, int], machine: Machine) -
     return result
 
 
-def _quantity(machine: Machine, name: str) -> str:
-    return next(c.quantity for c in machine.channels if c.name == name)
-
-
 #: Last key of a number that enters an identification, and what the mistake is called.
 _ENTER = {
     "gravity": "gravity",
@@ -290,7 +253,7 @@ _ENTER = {
     "bore": "bore",
     "rod": "rod",
 }
-#: Above the misfits' strengths: nothing that efforts tell is worth a word while the file itself cannot be right.
+#: Above the misfits' strengths: nothing that efforts show is worth a word while the file itself cannot be right.
 _STRENGTH = 9.5
 
 

@@ -7,6 +7,7 @@ no pressure shows.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +15,11 @@ from daq.machine.machine_file import Joint, Machine
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
 from fitting.checks.findings import Finding, finding_of
+from fitting.checks.mistakes.samples import POSITIONS, PRESSURES
+from fitting.checks.signal_faults import track
 from fitting.signals.filters import lag_between
-from fitting.signals.position_sensors import position_channel
-from fitting.signals.preparation import STILL, reach
+from fitting.signals.preparation import STILL
 
-POSITIONS = ("joint_position", "piston_position")
 _MOST_LAG_S = 4.0
 #: Rows that are compared.
 _ROWS = 600
@@ -35,39 +36,23 @@ def motion_findings(machine: Machine, recordings: Sequence[Recording]) -> list[F
     for number, recording in enumerate(recordings):
         for earlier in recordings[:number]:
             if earlier.sha256 == recording.sha256 and recording.sha256:
-                found.append(
-                    finding_of(
-                        "same_recording",
-                        earlier=earlier.file,
-                        first_role=earlier.role,
-                        role=recording.role,
-                        recording=recording.file,
-                        strength=9.0,
-                    )
-                )
+                details: dict[str, Any] = {"earlier": earlier.file, "first_role": earlier.role, "role": recording.role}
+                found.append(finding_of("same_recording", recording=recording.file, strength=9.0, **details))
     trains = [r for r in recordings if r.role == "train"]
     for recording in recordings:
-        others = [(apart(machine, t, recording), t) for t in trains if t.sha256 != recording.sha256 or not t.sha256]
+        others = [(_apart(machine, t, recording), t) for t in trains if t.sha256 != recording.sha256 or not t.sha256]
         if recording.role not in ("repeat", "validate") or not others:
             continue
         (motion, effort), nearest = min(others, key=lambda item: item[0][0])
         if recording.role == "repeat" and motion > _OTHER:
             found.append(finding_of("no_repeat", recording=recording.file, before=motion, strength=6.0))
         if recording.role == "validate" and motion < _SAME and effort < _SAME_EFFORT:
-            found.append(
-                finding_of(
-                    "same_motion",
-                    nearest=nearest.file,
-                    effort=effort,
-                    recording=recording.file,
-                    before=motion,
-                    strength=6.0,
-                )
-            )
+            details = {"nearest": nearest.file, "effort": effort, "recording": recording.file}
+            found.append(finding_of("same_motion", before=motion, strength=6.0, **details))
     return found + _parked(machine, recordings)
 
 
-def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float, float]:
+def _apart(machine: Machine, first: Recording, second: Recording) -> tuple[float, float]:
     """Compute how far two motions (of the joint that differs most) and all efforts differ, over their spread."""
     step = max(1, min(len(first), len(second)) // _ROWS)
     motion: list[float] = []
@@ -100,10 +85,9 @@ def apart(machine: Machine, first: Recording, second: Recording) -> tuple[float,
             motion.append(own)
         else:
             effort.append((float(np.nanstd(difference)), spread))
-    if not effort:
-        return (max(motion) if motion else np.inf), np.inf
     # Over all of them: small ones are noise in good part.
-    return (max(motion) if motion else np.inf), float(np.divide(*np.linalg.norm(np.array(effort), axis=0)))
+    together = float(np.divide(*np.linalg.norm(np.array(effort), axis=0))) if effort else np.inf
+    return max(motion, default=np.inf), together
 
 
 def _without_gaps(values: FloatArray) -> FloatArray:
@@ -114,12 +98,8 @@ def _without_gaps(values: FloatArray) -> FloatArray:
 
 def _stationary(machine: Machine, joint: Joint, recording: Recording) -> bool:
     """Return whether a joint moves at most a small share of its reach in a recording, single wrong values aside."""
-    channel = position_channel(machine, joint)
-    values = None if channel is None else recording.values.get(channel.name)
-    if channel is None or values is None or not np.isfinite(values).any():
-        return False
-    moved = float(np.subtract(*np.nanpercentile(values, [99, 1])))
-    return moved < STILL * reach(joint, channel.quantity == "piston_position")
+    own = track(machine, joint, recording)
+    return own is not None and float(np.subtract(*np.percentile(own[0], [99, 1]))) < STILL * own[1]
 
 
 def _parked(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
@@ -155,7 +135,7 @@ def _rows_without_pressure(machine: Machine, recording: Recording) -> int:
     rows = len(recording)
     cylinders = 0
     for joint in machine.joints:
-        channels = [machine.channel(quantity, joint.name) for quantity in ("head_pressure", "rod_pressure")]
+        channels = [machine.channel(quantity, joint.name) for quantity in PRESSURES]
         values = [recording.values[c.name] for c in channels if c is not None and c.name in recording.values]
         if not values:
             continue

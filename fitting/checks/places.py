@@ -1,4 +1,4 @@
-"""Where something stands in a machine file, so that a finding can say the line."""
+"""Lines of keys in a machine file, for findings that name them."""
 
 from __future__ import annotations
 

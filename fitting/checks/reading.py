@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from fitting.checks.time_axis import repaired_time, time_findings
 
 @dataclass(frozen=True)
 class Read:
-    """A recording as far as it could be read (None: not at all), and what its own file says is wrong."""
+    """A recording as far as it could be read (None: not at all), and what is wrong in its own file."""
 
     recording: Recording | None
     findings: tuple[Finding, ...]
@@ -51,7 +52,7 @@ def recorded_role(path: Path) -> str:
     return role if role in ROLES else "train"
 
 
-def refused(code: str, error: RecordingError, file: str) -> Finding:
+def _refused(code: str, error: RecordingError, file: str) -> Finding:
     """Word a refusal of the strict reader as a finding: the fault before the last semicolon, the cure after it."""
     text, _, cure = str(error).rpartition("; ")
     return Finding(code, text or str(error), cure or "correct it", recording=file, strength=1.0)
@@ -74,22 +75,20 @@ def read_leniently(
     """
     found: list[Finding] = []
 
-    def gate(code: str, check: Callable[[], object]) -> bool:
+    def gate(code: str, check: Callable[[], object]) -> None:
         try:
             check()
         except RecordingError as error:
-            found.append(refused(code, error, str(path)))
-            return False
-        return True
+            found.append(_refused(code, error, str(path)))
 
     try:
         table = load_table(path, machine, columns, resampled=resample, role=role)[0]
     except RecordingError:
         # Not these columns, or not this rate: what is there is looked at as it is.
         table = read_table(path)
-        gate("columns", lambda: gates.columns_fit(path, table, machine))
+        gate("columns", partial(gates.columns_fit, path, table, machine))
     code = "other_machine" if table.metadata.get("hilfit.machine", machine.name) != machine.name else "wrong_role"
-    gate(code, lambda: gates.metadata_fits(path, table.metadata, machine, role))
+    gate(code, partial(gates.metadata_fits, path, table.metadata, machine, role))
     if "time" not in table.columns or table.rows < 2:
         if table.rows < 2 and not found:
             found.append(finding_of("too_short", recording=str(path)))
@@ -104,8 +103,7 @@ def read_leniently(
         raw = np.array(column, dtype=np.float64)
         flags = table.columns.get(f"{channel.name}.quality")
         if flags is None:
-            name = channel.name
-            gate("not_numbers", lambda n=name, r=raw: gates.values_are_numbers(path, n, r, time, None))  # type: ignore[misc]
+            gate("not_numbers", partial(gates.values_are_numbers, path, channel.name, raw, time, None))
         else:
             raw = np.where(np.isin(np.asarray(flags), MEASURED), raw, np.nan)
         try:
@@ -119,28 +117,20 @@ def read_leniently(
     found += time_findings(machine, str(path), time, values)
     used = repaired_time(time, machine.rate_hz)
     recording = Recording(machine.name, role, str(path), table.sha256, machine.rate_hz, used, values)
-    if set(values) == {channel.name for channel in machine.channels}:
-        gate("too_short", lambda: gates.long_enough(path, values, machine, MINIMUM_SECONDS))
+    if len(values) == len(machine.channels):
+        gate("too_short", partial(gates.long_enough, path, values, machine, MINIMUM_SECONDS))
     for channel in machine.channels:
         if channel.name in values:
-            own = values[channel.name]
-            gate("saturated", lambda c=channel, v=own: gates.not_saturated(path, c, machine, v, used))  # type: ignore[misc]
+            gate("saturated", partial(gates.not_saturated, path, channel, machine, values[channel.name], used))
     if len(values) == len(machine.channels):
-        gate("constant", lambda: gates.nothing_constant(path, machine, role, values))
+        gate("constant", partial(gates.nothing_constant, path, machine, role, values))
     return Read(recording, tuple(found))
 
 
 def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> Finding:
     """Report an encoder of one turn that begins anew within the motion, corrected on reading."""
-    return Finding(
-        "wrap",
-        wrap_text(path, channel.name, rows, time),
-        Sentence("fitting.nothing_done_turns_put"),
-        joint=channel.joint,
-        channel=channel.name,
-        recording=str(path),
-        severity="note",
-    )
+    text, cure = wrap_text(path, channel.name, rows, time), Sentence("fitting.nothing_done_turns_put")
+    return Finding("wrap", text, cure, channel.joint, channel.name, recording=str(path), severity="note")
 
 
 def _units(metadata: Mapping[str, str]) -> dict[str, str]:

@@ -1,11 +1,16 @@
 """One channel at a time: what sensors, cables and converters do to a signal, whatever it measures.
 
 Every test compares a signal with itself: how often it repeats, how large its steps are, what is usual of it elsewhere
-in the same recording. Nothing here knows the machine.
+in the same recording. Only fast noise of a position is compared with that of its kind and of its resolution as well:
+it is no effect of the catalogue and bends nothing, but it drowns speeds and accelerations. What is compared is the
+white part, by eighth differences: of a motion below a tenth of the rate they keep less than 2 %, so that a fast joint
+does not pass for a noisy sensor. A sensor is accused by the median of its differences, and compared with the root mean
+square of the others': single wrong values accuse nobody.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,21 +18,23 @@ from typing import Any
 import numpy as np
 
 from daq.machine.machine_file import Channel, Joint, Machine
+from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from daq.recordings.recording_checks import cut_off, piled_up, regular_steps, runs
 from fitting.arrays import BoolArray, FloatArray
 from fitting.checks.findings import Finding, Severity, finding_of
-from fitting.signals.position_sensors import position_channel
+from fitting.checks.mistakes.samples import POSITIONS
+from fitting.signals.position_sensors import held, position_channel
 from fitting.signals.preparation import parked, reach
 
-POSITIONS = ("joint_position", "piston_position", "motor_position")
+_ANY_POSITION = (*POSITIONS, "motor_position")
 #: s that a value has to stay the same at least, and chance of such a run that is too small.
 _FROZEN_S, _CHANCE = 0.3, 1e-9
 #: A signal of fewer levels is coarse, but for the effort of a joint at rest for more than this share of the time.
 _LEVELS, _AT_REST = 16, 0.25
 #: A position has to be resolved better: speeds and accelerations are differences of it.
 _POSITION_LEVELS = 100
-#: A position that changes by less than this share of its travel stands still: few values are then no fault.
+#: A position that changes by less than this share of its travel is at rest: few values are then no fault.
 _TRAVELS = 0.01
 #: Share of a signal's usual range (1st to 99th percentile) that a spike or a jump has at least.
 _SPIKE_POSITION, _SPIKE_EFFORT, _JUMP = 0.03, 0.25, 0.02
@@ -40,6 +47,13 @@ _IN_STEP, _LEAST_CHANGES, _LONGEST_HOLD = 0.97, 30, 60
 _AT_SPEED = 0.5
 #: Held for so many rows, and slower than this, is more than a remark: motions of some hertz need ten values a period.
 _HELD_ROWS, _SLOW_HZ = 4, 20.0
+#: Noise over what it is compared with, and over the joint's reach, from which a sensor is accused.
+_TIMES, _OF_REACH = 10.0, 2e-4
+#: Order of the differences, and their spread over that of white noise (root of the sum of squared binomials).
+_ORDER, _GAIN = 8, float(np.sqrt(12870.0))
+_MEDIAN = 0.6745
+#: Stretches of so many s, as many as this at least, and the share of them that has to be noisy, or quiet, together.
+_STRETCH_S, _STRETCHES, _SHARE = 2.0, 5, 0.1
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,7 @@ class _Signal:
     joined : (N - 1,) which rows follow each other
     travel : range of a position, 0 of an effort
     other : (N,) the joint's other position sensor where rods are on
-    parked : whether the joint stands for much of the recording
+    parked : whether the joint is at rest for much of the recording
     """
 
     channel: Channel
@@ -65,8 +79,8 @@ class _Signal:
 
     @property
     def position(self) -> bool:
-        """Whether it is a position, and no effort."""
-        return self.channel.quantity in POSITIONS
+        """True for a position, False for an effort."""
+        return self.channel.quantity in _ANY_POSITION
 
     @property
     def time(self) -> FloatArray:
@@ -104,7 +118,7 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
         if channel.joint is None or values is None or np.count_nonzero(np.isfinite(values)) < 50:
             continue
         joint = machine.joint(channel.joint)
-        travel = reach(joint, channel.quantity == "piston_position") if channel.quantity in POSITIONS else 0.0
+        travel = reach(joint, channel.quantity == "piston_position") if channel.quantity in _ANY_POSITION else 0.0
         other, parked = _other(machine, recording, channel), _parked(machine, joint, recording)
         signal = _Signal(channel, recording, np.asarray(values), joined, travel, other, parked)
         if signal.span > 0 and np.ptp(signal.known) > 0 and signal.steps.any():
@@ -113,14 +127,19 @@ def signal_findings(machine: Machine, recording: Recording) -> list[Finding]:
     return found + _same_channels(machine, recording)
 
 
+def track(machine: Machine, joint: Joint, recording: Recording) -> tuple[FloatArray, float] | None:
+    """Return a joint's measured positions (k,) and its reach, m or rad; None where nothing was measured."""
+    channel = position_channel(machine, joint)
+    values = None if channel is None else recording.values.get(channel.name)
+    if channel is None or values is None or not np.isfinite(values).any():
+        return None
+    return values[np.isfinite(values)], reach(joint, channel.quantity == "piston_position")
+
+
 def _parked(machine: Machine, joint: Joint, recording: Recording) -> bool:
     """Return whether a joint is at rest for more than :data:`_AT_REST` of a recording."""
-    channel = position_channel(machine, joint)
-    x = None if channel is None else recording.values.get(channel.name)
-    if channel is None or x is None or not np.isfinite(x).any():
-        return False
-    own = reach(joint, channel.quantity == "piston_position")
-    return float(np.mean(parked(x[np.isfinite(x)], own, recording.rate_hz))) > _AT_REST
+    own = track(machine, joint, recording)
+    return own is not None and float(np.mean(parked(*own, recording.rate_hz))) > _AT_REST
 
 
 def _coarse(own: _Signal) -> Finding | None:
@@ -219,7 +238,7 @@ def _frozen(own: _Signal) -> Finding | None:
         ends = [abs(steps[i]) for i in (start - 1, stop) if 0 <= i < len(steps)]
         catches_up = max(ends, default=0.0) > 10 * ordinary
         if own.position:
-            # A machine that stands has an encoder that stands; one that moves on comes back with a jump, or the joint's
+            # A machine at rest has an encoder at rest; one that moves on comes back with a jump, or the joint's
             # other sensor has moved on, or the joint stops and starts at full speed from one row to the next.
             # It may wake where the joint happens to be again: the first step counts, or the second.
             beside = [np.abs(steps[max(start - 2, 0) : start]), np.abs(steps[stop : stop + 2])]
@@ -255,16 +274,10 @@ def _clipped(own: _Signal) -> Finding | None:
         return None
     for extreme, side in ((float(values.max()), "largest"), (float(values.min()), "smallest")):
         count = piled_up(values, extreme)
-        # A fine sensor with little noise says one value wherever the signal rests.
+        # A fine sensor with little noise has one value wherever the signal rests.
         if count > max(0.01 * len(values), 10) and cut_off(values, extreme):
-            details: dict[str, Any] = {
-                "rows": len(values),
-                "side": side,
-                "extreme": extreme,
-                "before": float(count),
-                "unit": "rows",
-            }
-            return finding_of("clipped", strength=4.0, **details, **own.who)
+            details: dict[str, Any] = {"rows": len(values), "side": side, "extreme": extreme, "unit": "rows"}
+            return finding_of("clipped", before=float(count), strength=4.0, **details, **own.who)
     return None
 
 
@@ -279,9 +292,68 @@ def _same_channels(machine: Machine, recording: Recording) -> list[Finding]:
         known = np.asarray(values)[np.isfinite(values)]
         if len(known) < 50 or np.ptp(known) == 0:
             continue
-        key = np.ascontiguousarray(known).tobytes()
-        first = seen.setdefault(key, channel)
+        first = seen.setdefault(known.tobytes(), channel)
         if first is not channel:
             who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "recording": recording.file}
             found.append(finding_of("same_channel", first=first.name, strength=8.0, **who))
     return found
+
+
+def noise_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Finding]:
+    """Find position sensors ten times noisier than they have to be; ``recordings`` in SI."""
+    found = []
+    stretches = {c.name: _stretches(c, recordings) for c in machine.channels if c.quantity in POSITIONS}
+    moving = {name: own for name, own in stretches.items() if len(own)}
+    for channel in machine.channels:
+        if channel.name not in moving:
+            continue
+        joint = machine.joint(str(channel.joint))
+        least = _OF_REACH * reach(joint, channel.quantity == "piston_position")
+        noise = float(np.median(moving[channel.name][:, 0]))
+        sisters = [
+            float(np.median(moving[c.name][:, 1]))
+            for c in machine.channels
+            if c.quantity == channel.quantity and c is not channel and c.name in moving
+        ]
+        conversion = machine.conversion(channel)
+        own_step = abs(conversion.factor) * (channel.resolution or 0.0)
+        excess: tuple[float, float, str] | None = None
+        if noise > least and sisters and noise > _TIMES * (usual := float(np.median(sisters))) > 0:
+            excess = (noise, usual, Sentence("fitting.other_sensors_kind"))
+        elif noise > least and own_step and noise > _TIMES * own_step:
+            excess = (noise, own_step, "its resolution")
+        elif (apart := _apart(moving[channel.name], least)) is not None:
+            excess = (*apart, Sentence("fitting.other_stretches"))
+        if excess is not None:
+            before, after, what = excess
+            who: dict[str, Any] = {"joint": channel.joint, "channel": channel.name, "unit": machine.si_unit(channel)}
+            times = before / after
+            found.append(finding_of("noisy", times=times, what=what, before=before, after=after, strength=3.0, **who))
+    return found
+
+
+def _stretches(channel: Channel, recordings: Sequence[Recording]) -> FloatArray:
+    """Compute a channel's noise (k, 2) where it moves, by stretch: by the median of its differences, and by all."""
+    result = []
+    for recording in recordings:
+        values = recording.values.get(channel.name)
+        if values is None:
+            continue
+        rows = round(_STRETCH_S * recording.rate_hz)
+        there = np.isfinite(values) & ~held(values, recording.rate_hz)
+        for run in runs(there, recording.joined):
+            for start in range(run.start, run.stop - rows + 1, rows):
+                differences = np.diff(values[start : start + rows], _ORDER)
+                if len(differences):
+                    size = np.abs(differences)
+                    result.append((float(np.median(size)) / _MEDIAN, float(np.sqrt(np.mean(size**2)))))
+    return np.array(result).reshape(-1, 2) / _GAIN
+
+
+def _apart(noise: FloatArray, least: float) -> tuple[float, float] | None:
+    """Return the noise of the noisy and of the quiet stretches, where there are enough of both."""
+    count = max(2, round(_SHARE * len(noise)))
+    if len(noise) < _STRETCHES:
+        return None
+    loud, quiet = float(np.sort(noise[:, 0])[-count]), float(np.sort(noise[:, 1])[count - 1])
+    return (loud, quiet) if loud > least and loud > _TIMES * quiet > 0 else None

@@ -1,7 +1,7 @@
 """The time column: its unit, its rate, rows that are lost, and clocks that jump.
 
 A recorded speed agrees with the change of the position beside it to a few per cent, whatever the machine does. If they
-disagree by one factor at every joint, the rows are not as far apart as the time column says; at one joint among others,
+disagree by one factor at every joint, the rows are not as far apart as in the time column; at one joint among others,
 that channel has another unit or scale.
 """
 
@@ -94,11 +94,8 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
     went_on = [k for k in odd if steps[k] > _PAUSE_S and _goes_on(values, int(k))]
     if went_on:
         k = int(went_on[0])
-        found.append(
-            finding_of(
-                "time_jump/clock_set", at=time[k], recording=file, before=float(steps[k]), unit="s", strength=8.0
-            )
-        )
+        details: dict[str, Any] = {"at": time[k], "recording": file, "before": float(steps[k]), "unit": "s"}
+        found.append(finding_of("time_jump/clock_set", strength=8.0, **details))
         lost -= float(np.sum(steps[went_on]))
         odd = np.setdiff1d(odd, went_on)
     if len(odd):
@@ -106,7 +103,7 @@ def _holes(machine: Machine, file: str, time: FloatArray, values: dict[str, Floa
         long = odd[steps[odd] > _LONG_S + 1 / rate]
         in_long = float(np.sum(steps[long] - 1 / rate)) / float(time[-1] - time[0])
         many = in_long > _LOST or share > _LOST_IN_ALL or len(uneven_steps(time, rate)) > 0
-        details: dict[str, Any] = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
+        details = {"gaps": len(odd), "seconds": max(lost, 0.0), "at": time[odd[0]]}
         severity: Severity = "mistake" if many else "note"
         key = "lost_rows/many" if many else "lost_rows/few"
         found.append(finding_of(key, recording=file, severity=severity, before=share, strength=6.0, **details))
@@ -148,7 +145,11 @@ def speed_findings(machine: Machine, recordings: Sequence[Recording]) -> list[Fi
         if len(off) == len(ratios) and all(abs(ratio / middle - 1.0) < _AGREE for ratio in ratios.values()):
             found.append(_of_clock(recording, middle, len(ratios)))
             continue
-        found += [_of_channel(machine, recording, name, ratio) for name, ratio in off.items()]
+        for name, ratio in off.items():
+            channel = machine.channel("joint_velocity", name)
+            assert channel is not None  # it has a ratio
+            who: dict[str, Any] = {"joint": name, "channel": channel.name, "recording": recording.file}
+            found.append(finding_of("scale", ratio=ratio, factor=1.0 / ratio, strength=6.0, **who))
     return found
 
 
@@ -192,18 +193,4 @@ def _of_clock(recording: Recording, ratio: float, joints: int) -> Finding:
         factor=ratio,
         alternatives=alone,
         strength=9.0,
-    )
-
-
-def _of_channel(machine: Machine, recording: Recording, joint: str, ratio: float) -> Finding:
-    channel = machine.channel("joint_velocity", joint)
-    assert channel is not None
-    return finding_of(
-        "scale",
-        ratio=ratio,
-        joint=joint,
-        channel=channel.name,
-        recording=recording.file,
-        factor=1.0 / ratio,
-        strength=6.0,
     )

@@ -36,8 +36,8 @@ class Asked:
     ----------
     motion : the motion program; it starts and ends at rest
     text : what it is, in plain words
-    separates : labels of what it is to tell apart
-    chance : that one of them stands alone afterwards, as it was predicted
+    separates : labels of what it is to separate
+    chance : that one of them is left alone afterwards, as it was predicted
     """
 
     motion: Motion
@@ -67,29 +67,24 @@ class Recorder(Protocol):
         HilfitError
             If it cannot be recorded; nothing is identified then.
         """
-        ...
 
 
 class Identified(Protocol):
-    """Recordings and what they say, which can be identified again with one more recording."""
+    """Recordings and what was found in them, which can be identified again with one more recording."""
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """Explanations, the most probable first."""
-        ...
 
     @property
     def found(self) -> bool:
-        """Whether anything was found at all: where nothing is missing there is nothing to close."""
-        ...
+        """True where anything was found at all: where nothing is missing there is nothing to close."""
 
     def question(self) -> Asked | None:
         """Return the motion most informative beside these recordings; None if there is none, or nothing is open."""
-        ...
 
     def with_recording(self, recording: Recording) -> Self:
         """Identify again with all recordings and this one."""
-        ...
 
 
 Kind = TypeVar("Kind", bound=Identified)
@@ -158,7 +153,7 @@ class Examined:
 
     @property
     def found(self) -> bool:
-        """Whether anything was added."""
+        """True where anything was added."""
         return bool(self.attribution.accepted)
 
     def question(self) -> Asked | None:

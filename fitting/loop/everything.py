@@ -1,15 +1,22 @@
-"""What was found on pieces of long recordings, held against everything.
+"""What was found, confirmed once more: on all samples of long recordings, and in efforts of equal weight.
 
-The loop names effects on pieces (:attr:`fitting.loop.session.Session.search`). Here they are fitted jointly with the
-base on all samples, streamed, with their shapes searched there once more (:func:`with_best_shapes`). Each has to
-stand there too: it has to gain on all fitted rows what is said of so many parameters, and no joint may get worse on all
-of `validate`. What does not stand is dropped, one at a time, the weakest first. Sets become smaller: all samples may
-tell rivals apart that the pieces could not.
+*All samples.* The loop names effects on pieces (:attr:`fitting.loop.session.Session.search`). Here they are fitted
+jointly with the base on all samples, streamed, with their shapes searched there once more (:func:`with_best_shapes`).
+Each has to hold there too: it has to gain on all fitted rows what so many parameters have to, and no joint may get
+worse on all of `validate`. What does not hold is dropped, one at a time, the weakest first. Sets become smaller: all
+samples may separate rivals that the pieces could not.
+
+*Efforts.* Where the model explains the recordings down to their noise, the confirmation on whitened rows is enough.
+Where it does not (:mod:`fitting.loop.weighting`), whitened rows all but ignore slow errors, and what lowers them on the
+validation motion may raise the error of the effort there. So each finding is added again, in the order in which it was
+found, to least squares of joint efforts, and is kept if the error of the efforts on ``validate`` falls: its
+block-bootstrap interval excludes zero, and no joint gets worse by more than
+:data:`~fitting.residual.confirmation.confirmation.MOST_WORSE` and its interval.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,18 +26,19 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Search, Session
+from fitting.loop.weighting import weighed
+from fitting.regression.design import effort_errors
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import folded
-from fitting.residual.confirmation.confirmation import validate_gain, worse_joint
+from fitting.residual.confirmation.confirmation import MOST_WORSE, error_change, validate_gain, worse_joint
 from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term, extra_columns, late_terms
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
+from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
-
-Progress = Callable[[float, str], None]
 
 #: Shapes that are moments, s: searched by steps, not by factors.
 _MOMENTS = frozenset({"t_0"})
@@ -51,7 +59,7 @@ def held_against_everything(
     corrections: Corrections,
     search: Search,
     found: Attribution,
-    progress: Progress = lambda fraction, text: None,
+    progress: Progress = quiet,
 ) -> Attribution:
     """Check each accepted term against all samples.
 
@@ -105,7 +113,7 @@ def _refused(
     base: Model, model: Model, accepted: Sequence[Accepted], validate: Sequence[int]
 ) -> tuple[int, str] | None:
     """Return the number of the term to drop, and why; None where all hold."""
-    worths = [worth(model, number) for number in range(len(accepted))]
+    worths = [_worth(model, number) for number in range(len(accepted))]
     weakest = int(np.argmin(worths))
     if worths[weakest] < 0:
         return weakest, Sentence("fitting.found_pieces_but_gains", gain=model.wald(weakest))
@@ -123,7 +131,7 @@ def _refused(
     )
 
 
-def worth(model: Model, number: int) -> float:
+def _worth(model: Model, number: int) -> float:
     """Compute the chi-square cost of dropping a term (Wald's), beyond the least to report so many parameters."""
     count = _count(model, number)
     return model.wald(number) - least_gain(count) if count else -np.inf
@@ -134,8 +142,8 @@ def _with_rivals(
 ) -> tuple[list[Accepted], dict[Family, tuple[str, str]]]:
     """Return accepted terms with their rivals by all samples, and status and reason of the changed ones.
 
-    A rival takes the term's place in the joint fit, with its shape refined on the pieces as the term's was. It stays in
-    the set where the two differ by less than a set is wide; where it is better by more, it is the term. The width is
+    A rival takes the term's place in the joint fit, with its shape refined on the pieces as the term's was. It is kept
+    in the set where the two differ by less than a set is wide; where it is better by more, it is the term. The width is
     that of the search, with the uncertainty of a bias in proportion to the gain.
     """
     result, apart = list(accepted), dict[Family, tuple[str, str]]()
@@ -146,27 +154,26 @@ def _with_rivals(
         others = [other.score.term for n, other in enumerate(result) if n != number]
         # The search's own numbers of recordings: shapes are refined there.
         beside = pieces.refit([renumbered(term, {n: k for k, n in whole.items()}) for term in others])
-        best, best_chi, best_item = item.score.term, _priced(model), item
-        gain = model.wald(number)
-        width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _gain_uncertainty(item.score, gain)
-        values = {item.score.term.family: best_chi}
-        terms = {item.score.term.family: item.score}
+        gain, scores, values = model.wald(number), [item.score], [_priced(model)]
         for rival in item.rivals:
             score = refined(beside, rival) if isinstance(rival.term.content, Effect) else rival
-            score = replace(score, term=renumbered(score.term, whole))
-            trial = signals.refit([*others[:number], score.term, *others[number:]])
-            values[score.term.family], terms[score.term.family] = _priced(trial), score
-        family = min(values, key=lambda own: values[own])
-        if values[family] < best_chi - width:
-            best, best_chi = terms[family].term, values[family]
-            best_item = replace(item, score=terms[family])
-            apart[family] = "accepted", Sentence("fitting.best_set_all_samples")
-        near = [own for own in values if own != best.family and values[own] - best_chi < width]
-        for own in values:
-            if own != best.family and own not in near:
-                reason = Sentence("fitting.fits_all_samples_worse", best=best.id, excess=values[own] - best_chi)
-                apart[own] = "rejected", reason
-        result[number] = replace(best_item, rivals=tuple(terms[own] for own in near))
+            scores.append(replace(score, term=renumbered(score.term, whole)))
+            values.append(_priced(signals.refit([*others[:number], scores[-1].term, *others[number:]])))
+        width = max(priors.CLOSE, priors.EPSILONS[1] ** 2 * gain) + _gain_uncertainty(item.score, gain)
+        best = int(np.argmin(values))
+        if values[best] < values[0] - width:
+            apart[scores[best].term.family] = "accepted", Sentence("fitting.best_set_all_samples")
+        else:
+            best = 0
+        near = list[Score]()
+        for score, value in zip(scores, values, strict=True):
+            if score is not scores[best] and value - values[best] < width:
+                near.append(score)
+            elif score is not scores[best]:
+                excess = value - values[best]
+                reason = Sentence("fitting.fits_all_samples_worse", best=scores[best].term.id, excess=excess)
+                apart[score.term.family] = "rejected", reason
+        result[number] = replace(item, score=scores[best], rivals=tuple(near))
     return result, apart
 
 
@@ -191,14 +198,12 @@ def _with_gains(
     signals: SessionSignals, model: Model, accepted: Sequence[Accepted], validate: Sequence[int]
 ) -> list[Accepted]:
     """Return accepted terms with what each takes off the chi-square of all of `validate`."""
-    result = []
-    for number, item in enumerate(accepted):
-        gain = None
-        if validate:
-            others = [other.score.term for n, other in enumerate(accepted) if n != number]
-            gain = validate_gain(signals.refit(others), model, validate)
-        result.append(replace(item, validate_gain=gain))
-    return result
+    if not validate:
+        return [replace(item, validate_gain=None) for item in accepted]
+    terms = [item.score.term for item in accepted]
+    models = (signals.refit([*terms[:number], *terms[number + 1 :]]) for number in range(len(terms)))
+    pairs = zip(accepted, models, strict=True)
+    return [replace(item, validate_gain=validate_gain(own, model, validate)) for item, own in pairs]
 
 
 def with_best_shapes(model: Model, prior: Prior, reach: float) -> tuple[Term, ...]:
@@ -225,12 +230,12 @@ def with_best_shapes(model: Model, prior: Prior, reach: float) -> tuple[Term, ..
                     if value >= 0 or key not in _MOMENTS
                 ]
                 others = [own for n, own in enumerate(terms) if n != number]
-                found = chi_squares(model, prior, others, candidates)
+                found = _chi_squares(model, prior, others, candidates)
                 terms[number] = candidates[int(np.argmin(found))]
     return tuple(terms)
 
 
-def chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: Sequence[Term]) -> list[float]:
+def _chi_squares(model: Model, prior: Prior, others: Sequence[Term], candidates: Sequence[Term]) -> list[float]:
     """Compute the chi-square of a joint fit of base, ``others`` and each of the candidates.
 
     Candidates are put beside each other behind the base and the other terms, all rows folded into one triangle
@@ -262,19 +267,83 @@ def _rounds(key: str, reach: float) -> Iterator[FloatArray]:
         reach *= 2.0 / (_VALUES - 1)
 
 
+def confirmed_in_effort(session: Session, corrections: Corrections, found: Attribution) -> Attribution:
+    """Return the findings confirmed where the final fit has equal weights; all where it is whitened.
+
+    Parameters
+    ----------
+    session : of all recordings
+    corrections : what kinematics found
+    found : what the loop accepted
+    """
+    signals = SessionSignals(session, corrections)
+    validate = session.plain.validate
+    items = [item for item in found.accepted if not item.score.term.confined]
+    if not items or not validate:
+        return found
+    if weighed(signals.refit([item.score.term for item in found.accepted]), session.prior).weights == "whitened":
+        return found
+    kept: list[Accepted] = [item for item in found.accepted if item.score.term.confined]
+    reasons = dict[Family, str]()
+
+    def errors() -> tuple[FloatArray, ...]:
+        model = weighed(signals.refit([k.score.term for k in kept]), session.prior).model
+        return effort_errors(model.design, model.fit.theta, validate, model.extra)
+
+    before = errors()
+    for item in items:
+        kept.append(item)
+        after = errors()
+        refused = _effort_refused(session, before, after)
+        if refused is None:
+            before = after
+            continue
+        reasons[kept.pop().score.term.family] = refused
+    if not reasons:
+        return found
+    model = signals.refit([item.score.term for item in kept])
+    # Warnings on joints whose findings are gone go with them.
+    places = {item.score.term.joint for item in kept}
+    names = [session.machine.joints[joint].name for joint in places if joint is not None]
+    warnings = tuple(w for w in found.warnings if w.partition(":")[0] in names)
+    left = replace(found.refusing(reasons), accepted=tuple(kept), model=model, warnings=warnings)
+    return left.with_status(_demoted(left, found))
+
+
+def _effort_refused(session: Session, before: Sequence[FloatArray], after: Sequence[FloatArray]) -> str | None:
+    """Return why the validation efforts do not confirm a finding; None where they do."""
+    rate = session.bank.reduced_rate_hz
+    change, _, high = error_change(before, after, rate, np.random.default_rng(22))
+    if not high < 0:
+        return Sentence("fitting.validation_effort_not_better", change=change)
+    for joint, (first, second) in enumerate(zip(before, after, strict=True)):
+        if len(first) and len(first) == len(second):
+            own, low, _ = error_change([first], [second], rate, np.random.default_rng(23))
+            if own > 100 * MOST_WORSE and low > 0:
+                name = session.machine.joints[joint].name
+                return Sentence("fitting.validation_effort_worse", joint=name, change=own)
+    return None
+
+
+def _demoted(left: Attribution, found: Attribution) -> dict[Family, tuple[str, str]]:
+    """Return status and reason of rivals of rejected findings: they are now distinguishable."""
+    there = {rival.term.family for item in left.accepted for rival in item.rivals}
+    fallen = {rival.term.family for item in found.accepted for rival in item.rivals} - there
+    reason = Sentence("fitting.could_not_told_apart")
+    return {
+        (c.id, c.joint): ("rejected", reason)
+        for c in left.candidates
+        if (c.id, c.joint) in fallen and c.status == "indistinguishable"
+    }
+
+
 def search_note(search: Search) -> str:
     """Word in one sentence where effects were searched for."""
-    return Sentence(
-        "fitting.effects_searched_pieces_all",
-        pieces=search.pieces,
-        seconds=_minutes(search.seconds),
-        of_seconds=_minutes(search.of_seconds),
-    )
+    times = {"seconds": _duration(search.seconds), "of_seconds": _duration(search.of_seconds)}
+    return Sentence("fitting.effects_searched_pieces_all", pieces=search.pieces, **times)
 
 
-def _minutes(seconds: float) -> str:
-    return (
-        Sentence("fitting.in_minutes", minutes=seconds / 60)
-        if seconds < 36_000
-        else Sentence("fitting.in_hours", hours=seconds / 3600)
-    )
+def _duration(seconds: float) -> str:
+    if seconds < 36_000:
+        return Sentence("fitting.in_minutes", minutes=seconds / 60)
+    return Sentence("fitting.in_hours", hours=seconds / 3600)

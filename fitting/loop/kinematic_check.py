@@ -9,7 +9,7 @@ the sensor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -37,15 +37,13 @@ from fitting.residual.kinematics import (
     gap_rows,
     with_forces,
 )
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model
 from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import tempering
 from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
-from fitting.selection.posterior import MOST_NAMED
+from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
-
-Progress = Callable[[float, str], None]
 
 #: Times that an error of geometry is rebuilt until nothing of it is left.
 _REBUILDS = 4
@@ -75,7 +73,7 @@ class KinematicFinding:
     score: float
     gap_before: float
     gap_after: float
-    rivals: tuple[str, ...]
+    rivals: tuple[str, ...] = ()
     probability: float = 1.0
     rival_probabilities: tuple[float, ...] = ()
 
@@ -92,7 +90,7 @@ class KinematicFinding:
 
 @dataclass(frozen=True)
 class KinematicLaw:
-    """A law of the gap that no effect of the catalogue is: it is said, and nothing is rebuilt.
+    """A law of the gap that no effect of the catalogue is: it is reported, and nothing is rebuilt.
 
     Attributes
     ----------
@@ -113,7 +111,7 @@ class KinematicLaw:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """What position sensors say.
+    """Findings between the position sensors of all joints.
 
     Attributes
     ----------
@@ -128,7 +126,7 @@ class Kinematics:
     hypotheses: tuple[Hypothesis, ...] = field(default_factory=lambda: (Hypothesis((), 1.0),))
 
 
-def kinematics(session: Session, progress: Progress = lambda fraction, text: None) -> Kinematics:
+def kinematics(session: Session, progress: Progress = quiet) -> Kinematics:
     """Check every joint that has two position sensors."""
     posteriors = gap_posteriors(session, progress)
     corrections, findings, laws = Corrections(session.machine), list[KinematicFinding](), list[KinematicLaw]()
@@ -139,7 +137,7 @@ def kinematics(session: Session, progress: Progress = lambda fraction, text: Non
     return Kinematics(corrections, tuple(findings), tuple(laws), _hypotheses(posteriors))
 
 
-def gap_posteriors(session: Session, progress: Progress = lambda fraction, text: None) -> dict[int, GapPosterior]:
+def gap_posteriors(session: Session, progress: Progress = quiet) -> dict[int, GapPosterior]:
     """Compute the posterior of the gap of every joint with two position sensors, by joint number."""
     plain, model, joints = session.plain, session.base_model, checkable(session.machine)
     posteriors = dict[int, GapPosterior]()
@@ -281,22 +279,12 @@ def _rebuilt(
     findings = []
     for one in conclusions:
         if one.part is not None:
-            own, effects_only = steps[one.name], [r for r in one.rivals if "/" not in r[0]]
-            first = next(score for score in scores if score.effect.id == one.name)
-            findings.append(
-                KinematicFinding(
-                    tuple(own),
-                    tuple(np.sum([step.values for step in own], axis=0).tolist()),
-                    first.stds,
-                    first.gain,
-                    float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300))),
-                    before,
-                    after,
-                    tuple(name for name, _ in effects_only),
-                    one.probability,
-                    tuple(p for _, p in effects_only),
-                )
-            )
+            own, first = steps[one.name], next(score for score in scores if score.effect.id == one.name)
+            values = tuple(np.sum([step.values for step in own], axis=0).tolist())
+            odds = float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300)))
+            found = KinematicFinding(tuple(own), values, first.stds, first.gain, odds, before, after)
+            names, chances = tuple(name for name, _ in one.effects), tuple(p for _, p in one.effects)
+            findings.append(replace(found, rivals=names, probability=one.probability, rival_probabilities=chances))
     return findings, corrections
 
 
@@ -305,11 +293,10 @@ def _gaps(
 ) -> tuple[float, float]:
     """Compute the RMS of a joint's filtered gap as measured, and less the findings, m."""
     plain, indices = session.plain, prepared.validate or prepared.fitted
-    views = [model.views[i][joint] for i in indices if prepared.design.segments[i].loaded]
     explained = []
-    for view in views:
-        changes = [score.effect.gap_change(view, score.shape, score.values) for score in driven]
-        explained.append(np.sum([c for c in changes if c is not None], axis=0) if changes else np.zeros(len(view)))
+    for view in (model.views[i][joint] for i in indices if prepared.design.segments[i].loaded):
+        changes = (score.effect.gap_change(view, score.shape, score.values) for score in driven)
+        explained.append(sum((own for own in changes if own is not None), np.zeros(len(view))))
     before = gap_error(plain.design, plain.validate or plain.fitted, joint)
     return before, gap_error(prepared.design, indices, joint, explained)
 
@@ -357,22 +344,14 @@ def _law(posterior: GapPosterior, conclusion: GapConclusion) -> KinematicLaw:
     rows: GapRows = posterior.rows
     assert conclusion.chosen.law is not None
     values, covariance, gain = posterior.curve(conclusion.chosen)
-    could_be = tuple((name, p) for name, p in conclusion.rivals if "/" not in name)[: MOST_NAMED - 1]
-    return KinematicLaw(rows.joint, conclusion.chosen.law, values, covariance, gain, conclusion.probability, could_be)
+    law, could_be = conclusion.chosen.law, conclusion.effects
+    return KinematicLaw(rows.joint, law, values, covariance, gain, conclusion.probability, could_be)
 
 
 def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...]:
     """Combine whole explanations of all gaps; joints are independent."""
-    choices = []
-    for joint, posterior in posteriors.items():
-        own = []
-        for chosen, p in posterior.sets[:MOST_LISTED]:
-            terms = [Term(part.effect, joint, dict(part.shape)) for part in chosen.parts]
-            terms += [] if chosen.law is None else [Term(chosen.law.law, joint)]
-            if p > LEAST:
-                own.append((tuple(terms), p))
-        choices.append(own)
-    return combined(choices)
+    sets = {joint: posterior.sets[:MOST_LISTED] for joint, posterior in posteriors.items()}
+    return combined([[(own.terms(joint), p) for own, p in there if p > LEAST] for joint, there in sets.items()])
 
 
 def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:

@@ -4,7 +4,7 @@ The spectrum of a noise that was never measured comes from what a flexible model
 more and less than the noise of the fitted rows: reversals and short rests, whose rows are not fitted, the model's error
 where splines in the joint's own motion do not follow it, the filter's edge. Its shape may be right and its size be off
 by ten, either way: then nothing can be found, or everything is. So each joint's noise is scaled until the base model
-leaves of its fitted rows what noise of that size leaves. A missing effect is part of it; it has to stand out of this.
+leaves of its fitted rows what noise of that size leaves. A missing effect is part of it; it has to exceed this.
 
 So it is with free cylinders, which have no more noise than the same ones with their links: theirs is taken where what
 is left of their rows is far less, and an effect in them cannot have made it.

@@ -28,7 +28,7 @@ _MOST_NUMBERS = 4_000_000
 
 
 class SessionSignals:
-    """Refits on a session's recordings: positions corrected as kinematics found, delays as accepted terms say."""
+    """Refits on a session's recordings: positions corrected as kinematics found, delays as accepted terms have them."""
 
     def __init__(self, session: Session, corrections: Corrections) -> None:
         self._session = session
@@ -39,7 +39,7 @@ class SessionSignals:
 
     @property
     def prior(self) -> Prior:
-        """What is known before any measurement."""
+        """Prior knowledge, before any measurement."""
         return self._session.prior
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
@@ -64,9 +64,7 @@ class SessionSignals:
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Refit both stages jointly with these terms."""
-        return self._fitted(self.prepared(terms), terms)
-
-    def _fitted(self, prepared: Prepared, terms: Sequence[Term]) -> Model:
+        prepared = self.prepared(terms)
         return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, passes=3 if terms else 1)
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:

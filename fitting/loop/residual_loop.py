@@ -10,34 +10,34 @@ with whitened rows, columns ``C``, residual ``e`` of the base and ``P`` the proj
 :mod:`fitting.selection.priors`). In order:
 
 1. *Base.* Spectral lines inside the band are in the model from the start (:func:`_ripples`).
-2. *Neighbours* (:func:`fitting.selection.search.attribute`). One more: ``step`` adds the most probable candidate, at
-   its best shape, until nothing more has the odds of :data:`fitting.selection.priors.SAID`. One less, or one exchanged:
-   ``exchange`` holds each term against all others in its place, beside the rest. Both again until the set stays.
+2. *Neighbours* (:meth:`fitting.selection.search.Search.run`). One more: ``step`` adds the most probable candidate, at
+   its best shape, until nothing more has the odds of :data:`fitting.selection.priors.CREDIBLE`. One less, or one
+   exchanged: ``exchange`` holds each term against all others in its place, beside the rest. Both again until nothing
+   changes.
 3. *Three questions* to each that is added (:meth:`fitting.selection.confirm.Gate.asked`): whether rows that were left
-   out of the fit are more probable with it; whether `validate` and the unloaded recordings are; whether it stays
-   physical, and no joint gets worse. A refusal removes the candidate and stands in the table.
+   out of the fit are more probable with it; whether `validate` and the unloaded recordings are; whether it is
+   physical, and no joint gets worse. A refusal removes the candidate and is in the table.
 4. *Other cut-offs* of the filter may refuse a name (:func:`_screened`).
-5. *All samples*, where pieces of long recordings were searched (:mod:`fitting.loop.everything`), and *efforts*, where
-   the final fit has equal weights (:mod:`fitting.loop.effort_confirmation`), may refuse once more.
-6. *Answer.* What may stand in each place, with probabilities (``Search.result``): explanations and the verdict are read
+5. *All samples*, where pieces of long recordings were searched, and *efforts*, where the final fit has equal weights,
+   may refuse once more (:mod:`fitting.loop.everything`).
+6. *Answer.* What may be in each place, with probabilities (``Search.result``): explanations and the verdict are read
    from that alone (:class:`fitting.residual.findings.Attribution`).
 
-The same is told at length in ``docs/explanation/evidence.md``.
+The same at length is in ``docs/explanation/evidence.md``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
-from fitting.effects import effects, line_effect
+from fitting.effects import line_effect
 from fitting.effects.base import Effect
-from fitting.loop.effort_confirmation import confirmed_in_effort
-from fitting.loop.everything import held_against_everything
+from fitting.loop.everything import confirmed_in_effort, held_against_everything
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import weighed
@@ -50,21 +50,17 @@ from fitting.residual.levelling import residual_parts
 from fitting.residual.lines import Line, machine_lines
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term
-from fitting.selection.draws import Draws
 from fitting.selection.gains import margin
-from fitting.selection.search import Search, attribute
+from fitting.selection.search import Progress, Search, quiet
+from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
 
-Progress = Callable[[float, str], None]
-
-#: Factors of the filter's cut-off at which a named effect has to stand as well, and how far it may move.
+#: Factors of the filter's cut-off at which a named effect has to hold as well, and how far it may move.
 SCREEN = (0.7, 1.3)
 SCREEN_RATIO, SCREEN_Z = 3.0, 4.0
 
 
-def attributed(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
-) -> Attribution:
+def attributed(session: Session, corrections: Corrections, progress: Progress = quiet) -> Attribution:
     """Attribute the residual of a session to its causes.
 
     Parameters
@@ -92,15 +88,13 @@ def attributed(
     return replace(found, warnings=(*found.warnings, *silent))
 
 
-def run_attribution(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
-) -> Attribution:
+def run_attribution(session: Session, corrections: Corrections, progress: Progress = quiet) -> Attribution:
     """Search on signals with rebuilt kinematic corrections, and compare the result at other cut-offs of the filter."""
     signals = SessionSignals(session, corrections)
     lines, ripples = _ripples(signals)
     base = signals.refit([item.score.term for item in ripples])
     validate = signals.prepared(()).validate
-    found = attribute(base, effects(), validate, signals, session.options.bootstrap, ripples, progress)
+    found = Search(base, validate, signals, session.options.bootstrap, ripples).run(progress)
     found = _screened(session, corrections, signals, found)
     explained = weighed(found.model, session.prior).weights == "whitened"
     moments = changes(found.model, signals.prepared(found.model.terms).pairs, explained)
@@ -138,7 +132,7 @@ def _screened(session: Session, corrections: Corrections, signals: SessionSignal
 
 
 def other_bands(
-    session: Session, corrections: Corrections, progress: Progress = lambda fraction, text: None
+    session: Session, corrections: Corrections, progress: Progress = quiet
 ) -> tuple[tuple[float, tuple[Family, ...]], ...]:
     """Find what is more probable than nothing at other cut-offs of the identification filter: (Hz, families).
 
@@ -156,10 +150,10 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     """Find the most probable families at another cut-off where nothing is improbable there."""
     signals = SessionSignals(session.at_bandwidth(cutoff), corrections)
     validate, base = signals.prepared(()).validate, signals.refit(())
-    search = Search(base, effects(), validate, signals, 0, ())
+    search = Search(base, validate, signals)
     nothing = search.rate_nothing()
     if nothing < 0.5:
-        # Replicas take off what noise makes of the candidates: only asked where something stands out at all.
+        # Replicas take off what noise makes of the candidates: only drawn where something is probable at all.
         search.draws = Draws(signals, session.options.bootstrap)
         nothing = search.rate_nothing()
     return () if nothing >= 0.5 else (search.open[0].term.family,)
@@ -201,7 +195,7 @@ def _ripples(signals: SessionSignals) -> tuple[tuple[Line, ...], tuple[Accepted,
     """
     prepared, model = signals.prepared(()), signals.refit(())
     design, theta = prepared.design, model.fit.theta
-    lines, _ = machine_lines(design, theta, prepared.fitted, prepared.pairs)
+    lines = machine_lines(design, theta, prepared.fitted, prepared.pairs)
     accepted: list[Accepted] = []
     for line in lines:
         if line.frequency_hz > design.bank.bandwidth_hz or not is_ripple(design.machine, line):

@@ -8,7 +8,7 @@ that nothing is left out that happens in them, so of every recording
 * half of its share is spread evenly over its time,
 * the rest is chosen for coverage: each joint's range of position, speed, acceleration, effort and pressure is cut into
   bins, in both directions of motion, and the next piece is the one that adds most to the sum of ``1 - exp(-T / 3 s)``
-  over the time ``T`` spent in each bin: ten correlation times of what is left in one place say that something is there,
+  over the time ``T`` spent in each bin: ten correlation times of a residual in one place show that something is there,
   and it is not worth seeing a pose again while another has not been seen. Among equals, what adds to the sum of
   ``sqrt(T)``, as the significance of an effect in one bin does.
 
@@ -22,9 +22,10 @@ Math. Programming 14, 1978 (a greedy choice has at least 63 % of the best covera
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -123,26 +124,15 @@ def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:
     if len(pieces) == 1 and pieces[0] == slice(0, len(recording)):
         return recording.cut(pieces[0])
     cuts = [recording.cut(piece) for piece in pieces]
-    first = cuts[0]
 
-    def whole(number: int, name: str) -> npt.NDArray[np.generic]:
-        return np.concatenate([getattr(cut, ("values", "age", "quality")[number])[name] for cut in cuts])
+    def whole(name: str) -> Any:
+        parts = [getattr(cut, name) for cut in cuts]
+        if isinstance(parts[0], Mapping):
+            return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        return None if parts[0] is None else np.concatenate(parts)
 
-    tables = [{name: whole(k, name) for name in own} for k, own in enumerate((first.values, first.age, first.quality))]
-    return Recording(
-        machine=recording.machine,
-        role=recording.role,
-        file=recording.file,
-        sha256=recording.sha256,
-        rate_hz=recording.rate_hz,
-        time=np.concatenate([cut.time for cut in cuts]),
-        values=tables[0],  # type: ignore[arg-type]
-        age=tables[1],  # type: ignore[arg-type]
-        quality=tables[2],  # type: ignore[arg-type]
-        cycle=None if first.cycle is None else np.concatenate([c.cycle for c in cuts if c.cycle is not None]),
-        utc_ns=None if first.utc_ns is None else np.concatenate([c.utc_ns for c in cuts if c.utc_ns is not None]),
-        bridged=None if first.bridged is None else np.concatenate([c.bridged for c in cuts if c.bridged is not None]),
-    )
+    columns = ("time", "values", "age", "quality", "cycle", "utc_ns", "bridged")
+    return replace(cuts[0], notes=(), events=(), **{name: whole(name) for name in columns})
 
 
 def _kept(recordings: Sequence[Recording], budget: int, length: int) -> list[int]:
@@ -326,12 +316,11 @@ def _signals(
     if joint is None:
         yield values, np.ones(len(values), dtype=bool)
         return
-    position = values if name == _position_name(machine, joint) else None
-    track = np.asarray(recording.values[_position_name(machine, joint)][::step])
-    speed = np.gradient(track)
+    position = _position_name(machine, joint)
+    speed = np.gradient(np.asarray(recording.values[position][::step]))
     forth = speed >= 0
     yield values, forth
-    if position is not None:
+    if name == position:
         yield speed, forth
         yield np.gradient(speed), forth
 

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError, RecordingError
 from daq.machine.machine_file import Machine, load_machine
@@ -66,7 +65,7 @@ LONG_SAMPLES = 150_000
 LOOP_SAMPLES = 90_000
 #: Samples of all joints together in the pieces of hours that the loop searches (3.2 minutes of six joints): what else
 #: is kept of ten hours takes the room of the rest. Up to twice `LOOP_SAMPLES` so many are searched as of shorter ones:
-#: whoever adds a motion, to tell two effects apart, has no less searched than before.
+#: whoever adds a motion, to separate two effects, has no less searched than before.
 SEARCH_SAMPLES = 57_600
 
 
@@ -83,7 +82,7 @@ class Options:
     forgetting : forgetting factor of stage 1's recursion; 1 forgets nothing
     estimator : id of stage 2's estimator; ``gls`` is the joint refit of both stages
     covariance : what its deviations make of coloured residuals: ``hac``, ``bootstrap`` or ``white``
-    prior : file with what is believed of the links beforehand (:mod:`fitting.regression.body_prior`)
+    prior : file with what is known of the links beforehand (:mod:`fitting.regression.body_prior`)
     columns : file with a map of the recordings' columns (:mod:`daq.recordings.column_map`)
     resample : whether recordings of other rates are brought to the machine's (:mod:`daq.recordings.resampling`)
     """
@@ -101,7 +100,7 @@ class Options:
 
 @dataclass(frozen=True)
 class Request:
-    """What to identify.
+    """Order of an identification.
 
     Attributes
     ----------
@@ -158,12 +157,11 @@ class Search:
 
 
 class Described(Protocol):
-    """What has a machine: a session, or a model that one handed over."""
+    """Owner of a machine: a session, or a model that one handed over."""
 
     @property
     def machine(self) -> Machine:
         """The machine."""
-        ...
 
 
 class Session:
@@ -273,7 +271,7 @@ class Session:
 
     @cached_property
     def search(self) -> Search:
-        """What the loop searches on: the recordings themselves, or pieces of long ones."""
+        """Recordings that the loop searches: all of them, or pieces of long ones."""
         numbers = tuple(range(len(self.recordings)))
         seconds = sum(r.duration for r in self.recordings)
         if not self.long:
@@ -317,7 +315,7 @@ class Session:
 
     @cached_property
     def prior(self) -> Prior:
-        """What is known of the moving masses, of delays between buses, and the plausible arm for these efforts."""
+        """Prior knowledge of the moving masses, of delays between buses, and the plausible arm for these efforts."""
         delays = expected_delays(self.machine)
         known = mass_prior(self.machine)
         if delays is not None:
@@ -402,16 +400,13 @@ class Session:
 
     def base_with(self, weights: Weights) -> Model:
         """Fit the base model with given weights: the reference of the errors before the loop."""
-        suited = self.weighted_base
-        return (
-            suited.model
-            if suited.weights == weights
-            else weighed(self.base_model, self.prior, weights, self._effort_rows).model
-        )
+        if self.weighted_base.weights == weights:
+            return self.weighted_base.model
+        return weighed(self.base_model, self.prior, weights, self._effort_rows).model
 
     @cached_property
     def stage_noise(self) -> NoiseModel:
-        """What stage 1 in situ weighs its rows by: the noise, or each joint's own misfit where that is no noise."""
+        """Noise of stage 1's rows in situ: the measured one, or each joint's own misfit where that is no noise."""
         if self.weighted_base.weights == "whitened":
             return self.plain.noise
         design, fit = self.plain.design, self.weighted_base.model.fit
@@ -432,7 +427,8 @@ class Session:
         """Refuse recordings in none of which a joint moves; noise alone seems to move for a moment now and then."""
         design = self.plain.design
         indices, least = design.indices(*roles), _MOVING_S * self.bank.reduced_rate_hz
-        if indices and not any(_longest(blocks[i].keep) >= least for i in indices for blocks in design.blocks):
+        moving = (run for i in indices for blocks in design.blocks for run in runs(blocks[i].keep))
+        if indices and not any(run.stop - run.start >= least for run in moving):
             files = ", ".join(r.file for r in self.recordings if r.role in roles)
             raise RecordingError("fitting.no_joint_moves", files=files, consequence=consequence)
 
@@ -454,7 +450,7 @@ class Session:
         triangles = []
         for i in indices:
             segment = design.segments[i]
-            # A joint that stands still has noise for an acceleration, and that would pass for excitation.
+            # A joint at rest has noise for an acceleration, and that would pass for excitation.
             qd, qdd = (np.where(segment.rest, 0.0, motion) for motion in (segment.qd, segment.qdd))
             body = base_regressor(self.machine, self.base, segment.q, qd, qdd) / segment.r[:, :, None]
             rows = [self.bank.reduce(body[:, joint]) for joint in range(len(self.machine.joints))]
@@ -464,8 +460,3 @@ class Session:
             files = ", ".join(r.file for r in self.recordings if r.role == "train")
             names = ", ".join(missing[:6]) + (f" and {len(missing) - 6} more" if len(missing) > 6 else "")
             raise RecordingError("fitting.motion_not_excite", files=files, names=names)
-
-
-def _longest(chosen: npt.NDArray[np.bool_]) -> int:
-    """Return the length of the longest run of True."""
-    return max((run.stop - run.start for run in runs(chosen)), default=0)

@@ -1,4 +1,4 @@
-"""Which weights the fit that is handed out has: those of the measured noise, or equal ones.
+"""Weights of the fit that is handed out: those of the measured noise, or equal ones.
 
 Generalised least squares weighs rows by the spectrum of the measurement noise. That is best where the model explains
 the efforts down to that noise. Where it does not, what is left is no noise, and those weights mislead: a repeated
@@ -6,7 +6,7 @@ motion shows fast noise far below the slow error of the model, so the whitened r
 although nearly all of the effort is slow.
 
 Equal weights minimise the error of the effort itself, whatever is left. A right model loses next to nothing on the
-training motion by the other weights, so what it loses tells which case this is::
+training motion by the other weights, so what it loses shows which case this is::
 
     ratio = error of the whitened fit / error of least squares,   training motions,
 
@@ -34,7 +34,7 @@ from fitting.residual.terms import Model, beside, fit_model
 
 Weights = Literal["whitened", "equal"]
 
-#: Training error of the whitened fit over that of least squares up to which its weights are believed.
+#: Training error of the whitened fit over that of least squares up to which its weights are kept.
 MOST_LOST = 1.02
 
 
@@ -81,7 +81,7 @@ def weighed(
     if not model.terms and prior.arm is not None:
         tried["possible"] = rows.possible(prior)
     errors = {name: rows.errors(theta) for name, theta in tried.items()}
-    ratio = error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
+    ratio = _error_ratio(rows, errors["whitened"], np.fmin(errors["equal"], errors["least_squares"]))
     if weights is None:
         weights = "equal" if ratio > MOST_LOST else "whitened"
     if weights == "whitened":
@@ -89,7 +89,7 @@ def weighed(
     return Weighed(replace(model, fit=equal, prior=settled), "equal", ratio, tried, errors)
 
 
-def error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
+def _error_ratio(rows: EffortRows, whitened: FloatArray, equal: FloatArray) -> float:
     """Return the larger of the two ratios of this module's text; 1 where nothing was fitted.
 
     Parameters
@@ -117,10 +117,8 @@ def _equal(model: Model, rows: EffortRows, prior: Prior) -> Fit:
         wide = EffortRows(model.design, model.fitted, beside([model.extra, slopes])).fit(prior)
         fit = replace(fit, covariance=wide.covariance[:count, :count])
     if not model.design.stored and any(term.id == "law" for term in model.terms):
-        white = []
-        for joint in range(len(model.design.machine.joints)):
-            parts = list(rows.parts(joint))
-            white.append(WhiteRows(np.vstack([A for A, _ in parts]), np.concatenate([b for _, b in parts]), ()))
+        parts = (zip(*rows.parts(joint), strict=True) for joint in range(len(model.design.machine.joints)))
+        white = [WhiteRows(np.vstack(A), np.concatenate(b), ()) for A, b in parts]
         hidden = law_variances(replace(model, fit=fit), white)
         fit = replace(fit, covariance=fit.covariance + np.diag(hidden), hidden=hidden)
     return fit

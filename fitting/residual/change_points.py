@@ -31,20 +31,18 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from fitting.arrays import BoolArray, FloatArray
+from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing
 from fitting.residual.terms import Model
 from fitting.residual.views import recording_starts
 
-IntArray = npt.NDArray[np.int64]
 #: ``once``: from a moment to the end of its recording; ``lasting``: in all later recordings too; ``every``: from the
 #: same moment on in every recording, as a program that picks something up does.
 Kind = Literal["once", "lasting", "every"]
 
-#: Chance that a machine on which nothing changes is said to have changed.
+#: Chance that a machine on which nothing changes is reported to have changed.
 CHANGE_ALARM = 1e-3
 #: Share of a column's information that has to lie on either side of a change.
 TRIM = 0.05
@@ -282,12 +280,12 @@ def joint_rows(model: Model, joint: int) -> JointRows:
     numbers = [drive.index(name) for name in own]  # a joint's own drive parameters come first
     sections = model.sections(joint)
     rows = max((part.stop for _, part in sections), default=0)
-    time, recording, unloaded = np.zeros(rows), np.zeros(rows, dtype=np.int64), np.zeros(rows, dtype=bool)
+    time, recording, unloaded = np.zeros(rows), np.zeros(rows, dtype=np.intp), np.zeros(rows, dtype=bool)
     columns = np.zeros((rows, len(own) + 2))
     for index, part in sections:
         segment, block = design.segments[index], design.blocks[joint][index]
         kept = design.kept(model.noise, joint, index)
-        # Row k of the reduced signals stands in the middle of its filter window.
+        # Row k of the reduced signals is in the middle of its filter window.
         at = bank.half + bank.decimation * np.arange(len(kept))
         time[part] = segment.t[at][kept] - begins[segment.recording]
         recording[part], unloaded[part] = segment.recording, not segment.loaded
@@ -330,13 +328,11 @@ def _other_runs(design: Design, pairs: Sequence[Pairing], point: ChangePoint) ->
     """Return other recordings of the same motion, and their times at the same phase, s."""
     begins, result = recording_starts(design), []
     for pair in pairs:
-        own, other = design.segments[pair.train], design.segments[pair.repeat]
-        moments = [float(own.t[pair.train_start]), float(other.t[pair.repeat_start])]
-        late = (moments[1] - begins[other.recording]) - (moments[0] - begins[own.recording])
-        if point.recording == own.recording:
-            result.append((other.recording, point.time + late))
-        elif point.recording == other.recording:
-            result.append((own.recording, point.time - late))
+        sides = ((design.segments[pair.train], pair.train_start), (design.segments[pair.repeat], pair.repeat_start))
+        since = {own.recording: float(own.t[start]) - begins[own.recording] for own, start in sides}
+        if point.recording in since:
+            (other,) = since.keys() - {point.recording}
+            result.append((other, point.time + (since[other] - since[point.recording])))
     return result
 
 

@@ -1,4 +1,4 @@
-"""What the loop says: what was added, what was refused and why, what is there and could not be explained."""
+"""Findings of the loop: what was added, what was rejected and why, what is there and could not be explained."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fitting.residual.terms import Model, Term
 
 #: Effect id (``law``) and joint.
 Family = tuple[str, int | None]
-#: What may stand in one place of the model with its probability; None: nothing. What is missing to one was refused.
+#: What may be in one place of the model with its probability; None: nothing. What is missing to one was refused.
 Place = tuple[tuple[Term | None, float], ...]
 
 #: Explanations that are listed, and alternatives of one place that these are made of.
@@ -36,7 +36,7 @@ class Accepted:
     rivals : the other members of its set, at most two, best first
     held_out : its gain on held-out blocks of the fitted recordings
     validate_gain : chi-square that it takes off the whitened residual of `validate`; None without one
-    witness : what unloaded and loaded recordings say of it, in words; empty where only one kind is there
+    witness : what unloaded and loaded recordings show of it, in words; empty where only one kind is there
     cutoffs : its leading parameter at several cut-offs of the filter: (Hz, value, standard deviation)
     probability : that it is this, and neither a rival, nor a law, nor nothing
     rival_probabilities : the same of each rival
@@ -111,7 +111,7 @@ class Attribution:
     ----------
     base, model : the base model and the final one
     accepted : what was added
-    candidates : every family with what was said of it
+    candidates : every family with its status
     limits : the first round's scores, for detection limits
     warnings : lines for people
     unconfirmed : laws of what is there but does not hold on another motion

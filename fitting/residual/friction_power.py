@@ -1,6 +1,6 @@
 """Friction of a fitted model over the speeds that were used: it may only take power from the motion.
 
-Single coefficients say little: ``f_c``, ``f_v`` and ``f_s`` share a curve, and one may be negative where the others
+Single coefficients mean little: ``f_c``, ``f_v`` and ``f_s`` share a curve, and one may be negative where the others
 make up for it. What physics asks is that the whole friction force opposes the motion, ``f(v) v >= 0``, at every speed
 that occurred. So the friction force along the motion is averaged over bins of speed,
 

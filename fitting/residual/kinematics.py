@@ -20,7 +20,7 @@ from fitting.arrays import FloatArray
 from fitting.effects.base import SITES, DriveView, Effect, Shape, gap_lever, has_both_positions
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing, moving_stretches
-from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints
+from fitting.residual.laws import NEIGHBOUR, OWN, Law, parallel_joints, varies
 from fitting.residual.terms import Model
 from fitting.residual.views import Views
 from fitting.signals.corrections import Corrections
@@ -80,7 +80,7 @@ class GapLaw:
 class GapRows:
     """Gap of one joint where it moves: the whitening of its noise, and the whitened series of each segment.
 
-    A sensor that stands says one thing, however often it is read: such rows are no witness.
+    A sensor at rest has one value, however often it is read: such rows are no witness.
 
     Attributes
     ----------
@@ -139,8 +139,7 @@ def gap_rows(
     own, series = tuple(views[i][joint] for i in indices), list[FloatArray]()
     for pair in pairs:
         a, b = design.segments[pair.train], design.segments[pair.repeat]
-        left = slice(pair.train_start, pair.train_start + pair.length)
-        right = slice(pair.repeat_start, pair.repeat_start + pair.length)
+        left, right = pair.rows
         difference = (a.gap[left, joint] - b.gap[right, joint]) / np.sqrt(2.0)
         series += moving_stretches(difference, a.rest[left, joint] | b.rest[right, joint], design.bank)
     if not series:
@@ -195,15 +194,10 @@ def _unsure(model: Model, joint: int, indices: Sequence[int], first: int) -> tup
 
 def _without_law_of_position(design: Design, indices: Sequence[int], joint: int) -> list[FloatArray]:
     """Estimate the gap's noise without a repeat: what a smooth function of joint position leaves of it."""
-    parts = [
-        part
-        for i in indices
-        for part in moving_stretches(
-            np.column_stack([design.segments[i].q[:, joint], design.segments[i].gap[:, joint]]),
-            design.segments[i].rest[:, joint],
-            design.bank,
-        )
-    ]
+    parts = list[FloatArray]()
+    for segment in (design.segments[i] for i in indices):
+        both = np.column_stack([segment.q[:, joint], segment.gap[:, joint]])
+        parts += moving_stretches(both, segment.rest[:, joint], design.bank)
     if not parts:
         return []
     q, gap = np.concatenate(parts).T
@@ -217,7 +211,7 @@ def gap_laws(views: Sequence[DriveView]) -> Iterator[GapLaw]:
     machine, joint = views[0].machine, views[0].joint
 
     def law(signal: str, other: int | None, values: FloatArray, count: int) -> Law | None:
-        if not np.ptp(values) > 1e-9 * np.max(np.abs(values)):
+        if not varies(values):
             return None
         return Law(signal, other, False, True, tuple(spline_knots(values, count).tolist()))
 
@@ -322,11 +316,9 @@ def _best_point(rows: GapRows, effect: Effect, shape: Shape, C: FloatArray) -> t
 def gap_error(design: Design, indices: Sequence[int], joint: int, explained: Sequence[FloatArray] = ()) -> float:
     """Compute the RMS of the filtered gap where the joint moves, m; without ``explained`` (N,) by segment."""
     values = []
-    loaded = [i for i in indices if design.segments[i].loaded]
-    for number, index in enumerate(loaded):
-        gap = design.segments[index].gap[:, joint]
-        own = gap - explained[number] if explained else gap
-        values.append(design.bank.reduce(own)[design.blocks[joint][index].keep])
+    for number, index in enumerate(i for i in indices if design.segments[i].loaded):
+        gap = design.segments[index].gap[:, joint] - (explained[number] if explained else 0.0)
+        values.append(design.bank.reduce(gap)[design.blocks[joint][index].keep])
     return float(np.sqrt(np.mean(np.concatenate(values) ** 2))) if sum(map(len, values)) else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Laws of one measured variable: what is said when no known effect fits.
+"""Laws of one measured variable: what is reported when no known effect fits.
 
 A law is a cubic spline in one signal of the joint itself or of a neighbour, alone or times the sign of the joint's
 speed, fitted together with the base. It localises structure without knowing its physics.
@@ -29,10 +29,10 @@ OWN: dict[str, tuple[str, Callable[[DriveView], FloatArray]]] = {
     "head_pressure": ("Pa", lambda view: view.p1),
     "rod_pressure": ("Pa", lambda view: view.p2),
     "time": ("s", lambda view: view.clock),
-    "time_since_reversal": ("s", lambda view: (np.arange(len(view.v)) - last_reversal(view)) / view.bank.rate_hz),
-    "distance_since_reversal": ("m", lambda view: np.abs(view.x - view.x[last_reversal(view)])),
+    "time_since_reversal": ("s", lambda view: (np.arange(len(view.v)) - _last_reversal(view)) / view.bank.rate_hz),
+    "distance_since_reversal": ("m", lambda view: np.abs(view.x - view.x[_last_reversal(view)])),
     "oil_temperature": ("K", lambda view: _temperature(view)),
-    "link_angle": ("rad", lambda view: link_angle(view, view.joint)),
+    "link_angle": ("rad", lambda view: _link_angle(view, view.joint)),
     "total_flow": ("m^3/s", lambda view: _total_flow(view)),
 }
 NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
@@ -42,7 +42,7 @@ NEIGHBOUR: dict[str, tuple[str, Callable[[DriveView, int], FloatArray]]] = {
     "cylinder_force": ("N", lambda view, other: view.forces[:, other]),
     "head_pressure": ("Pa", lambda view, other: view.head_pressure_of(other)),
     "rod_pressure": ("Pa", lambda view, other: view.rod_pressure_of(other)),
-    "link_angle": ("rad", lambda view, other: link_angle(view, other)),
+    "link_angle": ("rad", lambda view, other: _link_angle(view, other)),
 }
 #: The joint's own force, which is what is to be predicted.
 OWN_FORCE = "cylinder_force"
@@ -136,7 +136,7 @@ class Law:
 
     @property
     def parity(self) -> tuple[bool, Way]:
-        """How it depends on the direction of motion: two laws of one signal that differ in it add up."""
+        """Dependence on the direction of motion: two laws of one signal that differ in it add up."""
         return self.signed, self.only
 
 
@@ -178,7 +178,7 @@ def laws(views: Views, joint: int, fitted: tuple[int, ...]) -> Iterator[Law]:
 def _family(
     values: FloatArray, signal: str, other: int | None, loaded_only: bool, signs: tuple[bool, ...] = (False, True)
 ) -> Iterator[Law]:
-    if not np.all(np.isfinite(values)) or np.ptp(values) <= 1e-9 * max(float(np.max(np.abs(values))), 1e-300):
+    if not varies(values):
         return
     functions = OWN_FUNCTIONS if other is None else OTHER_FUNCTIONS
     knots = tuple(spline_knots(values, functions).tolist())
@@ -187,6 +187,11 @@ def _family(
     if other is not None and signal in ONE_WAY:
         for way in WAYS:
             yield Law(signal, other, False, loaded_only, knots, way)
+
+
+def varies(values: FloatArray) -> bool:
+    """Return whether values (N,) are known and more than one, so that there may be a law of them."""
+    return bool(np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-300))
 
 
 def parallel_joints(machine: Machine, joint: int) -> range:
@@ -198,7 +203,7 @@ def parallel_joints(machine: Machine, joint: int) -> range:
     return range(first, joint + 1)
 
 
-def link_angle(view: DriveView, joint: int) -> FloatArray:
+def _link_angle(view: DriveView, joint: int) -> FloatArray:
     """Compute a link's angle from the start of its chain of parallel axes, rad (N,)."""
     parallel = parallel_joints(view.machine, joint)
     return np.asarray(view.segment.q[:, parallel.start : parallel.stop].sum(axis=1))
@@ -210,7 +215,7 @@ def _total_flow(view: DriveView) -> FloatArray:
     return np.asarray(np.abs(view.segment.v) @ np.array(areas))
 
 
-def last_reversal(view: DriveView) -> npt.NDArray[np.intp]:
+def _last_reversal(view: DriveView) -> npt.NDArray[np.intp]:
     """Return the sample of the piston speed's last change of sign (N,); before any, the beginning.
 
     A change counts once the speed is above its noise; it was where the speed last had the sign before.

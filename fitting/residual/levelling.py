@@ -20,7 +20,7 @@ from fitting.residual.views import recording_starts
 
 #: A part shorter than this has too few bins to know a background by.
 LEAST_SAMPLES = 256
-#: Longer stretches are cut: no pump keeps its phase for ever, and memory stays bounded.
+#: Longer stretches are cut: no pump keeps its phase for ever, and memory is bounded.
 MOST_SAMPLES = 20_000
 _BLOCK_SHARE = 0.25  # of a frequency: half-width of the block that its background is taken from
 _LEAST_BLOCK, _MOST_BLOCK = 10, 60  # bins either side of the centre

@@ -51,7 +51,7 @@ _OVERSAMPLING = 4
 _SIDE_BINS = (1, 2, 3)
 _SIDE_P = 1e-4
 _NEAR_BINS = (1.5, 12.0)  # either side of a line: where a resonance would raise the background as well
-_SIDE_SHARE = 0.15  # of a line's own evidence that may stand beside it: a real pump is not perfectly steady
+_SIDE_SHARE = 0.15  # of a line's own evidence that may be beside it: a real pump is not perfectly steady
 _ABSENT_SHARE = 0.3  # of the median amplitude; a line this weak in one recording is not there
 _ABSENT_Z = 4.0
 _SUPPORT_P = 1e-3
@@ -120,8 +120,8 @@ def machine_lines(
     theta: FloatArray,
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
-) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Find lines of all joints measured with a fit's residuals, most certain first, and refuted peaks.
+) -> tuple[Line, ...]:
+    """Find lines of all joints measured with a fit's residuals, most certain first.
 
     Parameters
     ----------
@@ -129,15 +129,11 @@ def machine_lines(
     indices : the fitted segments
     pairs : which of them repeat which motion
     """
-    joints = len(design.machine.joints)
-    lines: list[Line] = []
-    refuted: list[RefutedLine] = []
+    joints, lines = len(design.machine.joints), list[Line]()
     for joint in range(joints):
         parts = residual_parts(design, theta, joint, indices, pairs)
-        found, others = find_lines(joint, parts, design.bank.rate_hz, joints=joints)
-        lines.extend(found)
-        refuted.extend(others)
-    return tuple(sorted(lines, key=lambda line: (line.p, -line.z))), tuple(refuted)
+        lines += find_lines(joint, parts, design.bank.rate_hz, joints=joints)[0]
+    return tuple(sorted(lines, key=lambda line: (line.p, -line.z)))
 
 
 def find_lines(
@@ -182,13 +178,13 @@ def find_lines(
         p = _chance(z, len(levels), frequency, rate_hz, longest)
         cleaned = [without_line(level, frequency) for level in levels]
         near = _near(cleaned, frequency, rate_hz, nfft)
-        # On a hump of the spectrum (a resonance) the line has to stand out of the hump.
+        # On a hump of the spectrum (a resonance) the line has to exceed the hump.
         p = max(p, _chance(z / max(1.0, near), len(levels), frequency, rate_hz, longest))
         reason = "it stands on a hump of the spectrum: a resonance" if p > threshold else ""
         reason = reason or _refutation(levels, cleaned, frequency, z, rate_hz)
         if reason:
             refuted.append(RefutedLine(joint, frequency, p, reason))
-            # What a refuted peak stands on is not looked at again.
+            # The hump below a refuted peak is not searched again.
             allowed &= np.abs(grid - frequency) > (_NEAR_BINS[1] if near > 2.0 else 4.0) * rate_hz / longest
         else:
             found.append(_line(joint, levels, frequency, z, p, rate_hz))
@@ -327,8 +323,7 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
                 continue
             a, b = (slice(begin - level.part.start, end - level.part.start) for level in (first, second))
             difference = (first.values[a] - second.values[b]) / np.sqrt(2.0)
-            rest = Level(first.part, first.time[a], difference, first.gain, first.frequencies)
-            if evidence(rest, frequency) > -np.log(_SUPPORT_P):
+            if evidence(replace(first, time=first.time[a], values=difference), frequency) > -np.log(_SUPPORT_P):
                 return True
     return False
 

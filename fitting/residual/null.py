@@ -1,4 +1,4 @@
-"""What a candidate gains where there is nothing to find: a parametric bootstrap through the measurement chain.
+"""Null distribution of a candidate's gain: a parametric bootstrap through the measurement chain.
 
 Scores are chi-squares only as long as the regressors are exact. They are not: positions are noisy, accelerations more
 so, and a column may look like what that noise leaves. So the fitted model is taken for the whole truth and the
@@ -64,7 +64,7 @@ class Null:
 
     @property
     def bias(self) -> FloatArray:
-        """What noise in the regressors makes of parameters that are zero, (k,).
+        """Bias: what noise in the regressors makes of parameters that are zero, (k,).
 
         The mean of the draws, shrunk by what their own scatter makes of a mean (James and Stein): nothing is taken off
         where the draws show no bias.
@@ -151,7 +151,7 @@ class Replicas:
 
     @property
     def usable(self) -> bool:
-        """Whether a replica holds a stretch that is long enough for the filters, which it goes through once more."""
+        """True where a replica holds a stretch that is long enough for the filters, which it goes through once more."""
         return any(len(segment) >= shortest(self._bank) for segment in self._segments)
 
     def draw(self, rng: np.random.Generator) -> list[Recording]:
@@ -231,7 +231,5 @@ def _recording(machine: Machine, parts: Sequence[tuple[Segment, Mapping[str, Flo
         rate_hz=machine.rate_hz,
         time=np.concatenate([segment.t for segment, _ in parts]),
         values={name: np.concatenate([values[name] for _, values in parts]) for name in parts[0][1]},
-        bridged=None
-        if first.bridged is None
-        else np.concatenate([s.bridged for s, _ in parts if s.bridged is not None]),
+        bridged=None if first.bridged is None else np.concatenate([np.asarray(own.bridged) for own, _ in parts]),
     )

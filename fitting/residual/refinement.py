@@ -1,4 +1,4 @@
-"""Sharper shapes for the candidate that was chosen: between the grid's points."""
+"""Refined shapes for the candidate that was chosen: between the grid's points."""
 
 from __future__ import annotations
 

@@ -87,15 +87,9 @@ class Score:
         gain = float(moved @ self.information @ moved)
         if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
             return replace(self, null=null)  # no bias makes this: candidates are compared as they are
-        unbiased = tuple(moved.tolist())
-        return replace(
-            self,
-            null=null,
-            taken=BIAS_SHARE,
-            gain=gain,
-            values=unbiased,
-            plausible=self.term.content.plausible(unbiased, self.stds),
-        )
+        values = tuple(moved.tolist())
+        plausible = self.term.content.plausible(values, self.stds)
+        return replace(self, null=null, taken=BIAS_SHARE, gain=gain, values=values, plausible=plausible)
 
     @cached_property
     def log_inside(self) -> float:
@@ -138,16 +132,13 @@ class Candidates:
         """Build the columns; ``grid[i]`` is the size of the grid that candidate ``i`` was picked from."""
         self.terms, self.grid = tuple(terms), tuple(grid)
         self._widths = [len(term.names(model.design.parameters.joints)) for term in self.terms]
-        everywhere = [n for n, term in enumerate(self.terms) if term.everywhere]
-        self._groups: dict[int | None, list[int]] = {None: everywhere} if everywhere else {}
+        groups: dict[int | None, list[int]] = {}
         for number, term in enumerate(self.terms):
-            if not term.everywhere:
-                self._groups.setdefault(term.joint or 0, []).append(number)
-        rows = {place: len(model.fit.residual[place]) for place in range(len(model.fit.residual))}
-        size = sum(
-            sum(self._widths[n] for n in own) * (sum(rows.values()) if place is None else rows[place])
-            for place, own in self._groups.items()
-        )
+            groups.setdefault(term.place, []).append(number)
+        self._groups = dict(sorted(groups.items(), key=lambda own: own[0] is not None))  # what acts on all joints first
+        rows: dict[int | None, int] = dict(enumerate(map(len, model.fit.residual)))
+        rows[None] = sum(rows.values())
+        size = sum(self._widths[n] * rows[place] for place, own in self._groups.items() for n in own)
         self._columns: MutableMapping[int | None, FloatArray] = ScratchArrays() if size > _MOST_NUMBERS else {}
         self._grams: dict[int, FloatArray] = {}  # of each candidate's own columns: no model changes them
         for place, numbers in self._groups.items():
@@ -397,21 +388,19 @@ def _scored(
             bounded = inside(limits(term.content), information[number], determined_products, free)
             if bounded is not None:
                 own, gain, count = tuple(bounded.values.tolist()), bounded.gain, max(1, count - len(bounded.held))
-        yield (
-            number,
-            Score(
-                term=term,
-                gain=gain,
-                live=count,
-                values=own,
-                stds=errors,
-                plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
-                surviving=float(surviving[number]),
-                information=information[number],
-                free=tuple(free.tolist()),
-                grid=grid,
-            ),
+        found = Score(
+            term=term,
+            gain=gain,
+            live=count,
+            values=own,
+            stds=errors,
+            plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
+            surviving=float(surviving[number]),
+            information=information[number],
+            free=tuple(free.tolist()),
+            grid=grid,
         )
+        yield number, found
 
 
 def _scored_freely(

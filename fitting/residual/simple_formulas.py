@@ -22,7 +22,7 @@ from fitting.signals.splines import evaluate
 
 #: Shapes that are tried of every family before the best is searched between its neighbours.
 _SHAPES = 40
-#: Shapes of every family that stand for it before any data, and places at which a spline is fitted to one.
+#: Shapes of every family that represent it before any data, and places at which a spline is fitted to one.
 _FEW_SHAPES, _PLACES = 16, 120
 #: Standard deviations below this share of their median are taken for it: no point of a curve is exact.
 _LEAST_STD = 0.05
@@ -112,27 +112,21 @@ def _families(x: FloatArray) -> list[_Family]:
     origin = 0.0 if x[0] <= 0.0 <= x[-1] else float(x[0] if x[0] > 0 else x[-1])
     largest = float(np.max(np.abs(x - origin)))
 
-    def power(x: FloatArray, exponent: float) -> FloatArray:
-        unit = (x - origin) / largest
-        return np.asarray(np.sign(unit) * np.abs(unit) ** exponent)
-
     def even_power(x: FloatArray, exponent: float) -> FloatArray:
         return np.asarray(np.abs((x - origin) / largest) ** exponent)
 
+    def sines(x: FloatArray, wave: float) -> FloatArray:
+        return np.column_stack([np.sin(2 * np.pi * x / wave), np.cos(2 * np.pi * x / wave)])
+
     inner = x[0] + 0.04 * span, x[-1] - 0.04 * span
     return [
-        _Family("power", power, 0.2, 5.0),
+        _Family("power", lambda x, exponent: np.sign(x - origin) * even_power(x, exponent), 0.2, 5.0),
         _Family("power", even_power, 0.2, 5.0),
         _Family("exponential", lambda x, length: np.exp((x - x[-1]) / length), span / 20, 3 * span),
         _Family("exponential", lambda x, length: np.exp((x[0] - x) / length), span / 20, 3 * span, rising=False),
         _Family("threshold", lambda x, place: np.maximum(0.0, x - place), *inner),
         _Family("threshold", lambda x, place: np.maximum(0.0, place - x), *inner, rising=False),
-        _Family(
-            "sine",
-            lambda x, wave: np.column_stack([np.sin(2 * np.pi * x / wave), np.cos(2 * np.pi * x / wave)]),
-            span / 10,
-            2 * span,
-        ),
+        _Family("sine", sines, span / 10, 2 * span),
         _Family("step", lambda x, place: (x > place).astype(float), *inner),
     ]
 

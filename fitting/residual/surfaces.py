@@ -1,7 +1,7 @@
 """Laws of two measured signals: for what depends on a product, and on neither signal alone.
 
 A surface is a polynomial in each of two signals (tensor products of Bernstein's), alone or times the sign of the
-joint's speed. It is only asked for where a law of one signal is about to be said, by quadratics first, and has to be
+joint's speed. It is only asked for where a law of one signal is about to be added, by quadratics first, and has to be
 clearly better.
 A twist is the product of both alone: one function, so it is seen where nine are not worth their width, and offered
 beside the laws of one signal.
@@ -18,7 +18,7 @@ from scipy import special
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
-from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, THROUGH_THE_ARM, Law
+from fitting.residual.laws import NEIGHBOUR, OWN, OWN_FORCE, THROUGH_THE_ARM, Law, varies
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Model, Term
 
@@ -103,23 +103,15 @@ def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surfa
         shown = [v for v in views if v.segment.loaded or not _through_the_arm(name, other)]
         got = [OWN[name][1](v) if other is None else NEIGHBOUR[name][1](v, other) for v in shown]
         values = np.concatenate(got or [np.zeros(1)])
-        if np.isfinite(values).all() and np.ptp(values) > 1e-9 * max(float(np.abs(values).max()), 1e-300):
+        if varies(values):
             ranges[name, other] = (float(values.min()), float(values.max()))
     for (first, other), (second, second_other) in combinations(ranges, 2):
         loaded_only = _through_the_arm(first, other) or _through_the_arm(second, second_other)
         own_force = (OWN_FORCE, None) in ((first, other), (second, second_other))
         for signed in (True,) if own_force else (False, True):
-            yield Surface(
-                first,
-                other,
-                signed,
-                loaded_only,
-                ranges[first, other],
-                second=second,
-                second_other=second_other,
-                second_range=ranges[second, second_other],
-                twist=twist,
-            )
+            law = Surface(first, other, signed, loaded_only, ranges[first, other], twist=twist)
+            along = ranges[second, second_other]
+            yield replace(law, second=second, second_other=second_other, second_range=along)
 
 
 def _through_the_arm(signal: str, other: int | None) -> bool:
@@ -144,14 +136,8 @@ def best_surface(model: Model, joint: int, alone: tuple[str, int | None]) -> Sco
     first, second = law.signals
     if first == alone or (second != alone and along[0] >= along[1]):
         return best
-    turned = replace(
-        law,
-        signal=law.second,
-        other=law.second_other,
-        knots=law.second_range,
-        second=law.signal,
-        second_other=law.other,
-        second_range=(law.knots[0], law.knots[-1]),
-    )
+    ends = (law.knots[0], law.knots[-1])
+    turned = replace(law, signal=law.second, other=law.second_other, knots=law.second_range)
+    turned = replace(turned, second=law.signal, second_other=law.other, second_range=ends)
     (again,) = score_terms(model, [replace(best.term, content=turned)], [len(terms)])
     return again

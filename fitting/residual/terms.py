@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import overload
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -160,13 +160,7 @@ class _BySegment(Sequence[FloatArray | None]):
     def __len__(self) -> int:
         return len(self._places)
 
-    @overload
-    def __getitem__(self, index: int) -> FloatArray | None: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[FloatArray | None]: ...
-
-    def __getitem__(self, index: int | slice) -> FloatArray | Sequence[FloatArray | None] | None:
+    def __getitem__(self, index: Any) -> Any:  # of an index or a slice, as the type of any sequence has it
         places = self._places[index]
         return self._kept.get(places) if isinstance(places, int) else [self._kept.get(place) for place in places]
 
@@ -208,7 +202,7 @@ class Model:
 
     @cached_property
     def unpriored(self) -> FloatArray | None:
-        """What turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
+        """Matrix that turns products ``Q'C`` with the fit's basis into those with a basis of the data's rows alone.
 
         ``(k, rank)``; None where the fit has no plausible arm. With ``Q_p`` the basis in the arm's rows, the data's are
         ``I - Q_p'Q_p`` long: directions that only the arm determines are left out.

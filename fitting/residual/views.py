@@ -1,11 +1,11 @@
-"""What effects may look at, built from a design and the present state of the model."""
+"""Signals that effects may use, built from a design and the present state of the model."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import overload
+from typing import Any
 
 import numpy as np
 
@@ -40,13 +40,7 @@ class SegmentViews(Sequence[tuple[DriveView, ...]]):
     def __len__(self) -> int:
         return len(self._design.segments)
 
-    @overload
-    def __getitem__(self, index: int) -> tuple[DriveView, ...]: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> Views: ...
-
-    def __getitem__(self, index: int | slice) -> tuple[DriveView, ...] | Views:
+    def __getitem__(self, index: Any) -> Any:  # of an index or a slice, as the type of any sequence has it
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
         number = range(len(self))[index]  # an IndexError ends an iteration
@@ -58,17 +52,9 @@ class SegmentViews(Sequence[tuple[DriveView, ...]]):
 
     def _views(self, number: int) -> tuple[DriveView, ...]:
         segment, (forces, loads) = self._design.segments[number], self._efforts[number]
-        return views_of_segment(
-            self._design,
-            self._theta,
-            in_memory(segment) if self._design.stored else segment,
-            forces,
-            loads,
-            partial(self._pressures, number),
-            self._ranges,
-            self._starts,
-            self._loaded,
-        )
+        segment, pressures = in_memory(segment) if self._design.stored else segment, partial(self._pressures, number)
+        known = pressures, self._ranges, self._starts, self._loaded
+        return views_of_segment(self._design, self._theta, segment, forces, loads, *known)
 
     @cached_property
     def _starts(self) -> dict[int, float]:
@@ -206,7 +192,7 @@ class RodLaw:
         return np.hstack([*parts, sign[:, None], sign[:, None] * signals[:, 1:2]])
 
 
-def rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
+def _rod_signals(segment: Segment, joint: int, force: FloatArray, clock: FloatArray) -> FloatArray:
     """Compute the signals of a :class:`RodLaw`, (N, 5), from model forces (N, n) and clock (N,)."""
     return np.column_stack([segment.v[:, joint], force[:, joint], segment.x[:, joint], segment.a[:, joint], clock])
 
@@ -247,7 +233,7 @@ def _rod_law(
         return None
     together = np.concatenate(
         [
-            rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]
+            _rod_signals(segment, joint, forces(i), segment.t - starts[segment.recording])[::thin]
             for i, segment in zip(fitted, segments, strict=True)
         ]
     )
@@ -268,6 +254,6 @@ def rod_pressures(
     own = laws[segment.loaded if segment.loaded in laws else not segment.loaded]
     unknown = np.full(len(segment), np.nan)
     columns = [
-        unknown if law is None else law(rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(own)
+        unknown if law is None else law(_rod_signals(segment, joint, forces, clock)) for joint, law in enumerate(own)
     ]
     return np.column_stack(columns)

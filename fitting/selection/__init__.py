@@ -1,1 +1,1 @@
-"""Which terms are missing: one criterion, a search, a gate."""
+"""Choice of the terms that are missing: one criterion, a search, a gate."""

@@ -17,6 +17,7 @@ from fitting.residual.confirmation.cross_validation import CONFIRMED, HeldOut, h
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.confirmation.witness import Witness, witness
 from fitting.residual.confirmation.witness import objection as of_the_load
+from fitting.residual.findings import Accepted
 from fitting.residual.friction_power import CERTAIN, driving, friction_power, rubs
 from fitting.residual.null import Null
 from fitting.residual.scoring import Score, white_columns
@@ -25,48 +26,40 @@ from fitting.selection.evidence import least_gain
 
 
 class Signals(Protocol):
-    """What can correct the signals themselves, for effects that a column cannot correct when they are large."""
+    """Corrections of the signals themselves, for effects that a column cannot correct when they are large."""
 
     def nulls(self, model: Model, terms: Sequence[Term], draws: int, first: int = 0) -> list[Null | None]:
         """Compute terms' gains on replicas of the recordings in which the model is the whole truth."""
-        ...
 
     def misfit(self, model: Model, joint: int) -> Misfit:
         """Compute what the model leaves of a joint that two runs of one motion share."""
-        ...
 
     def rebuilt(self, model: Model) -> Model:
         """Move the model's last term into the signals as far as it can be."""
-        ...
 
     def mirrored(self, model: Model, trial: Model) -> tuple[Model, Model]:
         """Return the model with its effort moved against that delay and, as far, with it; in one noise."""
-        ...
 
     def refit(self, terms: Sequence[Term]) -> Model:
         """Refit afresh with these terms on signals corrected by them."""
-        ...
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the gate says of a term: ``reason`` is empty if nothing is against it.
+    """Answer of the gate on a term.
 
     Attributes
     ----------
-    held_out, validate_gain, witness : what held-out blocks, `validate` and unloaded recordings say of it
-    faint : it may be noise of just the rows that show it
+    reason : why it is rejected; empty if nothing is against it
+    found : the term, with what held-out blocks, `validate` and unloaded recordings show of it
+    faint : it is insignificant against the noise of just the rows that show it
     worse : it makes another joint worse on `validate`
-    silence : why `validate` confirms nothing, if it does not
     """
 
     reason: str
-    held_out: HeldOut
-    validate_gain: float | None
-    witness: str
+    found: Accepted
     faint: bool
     worse: bool = False
-    silence: str = ""
 
 
 class Gate:
@@ -91,21 +84,16 @@ class Gate:
             against = of_the_load(choice.term.content.level, load)
             if against:
                 reason = Sentence("fitting.effect_drive_itself_without", against=against)
-        found = None
-        if not reason and seen is not None:
-            found = worse_joint(before, trial, self._validate)
-            if found is not None:
-                name = before.design.parameters.joints[found[0]]
-                reason = Sentence("fitting.makes_worse_validation_motion", joint=name, change=100 * found[1])
-        reason = reason or _driving(choice.term, before, trial)
+        worse = None if reason or seen is None else worse_joint(before, trial, self._validate)
+        if worse is not None:
+            name = before.design.parameters.joints[worse[0]]
+            reason = Sentence("fitting.makes_worse_validation_motion", joint=name, change=100 * worse[1])
+        gain, words = None if seen is None else seen.gain, "" if load is None else load.words
         return Answer(
-            reason,
-            held_out,
-            None if seen is None else seen.gain,
-            "" if load is None else load.words,
-            too_faint(choice, held_out),
-            found is not None and found[0] != choice.term.joint,
-            silence(seen),
+            reason or _driving(choice.term, before, trial),
+            Accepted(choice, (), held_out, gain, words, silence=silence(seen)),
+            choice.gain / held_out.inflation <= least_gain(choice.live),
+            worse is not None and worse[0] != choice.term.joint,
         )
 
     def with_term(self, model: Model, term: Term) -> Model:
@@ -117,7 +105,7 @@ class Gate:
 
     def judged(self, before: Model, trial: Model) -> tuple[HeldOut, OnValidate | None]:
         """Compute the gains of a trial's last term on held-out blocks and on the validation motion."""
-        # A column of what was moved holds what is left of it: the signals before tell more.
+        # A column of what was moved holds what is left of it: the signals before show more.
         plain = self._last[2] if self._last is not None and trial is self._last[3] else trial
         expected = trial.terms[-1].expected is not None
         held_out = held_out_gain(before.rows(), plain.rows(), trial.design.bank.reduced_rate_hz, expected)
@@ -171,11 +159,6 @@ def silence(validate: OnValidate | None) -> str:
     if not validate.entered:  # what it changes of the base may help there: that is no witness of this effect
         return Sentence("fitting.validation_motion_never_enters")
     return "" if validate.predicted > CONFIRMED else Sentence("fitting.validation_motion_hardly_shows")
-
-
-def too_faint(choice: Score, held_out: HeldOut) -> bool:
-    """Return whether a gain is insignificant against the noise of just the rows that show it."""
-    return choice.gain / held_out.inflation <= least_gain(choice.live)
 
 
 def _driving(term: Term, before: Model, trial: Model) -> str:

@@ -1,9 +1,9 @@
-"""What is to be said of explanations of one place: which name, or a law."""
+"""Explanations with their odds, and which of one place is to be reported: a name, or a law."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
@@ -12,10 +12,50 @@ from scipy.special import expit
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
+from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
-from fitting.selection.rated import Rated
+
+#: What counts as one explanation.
+Family = tuple[object, ...]
+
+
+@dataclass(frozen=True)
+class Rated:
+    """One explanation: an effect on a joint with its best shape, or a law of one signal.
+
+    Attributes
+    ----------
+    score : its best shape, with what a least-squares fit of it takes
+    log_odds : log posterior odds against nothing more than leftovers, shapes and sizes averaged out
+    log_bayes : log Bayes factor alone
+    exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
+    leftover : log Bayes factor of the same as what is left of effects that were found
+    refuted : the same of effects that were found, and of names that did not hold elsewhere
+    against : log odds that leftovers explain it instead, which the odds are held against
+    """
+
+    score: Score
+    log_odds: float
+    log_bayes: float
+    exact: float
+    leftover: float
+    refuted: float
+    against: float = 0.0
+
+    @property
+    def term(self) -> Term:
+        """The candidate, in its best shape."""
+        return self.score.term
+
+
+def family(term: Term) -> Family:
+    """Return what counts as one explanation: an effect on a joint; a law of one signal on a joint, or of two."""
+    law = term.content
+    if isinstance(law, Law):
+        return ("law", term.joint, frozenset(law.signals), *law.parity, law.loaded_only)
+    return (term.id, term.joint)
 
 
 def by_formula(rated: Sequence[Rated]) -> list[Rated]:
@@ -44,7 +84,9 @@ def tempered(rated: Sequence[Rated]) -> list[tuple[Rated, float]]:
     """
     if not rated:
         return []
-    near = [r for r in rated if r.log_odds > 0 and _same_place(r.term, rated[0].term)] or [rated[0]]
+    best = rated[0].term
+    here = (r for r in rated if r.term.joint == best.joint or r.term.everywhere or best.everywhere)
+    near = [r for r in here if r.log_odds > 0] or [rated[0]]
     head = next((r for r in near if isinstance(r.term.content, Effect)), near[0])
     series = isinstance(head.term.content, Effect) and head.term.content.series
     odds = np.array([r.log_odds for r in near])
@@ -82,10 +124,6 @@ def tempering(gain: float | FloatArray) -> FloatArray:
     Along the last axis; ``gain`` is the chi-square that the effect takes, or of each difference, (N, 1).
     """
     return np.asarray(1.0 / (1.0 + np.array(priors.EPSILONS) ** 2 * gain / priors.CLOSE))
-
-
-def _same_place(one: Term, other: Term) -> bool:
-    return one.joint == other.joint or one.everywhere or other.everywhere
 
 
 def decided(rated: Sequence[Rated], there: bool = False) -> Rated:

@@ -1,8 +1,6 @@
-"""What is believed of a candidate's gain before its evidence is taken: bias, order, sizes."""
+"""A candidate's gain by itself: over its orders and amplitudes, beyond the least to report, and how large it can be."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,9 +11,6 @@ from fitting.residual.scoring import Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain, log_sum, named_evidence, whitened_parts
-
-#: Gain beyond which no noise in regressors makes it: 17 standard deviations.
-BEYOND_BIAS = 300.0
 
 
 def averaged(gain: FloatArray, live: FloatArray, limits: FloatArray) -> FloatArray:
@@ -43,34 +38,9 @@ def orders(score: Score) -> list[tuple[float, int]]:
     return [*result, whole]
 
 
-def shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
-    """Return the share of each gain of one explanation to count; shapes without replicas as those with."""
-    drawn = {n: scores[n].trusted for n in numbers if scores[n].null is not None}
-    law = isinstance(scores[numbers[0]].term.content, Law)
-    usual = min(drawn.values()) if drawn and not law else 1.0
-    return {n: drawn.get(n, usual) for n in numbers}
-
-
-def scatter(score: Score) -> float:
-    """Return the fitted variance over the theory's by replicas; 1 where none were drawn."""
-    return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
-
-
-def known_bias(score: Score) -> bool:
-    """Return whether the regressor noise's share of a gain is known: from replicas, or as it makes none so large."""
-    return score.null is not None or score.gain >= BEYOND_BIAS
-
-
 def margin(score: Score) -> float:
     """Compute a candidate's chi-square gain beyond the least to report its parameters and shapes."""
     return score.gain - least_gain(score.live, score.grid)
-
-
-def biased_gain(score: Score) -> float:
-    """Return the gain before the replicas' bias was taken off, or as it is where none was."""
-    if score.null is None:
-        return score.gain
-    return max(score.gain, float(score.fitted @ score.information @ score.fitted))
 
 
 def _efforts(model: Model) -> FloatArray:

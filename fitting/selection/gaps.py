@@ -2,7 +2,7 @@
 
 Hypotheses are sets: at most one error of geometry or of an encoder, at most one thing that gives way to a force, at
 most one law of something else. The evidence is that of :mod:`fitting.selection.evidence`, on rows that nothing but a
-delay between the sensors explains beforehand. Beside each name stands a smooth discrepancy in its own variable; what a
+delay between the sensors explains beforehand. Beside each name is a smooth discrepancy in its own variable; what a
 set may leave in any variable, a share of what it explains, is no law.
 """
 
@@ -22,6 +22,7 @@ from fitting.effects import effects
 from fitting.effects.base import Effect, Shape
 from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws, with_unsure
+from fitting.residual.terms import Term
 from fitting.selection import priors
 from fitting.selection.evidence import (
     DEAD,
@@ -32,7 +33,7 @@ from fitting.selection.evidence import (
     log_sum,
     whitened_parts,
 )
-from fitting.selection.posterior import MOST_NAMED
+from fitting.selection.posterior import needed
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
 _NEAR = 6
@@ -41,7 +42,7 @@ _IMPOSSIBLE = 1e-9
 #: Share of what a set explains that it may leave in any variable: of a force that a model knows, of
 #: geometry, and of a law.
 _LEFT_DRIVEN, _LEFT_PLAY, _LEFT_EXACT, _LEFT_LAW = 0.02, 0.1, 0.01, 0.1
-#: Rows of what a set leaves beyond noise that say as much as one row of noise.
+#: Rows of what a set leaves beyond noise that hold as much as one row of noise.
 _ROWS_A_WORD = 5.0
 #: Root mean square of whitened rows, about a tenth of the noise of one reading, that a sound sensor's scale may be off.
 _LEAST_ROW = 0.25
@@ -77,8 +78,13 @@ class GapSet:
 
     @property
     def pose(self) -> Pose:
-        """What of it changes where the model has the arm."""
+        """The part of it that changes where the model has the arm."""
         return tuple(APART if part.effect.between_sensors else part.effect.id for part in self.parts)
+
+    def terms(self, joint: int) -> tuple[Term, ...]:
+        """Return its effects and its law as terms of a joint."""
+        laws = () if self.law is None else (Term(self.law.law, joint),)
+        return (*(Term(part.effect, joint, dict(part.shape)) for part in self.parts), *laws)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -89,13 +95,13 @@ class GapSet:
 
 @dataclass(frozen=True)
 class GapConclusion:
-    """One thing that is said of a gap: an effect (``part``), or else the law of its set.
+    """One thing that is reported of a gap: an effect (``part``), or else the law of its set.
 
     Attributes
     ----------
     chosen : the set that it is a member of
     name : as :attr:`GapSet.names` has it
-    probability : that it is this; ``rivals`` what else may stand in its place, with probabilities
+    probability : that it is this; ``rivals`` what else may be in its place, with probabilities
     """
 
     chosen: GapSet
@@ -103,6 +109,11 @@ class GapConclusion:
     part: GapColumns | None
     probability: float
     rivals: tuple[tuple[str, float], ...]
+
+    @property
+    def effects(self) -> tuple[tuple[str, float], ...]:
+        """The rivals that are effects, and no laws."""
+        return tuple((name, p) for name, p in self.rivals if "/" not in name)
 
 
 @dataclass(frozen=True)
@@ -136,13 +147,8 @@ class GapPosterior:
                 continue
             for instead in (n for n in other.names if n not in best.names):
                 others[instead] = others.get(instead, 0.0) + p
-        reached, rivals = own, list[tuple[str, float]]()
-        for rival, p in sorted(others.items(), key=lambda pair: -pair[1]):
-            if reached >= priors.CREDIBLE or len(rivals) >= MOST_NAMED - 1 or p < LEAST:
-                break
-            rivals.append((rival, p))
-            reached += p
-        return GapConclusion(best, name, part, own, tuple(rivals))
+        listed = sorted(((rival, p) for rival, p in others.items() if p >= LEAST), key=lambda pair: -pair[1])
+        return GapConclusion(best, name, part, own, tuple(needed(listed, own)))
 
     def scores(self, chosen: GapSet) -> tuple[GapScore, ...]:
         """Fit a set's effects jointly, with the chi-square that each takes beside the other."""
@@ -304,7 +310,8 @@ class _Evidence:
             if not asked(GapSet(tuple(self.parts[n] for n in near[0][1])).pose):
                 continue
             curved = np.array([self._named(numbers, curved=True) for _, numbers in near])
-            prior = self._prior(key) - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
+            each = float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
+            prior = len(key) * each - np.log(len(screened[key])) - sum(np.log(self._grids[name]) for name in key)
             exact, numbers = near[int(np.argmax(curved))]
             own = GapSet(tuple(self.parts[n] for n in numbers))
             laws, leftovers = self._laws(numbers)
@@ -335,36 +342,27 @@ class _Evidence:
         return alone - both > _LEFT_LAW**2 * (nothing - alone)
 
     def _combinations(self) -> Iterator[tuple[int, ...]]:
-        numbers = range(len(self.parts))
-        geometry: list[int | None] = [None, *(n for n in numbers if not self.parts[n].effect.between_sensors)]
-        driven: list[int | None] = [None, *(n for n in numbers if self.parts[n].effect.between_sensors)]
-        for pair in product(geometry, driven):
-            yield tuple(n for n in pair if n is not None)
-
-    def _prior(self, key: Sequence[str]) -> float:
-        return len(key) * float(np.log(priors.CATALOGUE / priors.NOTHING / max(self._families, 1)))
+        """List sets of at most one shape of each kind, by numbers: none, one, or both."""
+        between = [part.effect.between_sensors for part in self.parts]
+        geometry, driven = ([(), *((n,) for n, own in enumerate(between) if own == kind)] for kind in (False, True))
+        return (first + second for first, second in product(geometry, driven))
 
     def _places(self, numbers: Sequence[int]) -> npt.NDArray[np.intp]:
         """Return the places of shapes' columns, with their rates and the uncertainty of their loads."""
         own = [places for n in numbers for places in (self._own[n], self._rates[n], self._unsure[n])]
         return np.concatenate([np.zeros(0, dtype=np.intp), *own])
 
-    def _target(self, numbers: Sequence[int]) -> tuple[float, FloatArray]:
-        """Compute the square of the gap less formulas' excess, and its products with all columns."""
-        weights = np.zeros(len(self._gram))
-        weights[0] = 1.0
-        weights[[int(self._beyond[n][0]) for n in numbers]] = -1.0
-        products = self._gram @ weights
-        return float(weights @ products), products
-
     def _named(self, numbers: tuple[int, ...], curved: bool = False) -> float:
         """Compute log evidence of shapes against nothing; ``curved`` with discrepancies in their own variables."""
         if not numbers:
             return 0.0
-        square, products = self._target(numbers)
         widths = [len(self._own[n]) for n in numbers]
         if not all(widths):
             return -np.inf
+        less = np.zeros(len(self._gram))  # the gap less formulas' excess, by columns
+        less[0], less[[int(self._beyond[n][0]) for n in numbers]] = 1.0, -1.0
+        products = self._gram @ less
+        square = float(less @ products)
         places = np.concatenate([*(self._own[n] for n in numbers), *(self._rates[n] for n in numbers)])
         S, g = self._gram[np.ix_(places, places)], products[places]
         root = block_diag(*map(np.eye, widths), *(self._slow[n] for n in numbers))
@@ -478,8 +476,12 @@ def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapC
 
     Some of them are tried; where their neighbours take another chi-square, the number is searched between them.
     """
+
+    def discrete(shape: Shape) -> list[tuple[str, float]]:
+        return [item for item in shape.items() if item[0] in effect.discrete_shapes]
+
     found: list[GapColumns] = []
-    for _, group in groupby(effect.gap_shapes(rows.views[0]), lambda shape: _place(effect, shape)):
+    for _, group in groupby(effect.gap_shapes(rows.views[0]), discrete):
         shapes = list(group)[::_TRIED]
         trials = {n: part for n, shape in enumerate(shapes) if (part := gap_columns(rows, effect, shape)) is not None}
         if len(trials) < 2:
@@ -506,13 +508,8 @@ def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapC
     return found
 
 
-def _place(effect: Effect, shape: Shape) -> tuple[tuple[str, float], ...]:
-    """Return the discrete part of a shape."""
-    return tuple(item for item in shape.items() if item[0] in effect.discrete_shapes)
-
-
 def _taken(part: GapColumns, beside: FloatArray, gap: FloatArray) -> float:
-    """Compute the chi-square that a shape takes of the gap."""
+    """Compute the chi-square that a shape takes of the gap beside an orthonormal basis."""
     basis = _orthonormal(_beyond(beside, np.hstack([part.columns, part.rates])))[0]
     return float(np.sum((basis.T @ gap) ** 2))
 

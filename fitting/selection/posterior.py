@@ -1,10 +1,11 @@
-"""Probabilities: of what stands in one place, and of whole explanations."""
+"""Probabilities: of what is in one place, and of whole explanations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 
@@ -12,23 +13,24 @@ from fitting.effects.base import Effect
 from fitting.residual.findings import MOST_LISTED, Accepted, Hypothesis, Place, most_probable
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.decision import tempered
-from fitting.selection.rated import Rated, family
+from fitting.selection.decision import Rated, family, tempered
 
 #: Alternatives of one place that are named.
 MOST_NAMED = 3
 #: Probability below which a name is none that a law could be.
 LEAST_BESIDE_LAW = 0.05
 
+Kind = TypeVar("Kind")
+
 
 @dataclass(frozen=True)
 class Slot:
-    """One place of the model: what stands there, and what else could.
+    """One place of the model: the term there, and what else could be.
 
     Attributes
     ----------
-    alternatives : with their probabilities, the best first; what stands there among them
-    probability : of what stands there
+    alternatives : with their probabilities, the best first; the term there among them
+    probability : of the term there
     nothing : that nothing has to be there
     moved : the place was given up or taken by another
     """
@@ -58,28 +60,34 @@ class Slot:
 
     @property
     def improbable(self) -> bool:
-        """Whether neither this nor what is reported with it is the more probable; laws of a joint are one."""
+        """True where neither this nor what is reported with it is the more probable; laws of a joint are one."""
         own = sum(p for r, p in self.alternatives if r.term.family == self.item.score.term.family)
-        return max(self.probability, own) + sum(p for _, p in self.rivals(priors.CREDIBLE)) < 0.5
+        return max(self.probability, own) + sum(p for _, p in self.rivals()) < 0.5
 
-    def rivals(self, wanted: float) -> list[tuple[Rated, float]]:
-        """List the other names needed for the wanted probability, at most two.
+    def rivals(self) -> list[tuple[Rated, float]]:
+        """List the other names needed for the probability from which on something is reported.
 
-        Beside a law, names that are improbable by themselves are none.
+        Beside a law, names that are improbable by themselves are none; nor are those that are only more general.
         """
-        law = not isinstance(self.item.score.term.content, Effect)
-        own, reached, result = family(self.item.score.term), self.probability, list[tuple[Rated, float]]()
-        for rated, p in self.alternatives:
-            if reached >= wanted or len(result) >= MOST_NAMED - 1:
-                break
-            content, name = rated.term.content, self.item.score.term
-            if family(rated.term) == own or not isinstance(content, Effect) or (law and p < LEAST_BESIDE_LAW):
-                continue
-            if rated.term.joint == name.joint and name.id in content.includes:
-                continue  # only more general
-            result.append((rated, p))
-            reached += p
-        return result
+        name, own = self.item.score.term, family(self.item.score.term)
+        least = 0.0 if isinstance(name.content, Effect) else LEAST_BESIDE_LAW
+
+        def other(term: Term) -> bool:
+            general = term.joint == name.joint and isinstance(term.content, Effect) and name.id in term.content.includes
+            return family(term) != own and isinstance(term.content, Effect) and not general
+
+        return needed([(r, p) for r, p in self.alternatives if p >= least and other(r.term)], self.probability)
+
+
+def needed(alternatives: Iterable[tuple[Kind, float]], reached: float) -> list[tuple[Kind, float]]:
+    """List the alternatives, of falling probability, that are needed beside what is ``reached``; at most two."""
+    result = list[tuple[Kind, float]]()
+    for own, p in alternatives:
+        if reached >= priors.CREDIBLE or len(result) >= MOST_NAMED - 1:
+            break
+        result.append((own, p))
+        reached += p
+    return result
 
 
 def open_place(rated: Sequence[Rated]) -> Place:

@@ -1,4 +1,4 @@
-"""What is expected before any data: the constants of the selection, each with where it comes from."""
+"""Prior knowledge: the constants of the selection, each with where it comes from."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ NOTHING, CATALOGUE, UNKNOWN = 0.5, 0.4, 0.1
 SMALLEST, RATIO = 3.0, 3.0
 #: Correlation lengths of a law of nature along a signal, in sixteenths of its range.
 LENGTHS = (1.0, 2.0, 4.0, 8.0)
-#: From this one of them on a curve is smooth all along: what a short series of its signal stands for.
+#: From this one of them on a curve is smooth all along: what a short series of its signal represents.
 SMOOTH = 2
 #: Chance that a law of an unknown effect is one of a few simple formulas rather than any smooth curve: nobody knows.
 SIMPLE = 0.5
 #: How far nature is from a formula, as share of what is visible of the effect: of laws of physics, and of short series
-#: that stand for any smooth law; with their weights.
+#: that represent any smooth law; with their weights.
 EPSILONS = (0.03, 0.1, 0.15)
 PHYSICS, SERIES = (0.4, 0.4, 0.2), (0.2, 0.4, 0.4)
 #: The same for whatever a joint still lacks beside an effect that was found on it, in other variables.

@@ -1,4 +1,4 @@
-"""What laws of an unknown effect are worth: any smooth curve of a signal, or one of a few simple formulas.
+"""Odds of laws of an unknown effect: any smooth curve of a signal, or one of a few simple formulas.
 
 They are rated with a few functions; a law that is chosen has as many as its curve takes.
 """
@@ -12,11 +12,12 @@ import numpy as np
 
 from fitting.arrays import FloatArray
 from fitting.residual.laws import Law
-from fitting.residual.scoring import Candidates, Score, score_terms
+from fitting.residual.scoring import Score, score_terms
 from fitting.residual.simple_formulas import simple_curves
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
+from fitting.selection.decision import Rated
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
@@ -27,7 +28,6 @@ from fitting.selection.evidence import (
     named_evidence,
 )
 from fitting.selection.gains import Sizes
-from fitting.selection.rated import Rated
 from fitting.selection.trust import Trust
 from fitting.signals.splines import spline_knots
 
@@ -42,22 +42,25 @@ class RatedLaws:
 
     Parameters
     ----------
-    candidates : with their columns
-    sizes, trust : how large laws can be, and which share of their gain is believed
+    sizes, trust : how large laws can be, and which share of the candidates' gains counts
     """
 
-    def __init__(self, candidates: Candidates, sizes: Sizes, trust: Trust) -> None:
-        self._candidates, self._sizes, self._trust = candidates, sizes, trust
+    def __init__(self, sizes: Sizes, trust: Trust) -> None:
+        self._candidates, self._sizes, self._trust = trust.candidates, sizes, trust
 
     def of_joint(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
     ) -> list[Rated]:
         """Rate a joint's laws, each with its log prior odds; ``covered`` are no simple formula by themselves."""
-        result: list[Rated] = []
-        for width in sorted({self._candidates.width(n) for n in numbers}):
-            alike = [n for n in numbers if self._candidates.width(n) == width]
-            result += self._of_width(joint, alike, scores, prior, covered)
-        return result
+        groups: dict[tuple[int, bool], list[int]] = {}
+        for n in numbers:
+            groups.setdefault((self._candidates.width(n), n not in covered), []).append(n)
+        found = dict[int, list[float]]()
+        for (_, simple), own in groups.items():
+            found |= zip(own, self._law_evidence(joint, own, scores, simple).tolist(), strict=True)
+        ordered = sorted(numbers, key=self._candidates.width)
+        rated = ((scores[n], found[n][0], found[n][1]) for n in ordered)
+        return [Rated(score, prior + bayes, bayes, prior + bayes, left, left) for score, bayes, left in rated]
 
     def of_surface(self, joint: int, score: Score, prior: float, share: float, against: float) -> Rated:
         """Rate a surface of two signals, one of ``score.grid``: each of its coefficients is as free as any.
@@ -77,17 +80,6 @@ class RatedLaws:
         leftover = float(log_sum(left, weights=priors.LEFTOVER_WEIGHTS))
         odds = prior + bayes - against
         return Rated(score, odds, bayes, odds, leftover, leftover, against)
-
-    def _of_width(
-        self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], prior: float, covered: set[int]
-    ) -> list[Rated]:
-        found = dict[int, list[float]]()
-        for simple in (True, False):
-            own = [n for n in numbers if (n not in covered) == simple]
-            if own:
-                found |= zip(own, self._law_evidence(joint, own, scores, simple).tolist(), strict=True)
-        rated = ((scores[n], found[n][0], found[n][1]) for n in numbers)
-        return [Rated(score, prior + bayes, bayes, prior + bayes, left, left) for score, bayes, left in rated]
 
     def _law_evidence(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool

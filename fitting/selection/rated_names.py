@@ -1,4 +1,4 @@
-"""What names are worth: formulas, exactly nature's or with a curve of their own signal beside them."""
+"""Odds of names: formulas, exactly nature's or with a curve of their own signal beside them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from scipy.linalg import block_diag
 from fitting.arrays import FloatArray, IntArray
 from fitting.effects.base import Effect, Parity
 from fitting.effects.bounds import limits
-from fitting.residual.scoring import Candidates, Score
+from fitting.residual.laws import Law
+from fitting.residual.scoring import Score
 from fitting.residual.surfaces import Surface
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Term
 from fitting.selection import priors
+from fitting.selection.decision import Family, Rated, family
 from fitting.selection.evidence import (
     curve_evidence,
     curve_roots,
@@ -25,10 +27,9 @@ from fitting.selection.evidence import (
     whitened_parts,
 )
 from fitting.selection.gains import Sizes, averaged, orders
-from fitting.selection.rated import Family, Rated
 from fitting.selection.trust import Trust
 
-#: Share of a curve that the base has to leave for it to tell of anything.
+#: Share of a curve that the base has to leave for it to show anything.
 FAINT = 0.01
 #: Standard deviations of what is expected of a curve beside a name that one may be large.
 MOST_BESIDE = 2.0
@@ -43,35 +44,28 @@ class RatedNames:
 
     Parameters
     ----------
-    candidates : with their columns
-    model : what is there
-    sizes, trust : how large effects can be, and which share of their gain is believed
+    sizes, trust : how large effects can be, and which share of the candidates' gains counts
     laws : numbers of the laws of one signal, by joint, signal, neighbour, sign and load
     overtones : number of a name to the number of its overtone
     """
 
     def __init__(
-        self,
-        candidates: Candidates,
-        model: Model,
-        sizes: Sizes,
-        trust: Trust,
-        laws: Mapping[tuple[object, ...], int],
-        overtones: Mapping[int, int],
+        self, sizes: Sizes, trust: Trust, laws: Mapping[tuple[object, ...], int], overtones: Mapping[int, int]
     ) -> None:
-        self._candidates, self._model, self._sizes, self._trust = candidates, model, sizes, trust
+        self._candidates, self._model, self._sizes, self._trust = trust.candidates, trust.model, sizes, trust
         self._laws, self._mixed = laws, overtones
 
     def of_families(
         self, families: Mapping[Family, Sequence[int]], scores: Mapping[int, Score], each: float, law_each: float
     ) -> list[Rated]:
         """Rate each family, with its best shape; ``each`` and ``law_each`` are log priors."""
-        exact = self._plain({n: score for n, score in scores.items() if _is_named(score)})
+        exact = self._plain({n: score for n, score in scores.items() if not is_curve(score.term)})
         bent = exact | self._bent(families, scores, exact)
         return self._named(families, scores, [law_each if f[0] == "law" else each for f in families], exact, bent)
 
-    def alone(self, number: int, scores: Mapping[int, Score], name: Family) -> Rated:
-        """Rate one shape of a name by itself."""
+    def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
+        """Rate one shape of a name by itself, without replicas."""
+        name = family(scores[number].term)
         exact = self._plain({number: scores[number]})
         bent = exact | self._bent({name: [number]}, scores, exact)
         return self._named({name: [number]}, scores, [0.0], exact, bent)[0]
@@ -91,7 +85,9 @@ class RatedNames:
         for joint, numbers in joints.items():
             most = max(scores[n].gain for n in numbers)
             near = [n for n in numbers if scores[n].gain > max(0.5 * most, SMALLEST_GAIN)]
-            beside = {n: [m for m in self._beside(n, scores[n].term) if m in scores] for n in near}
+            # What nature may hold beside a name's formula: curves of its signal, and its overtone.
+            mixed = {n: [*self.own_laws(scores[n].term), *([self._mixed[n]] if n in self._mixed else [])] for n in near}
+            beside = {n: [m for m in own if m in scores] for n, own in mixed.items()}
             own_laws = {n: [m for m in own if scores[m].surviving > FAINT] for n, own in beside.items()}
             near = [n for n in near if own_laws[n]]
             if not near:
@@ -122,10 +118,6 @@ class RatedNames:
             sizes = priors.amplitudes(self._sizes.limit(score))
             found.append(log_mean(curve_evidence(gram, gram @ np.asarray(score.values), roots, sizes)[0].ravel()))
         return float(log_mean(found))
-
-    def _beside(self, number: int, term: Term) -> list[int]:
-        """Return numbers of what nature may hold beside a name's formula: curves of its signal, and its overtone."""
-        return self.own_laws(term) + ([self._mixed[number]] if number in self._mixed else [])
 
     def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, list[float]]:
         """Compute log evidence of names as what found effects leave; of what acts everywhere joint by joint.
@@ -231,10 +223,6 @@ class RatedNames:
             return -np.inf
         return float(log_mean(log_sum(values) - np.log(len(sizes))))
 
-    def own_terms(self, term: Term) -> list[Term]:
-        """Return the laws of :meth:`own_laws`."""
-        return [self._candidates.terms[n] for n in self.own_laws(term)]
-
     def own_laws(self, term: Term) -> list[int]:
         """Return numbers of its signal's laws that an effect's formula may miss: of its parity, one of each sign."""
         effect = term.content
@@ -258,8 +246,9 @@ def is_series(term: Term) -> bool:
     return isinstance(term.content, Effect) and term.content.series and not term.everywhere
 
 
-def _is_named(score: Score) -> bool:
-    return score.term.id != "law" or isinstance(score.term.content, Surface)
+def is_curve(term: Term) -> bool:
+    """Return whether a term is a law of one signal."""
+    return isinstance(term.content, Law) and not isinstance(term.content, Surface)
 
 
 def _first_terms(score: Score) -> list[IntArray]:

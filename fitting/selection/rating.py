@@ -1,4 +1,4 @@
-"""What every candidate is worth beside a model: its posterior odds against nothing more."""
+"""Posterior odds of every candidate beside a model, against nothing more."""
 
 from __future__ import annotations
 
@@ -13,15 +13,13 @@ from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
 from fitting.residual.scoring import Candidates, Score
-from fitting.residual.surfaces import Surface
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.decision import by_formula
+from fitting.selection.decision import Family, Rated, by_formula, family
 from fitting.selection.evidence import log_sum
 from fitting.selection.gains import Sizes
-from fitting.selection.rated import Family, Rated, family
 from fitting.selection.rated_laws import RatedLaws
-from fitting.selection.rated_names import RatedNames, is_series
+from fitting.selection.rated_names import RatedNames, is_curve, is_series
 from fitting.selection.trust import Trust
 
 
@@ -52,13 +50,13 @@ class Rating:
         self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
-            if _is_curve(term) and isinstance(term.content, Law):
-                law = term.content
+            law = term.content
+            if is_curve(term) and isinstance(law, Law):
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
         self._trust = Trust(candidates, model)
         sizes = Sizes(model, visible, self._failed)
-        self._names = RatedNames(candidates, model, sizes, self._trust, keys, overtones or {})
-        self._laws = RatedLaws(candidates, sizes, self._trust)
+        self._names = RatedNames(sizes, self._trust, keys, overtones or {})
+        self._laws = RatedLaws(sizes, self._trust)
 
     def rated(self, scores: Mapping[int, Score], surfaces: Sequence[Score] = ()) -> list[Rated]:
         """Rate all explanations of finite evidence, best first: ``scores`` as of :meth:`Candidates.scores`, and
@@ -103,13 +101,9 @@ class Rating:
     def _surface(self, score: Score, prior: float, rated: Sequence[Rated]) -> Rated:
         """Rate a surface beside the laws that were rated, each of log prior odds ``prior``."""
         joint = score.term.joint or 0
-        laws = [r for r in rated if r.term.joint == joint and isinstance(r.term.content, Law)]
-        against = laws[0].against if laws else 0.0
-        return self._laws.of_surface(joint, score, prior, 1.0 / self._inflations.get(joint, 1.0), against)
-
-    def alone(self, number: int, scores: Mapping[int, Score]) -> Rated:
-        """Rate one shape of a name by itself, without replicas."""
-        return self._names.alone(number, scores, family(scores[number].term))
+        laws = (r.against for r in rated if r.term.joint == joint and isinstance(r.term.content, Law))
+        share = 1.0 / self._inflations.get(joint, 1.0)
+        return self._laws.of_surface(joint, score, prior, share, next(laws, 0.0))
 
     def at_best_shape(self, rated: Rated, model: Model) -> Rated:
         """Search the shape of a name between the grid's, and rate the result.
@@ -119,7 +113,7 @@ class Rating:
         found = refined(model, rated.score)
         if found is rated.score or found.term == rated.term:
             return rated
-        terms = [found.term, rated.term, *self._names.own_terms(found.term)]
+        terms = [found.term, rated.term, *(self._trust.candidates.terms[n] for n in self._names.own_laws(found.term))]
         effect = found.term.content
         overtone = effect.overtone(found.term.shape) if isinstance(effect, Effect) else None
         if overtone is not None:
@@ -131,7 +125,7 @@ class Rating:
         overtones = {} if overtone is None else {0: len(terms) - 1}
         rating = Rating(small, model, self._visible, self._failed, overtones)
         rating._trust.divide(self._inflations, scores)
-        both = [rating.alone(number, scores) for number in (0, 1)]
+        both = [rating._names.alone(number, scores) for number in (0, 1)]
         narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
         more = both[0].log_bayes - both[1].log_bayes - narrow
         if more <= 0:
@@ -159,7 +153,7 @@ def _families(scores: Mapping[int, Score]) -> tuple[dict[Family, list[int]], dic
         term = score.term
         if term.is_line:
             continue
-        if _is_curve(term):
+        if is_curve(term):
             laws.setdefault(term.joint or 0, []).append(number)
         else:
             names.setdefault(family(term), []).append(number)
@@ -182,8 +176,3 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
                 replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in ours
             ]
     return result
-
-
-def _is_curve(term: Term) -> bool:
-    """Return whether a term is a law of one signal."""
-    return isinstance(term.content, Law) and not isinstance(term.content, Surface)

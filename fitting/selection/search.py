@@ -14,6 +14,7 @@ import numpy as np
 
 from daq.messages import Sentence
 from fitting.arrays import FloatArray
+from fitting.effects import effects
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
@@ -24,16 +25,21 @@ from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
-from fitting.selection.decision import by_formula, decided
-from fitting.selection.draws import Draws
+from fitting.selection.decision import Rated, by_formula, decided, family
 from fitting.selection.evidence import least_gain, named_evidence
-from fitting.selection.gains import BEYOND_BIAS, margin
+from fitting.selection.gains import margin
 from fitting.selection.posterior import Slot, open_place
-from fitting.selection.rated import Rated, family
 from fitting.selection.rated_laws import resolved
 from fitting.selection.rating import Rating
+from fitting.selection.trust import BEYOND_BIAS, Draws
 
+#: Called with a fraction and plain words.
 Progress = Callable[[float, str], None]
+
+
+def quiet(fraction: float, text: str) -> None:
+    """Report no progress."""
+
 
 #: Explanations of a joint whose shapes are searched.
 WIDTH = 4
@@ -43,36 +49,6 @@ NEAR = 0.25
 SHARED_Z = 4.0
 #: Contenders whose null is drawn.
 MOST_CONTENDERS = 12
-
-
-def attribute(
-    base: Model,
-    effects: Sequence[Effect],
-    validate: Sequence[int],
-    signals: Signals,
-    bootstrap: int = 0,
-    known: Sequence[Accepted] = (),
-    progress: Progress = lambda fraction, text: None,
-) -> Attribution:
-    """Run the loop on a fitted base model.
-
-    Parameters
-    ----------
-    base : joint fit of the base model
-    effects : the catalogue
-    validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or reject
-    signals : refits, with delays and the like corrected in the signals themselves
-    known : what was found before, in the order of the base's terms (spectral lines)
-    bootstrap : most replicas that a null distribution is drawn from; 0 trusts the chi-square
-    progress : called with a fraction and plain words
-    """
-    search = Search(base, effects, validate, signals, bootstrap, known)
-    for number in range(4 * priors.MOST):
-        progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
-        if not search.step() and not search.exchange():
-            break
-    search.settle()
-    return search.result()
 
 
 @dataclass(frozen=True)
@@ -85,18 +61,26 @@ class _Scored:
 
 
 class Search:
-    """State of the search: the model so far, what was added and what was refused."""
+    """State of the search: the model so far, what was added and what was refused.
+
+    Parameters
+    ----------
+    base : joint fit of the base model
+    validate : segments of the `validate` recordings; nothing is selected on them, they only confirm or reject
+    signals : refits, with delays and the like corrected in the signals themselves
+    bootstrap : most replicas that a null distribution is drawn from; 0 trusts the chi-square
+    known : what was found before, in the order of the base's terms (spectral lines)
+    """
 
     def __init__(
         self,
         base: Model,
-        effects: Sequence[Effect],
         validate: Sequence[int],
         signals: Signals,
-        bootstrap: int,
-        known: Sequence[Accepted],
+        bootstrap: int = 0,
+        known: Sequence[Accepted] = (),
     ) -> None:
-        self.base, self.effects, self.signals = base, effects, signals
+        self.base, self.signals = base, signals
         self.gate = Gate(signals, validate)
         self.draws = Draws(signals, bootstrap)
         self.model, self.accepted = base, list(known)
@@ -114,7 +98,7 @@ class Search:
             self._note(item.score, "accepted", Sentence("fitting.spectral_line"))
         self.unconfirmed: list[Unconfirmed] = []
         self.limits: tuple[Score, ...] = ()
-        terms, grid = catalogue_terms(base, effects)
+        terms, grid = catalogue_terms(base, effects())
         laws, law_grid = law_terms(base)
         joints = range(len(base.design.machine.joints))
         twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
@@ -128,16 +112,25 @@ class Search:
         self.settled = False  # nothing more is looked for beside this model
         self.dropped: list[Slot] = []
 
+    def run(self, progress: Progress = quiet) -> Attribution:
+        """Search until nothing more is probable and every term keeps its place, and return the findings."""
+        for number in range(4 * priors.MOST):
+            progress(min(0.9, number / 4), Sentence("fitting.looking_round", number=number + 1))
+            if not self.step() and not self.exchange():
+                break
+        self.settle()
+        return self.result()
+
     def step(self) -> bool:
         """Add the most probable further term, or reject it for good. False when nothing more is probable."""
         if len(self.accepted) - self.known >= priors.MOST:
             return False
-        rated = self._open(self._rated(self.model))
+        rated = self._open()
         if not self.limits:
-            self.limits = tuple(best_scores(rated))
+            self.limits = tuple(r.score for r in rated if isinstance(r.term.content, Effect))
         self._record(rated)
         self.open = rated
-        if _log_total(rated) < priors.CREDIBLE_ODDS:
+        if np.logaddexp.reduce([-np.inf, *(r.log_odds for r in rated)]) < priors.CREDIBLE_ODDS:
             return False
         self._try(decided(self._at_best_shapes(rated)))
         return True
@@ -175,9 +168,9 @@ class Search:
         self.fresh |= anew
         return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | self.candidates.scores(model, anew))
 
-    def _open(self, rated: Sequence[Rated]) -> list[Rated]:
-        """List those neither in the model nor rejected."""
-        return self._beside(rated, self.model.terms)
+    def _open(self) -> list[Rated]:
+        """Rate what may be beside the model: neither in it nor rejected."""
+        return self._beside(self._rated(self.model), self.model.terms)
 
     def _beside(self, rated: Sequence[Rated], there: Sequence[Term]) -> list[Rated]:
         """List explanations that may be beside some terms: not one of them, not rejected."""
@@ -193,27 +186,23 @@ class Search:
 
     def _visible(self, model: Model) -> FloatArray:
         """Compute amplitudes per joint of a model's effects, and of what was rejected."""
-        joints = len(model.design.machine.joints)
-        seen = np.zeros(joints)
+        seen = np.zeros(len(model.design.machine.joints))
         for number, term in enumerate(model.terms):
             if term.is_line:
                 continue
             item = next((a for a in self.accepted if a.score.term.family == term.family), None)
             size = model.wald(number) if item is None else max(model.wald(number), item.score.gain)
-            for joint in range(joints) if term.everywhere else [term.joint or 0]:
-                share = 1.0
-                if term.everywhere and item is not None and item.score.places:
-                    share = float(np.clip(item.score.places[joint], 0.0, 1.0))
-                seen[joint] += share * size
+            if not term.everywhere:
+                seen[term.joint or 0] += size
+            else:
+                seen += size * (np.clip(item.score.places, 0.0, 1.0) if item is not None and item.score.places else 1.0)
         return np.sqrt(seen)
 
     def _failed(self) -> FloatArray:
         """Compute amplitudes per joint of what was significant and not confirmed elsewhere."""
-        joints = len(self.base.design.machine.joints)
-        seen = np.zeros(joints)
+        seen = np.zeros(len(self.base.design.machine.joints))
         for joint, size in self.failed:
-            for place in range(joints) if joint is None else [joint]:
-                seen[place] += priors.FAILED**2 * size
+            seen[slice(None) if joint is None else joint] += priors.FAILED**2 * size
         return np.sqrt(seen)
 
     def _at_best_shapes(self, rated: Sequence[Rated]) -> list[Rated]:
@@ -240,7 +229,7 @@ class Search:
         trial = self.gate.with_term(self.model, score.term)
         score = replace(score, term=trial.terms[-1])
         answer = self.gate.asked(score, self.model, trial)
-        place = score.term.family
+        place, found = score.term.family, answer.found
         if answer.reason:
             if answer.worse:
                 self.worse.add((frozenset(map(family, self.model.terms)), family(choice.term)))
@@ -248,9 +237,9 @@ class Search:
                 self.refused.add(family(choice.term))
             self._note(score, "rejected", answer.reason)
             if not answer.faint and isinstance(score.term.content, Law):
-                # A curve that does not hold elsewhere: no other curve of this joint is believed, but names are.
+                # A curve that does not hold elsewhere: no other curve of this joint is a candidate, but names are.
                 self.without_law.add(score.term.joint)
-                self.unconfirmed.append(Unconfirmed(score, answer.held_out, answer.validate_gain or 0.0))
+                self.unconfirmed.append(Unconfirmed(score, found.held_out, found.validate_gain or 0.0))
             elif not answer.faint and not answer.worse:
                 self.failed.append((score.term.joint, score.gain))
             return
@@ -259,9 +248,7 @@ class Search:
             replace(item, rivals=tuple(rival for rival in item.rivals if rival.term.family != place))
             for item in self.accepted
         ]
-        self.accepted.append(
-            Accepted(score, (), answer.held_out, answer.validate_gain, answer.witness, silence=answer.silence)
-        )
+        self.accepted.append(found)
         self._note(score, "accepted", Sentence("fitting.gains_chi_square", gain=score.gain))
         self.before, self.model = self.scored, trial
         self.fresh.clear()
@@ -307,7 +294,7 @@ class Search:
             self.slots = [self._slot(n, final=True) for n in range(self.known, len(self.accepted))]
         self._without_improbable()
         if not self.slots:
-            self.open = self._open(self._rated(self.model))
+            self.open = self._open()
 
     def _without_improbable(self) -> None:
         """Drop what the posterior calls improbable; what favours it remains an open question."""
@@ -366,7 +353,7 @@ class Search:
         """Return the findings."""
         accepted = list(self.accepted[: self.known])
         for item, slot in zip(self.accepted[self.known :], self.slots, strict=True):
-            rivals = slot.rivals(priors.CREDIBLE)
+            rivals = slot.rivals()
             accepted.append(
                 replace(
                     item,
@@ -405,7 +392,7 @@ class Search:
     def rate_nothing(self) -> float:
         """Rate all candidates beside the model: the probability that nothing more is missing."""
         self.settled = True
-        self.open = self._open(self._rated(self.model))
+        self.open = self._open()
         return float(np.exp(-np.logaddexp.reduce([0.0, *(r.log_odds for r in self.open)])))
 
     def _open_questions(self) -> tuple[Unconfirmed, ...]:
@@ -459,13 +446,3 @@ def _contending(rated: Sequence[Rated]) -> list[Rated]:
     """
     least = max(rated[0].log_odds, 0.0) - priors.CREDIBLE_ODDS if rated else 0.0
     return [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
-
-
-def best_scores(rated: Sequence[Rated]) -> list[Score]:
-    """Score the catalogue's effects at their best."""
-    return [r.score for r in rated if isinstance(r.term.content, Effect)]
-
-
-def _log_total(rated: Sequence[Rated]) -> float:
-    """Compute log odds of anything more against nothing more."""
-    return float(np.logaddexp.reduce([r.log_odds for r in rated])) if rated else -np.inf

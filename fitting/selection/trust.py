@@ -1,4 +1,4 @@
-"""Which share of each gain is believed."""
+"""Share of each gain that counts, by replicas: what noise in the regressors makes of gains is taken off."""
 
 from __future__ import annotations
 
@@ -10,15 +10,64 @@ from scipy.linalg import block_diag
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.residual.confirmation.robustness import Leftover
+from fitting.residual.laws import Law
+from fitting.residual.null import Null
 from fitting.residual.scoring import Candidates, Score
 from fitting.residual.terms import Model
 from fitting.selection import priors
-from fitting.selection.evidence import whitened_parts
-from fitting.selection.gains import biased_gain, known_bias, scatter, shares
+from fitting.selection.confirm import Signals
+from fitting.selection.evidence import least_gain, whitened_parts
+
+#: Gain beyond which no noise in regressors makes it: 17 standard deviations.
+BEYOND_BIAS = 300.0
+#: Replicas that are drawn before the decision is looked at again, and how far the gain may be from the least that is
+#: reported if more are to change it.
+LEAST_DRAWS, OPEN = 3, (-10.0, 25.0)
+
+
+class Draws:
+    """Null distributions of terms. One that was drawn is kept, whatever model follows: it is noise, not structure.
+
+    Parameters
+    ----------
+    signals : draws replicas
+    most : most replicas for a term; 0 trusts the chi-square
+    """
+
+    def __init__(self, signals: Signals, most: int) -> None:
+        self._signals, self._most = signals, most
+        self._nulls: dict[tuple[object, ...], Null] = {}
+
+    @property
+    def wanted(self) -> bool:
+        """True where any replicas may be drawn."""
+        return self._most > 0
+
+    def unbiased(self, model: Model, scores: Sequence[Score]) -> list[Score]:
+        """Take the bias of noisy regressors off the scores."""
+        fresh = [s for s in scores if s.term.label not in self._nulls]
+        drawn = 0
+        while fresh and drawn < self._most:
+            draws = min(LEAST_DRAWS, self._most - drawn)
+            more = self._signals.nulls(model, [s.term for s in fresh], draws, drawn)
+            for score, null in zip(fresh, more, strict=True):
+                known = self._nulls.get(score.term.label)
+                if null is not None:
+                    self._nulls[score.term.label] = null if known is None else known.joined(null)
+            drawn += draws
+            known_now = [own for own in map(self._against, scores) if own.plausible]
+            best = max((own.gain * own.trusted - least_gain(own.live, own.grid) for own in known_now), default=-np.inf)
+            if not OPEN[0] < best < OPEN[1]:
+                break  # more draws would not change the decision
+        return [self._against(s) for s in scores]
+
+    def _against(self, score: Score) -> Score:
+        null = self._nulls.get(score.term.label)
+        return score if null is None else score.against(null)
 
 
 class Trust:
-    """Share of the gain of each candidate, by number, that is believed.
+    """Share of the gain of each candidate, by number, that counts.
 
     Parameters
     ----------
@@ -27,7 +76,7 @@ class Trust:
     """
 
     def __init__(self, candidates: Candidates, model: Model) -> None:
-        self._candidates, self._model = candidates, model
+        self.candidates, self.model = candidates, model
         self._shares: dict[int, float] = {}
 
     def of(self, number: int) -> float:
@@ -39,10 +88,11 @@ class Trust:
         names, laws = tuple(names), tuple(laws)
         self._shares = {}
         for own in (*names, *laws):
-            self._shares |= shares(own, scores)
+            self._shares |= _shares(own, scores)
         known, others = list[Sequence[int]](), list[Sequence[int]]()
         for own in names:
-            drawn = [n for n in own if known_bias(scores[n])]
+            # Of these the share of a gain that noise makes is known: from replicas, or as it makes none so large.
+            drawn = [n for n in own if scores[n].null is not None or scores[n].gain >= BEYOND_BIAS]
             head = max(drawn or own, key=lambda n: scores[n].gain)
             if isinstance(scores[head].term.content, Effect) and scores[head].gain > priors.SMALLEST**2:
                 (known if drawn else others).append([head, *(n for n in own if n != head)])
@@ -54,8 +104,8 @@ class Trust:
         """Compute the noise inflation, by joint, of the rows that show the most probable there."""
         result = {}
         for joint, score in heads.items():
-            shown = Candidates(self._model, [score.term], [1]).shown(self._model, 0, score.values)
-            result[joint] = Leftover.of(self._model, shown).inflation(shown)
+            shown = Candidates(self.model, [score.term], [1]).shown(self.model, 0, score.values)
+            result[joint] = Leftover.of(self.model, shown).inflation(shown)
         return result
 
     def divide(self, inflations: Mapping[int, float], scores: Mapping[int, Score]) -> None:
@@ -78,7 +128,7 @@ class Trust:
         tenth more or less would decide between two that the data hardly separates.
         """
         numbers = [own[0] for own in names]
-        inflation = np.array([scatter(scores[n]) for n in numbers])
+        inflation = np.array([_scatter(scores[n]) for n in numbers])
         drawn = np.array([scores[n].null is not None for n in numbers])
         if len(numbers) < 2 or not drawn.any():
             return
@@ -101,7 +151,7 @@ class Trust:
             return
         heads = [own[0] for own in names]
         alike = self._overlap(heads, [own[0] for own in others], scores)
-        trust = np.array([scores[n].gain * self._shares[n] / biased_gain(scores[n]) for n in heads])
+        trust = np.array([scores[n].gain * self._shares[n] / _biased_gain(scores[n]) for n in heads])
         for own, most, share in zip(others, np.argmax(alike, axis=0), np.max(alike, axis=0), strict=True):
             self._shares |= {n: float(share * trust[most] + (1.0 - share) * self._shares[n]) for n in own}
 
@@ -115,7 +165,7 @@ class Trust:
             for other, columns in _places(others, scores).items():
                 if place == other or None in (place, other):
                     one, two = [names[k] for k in rows], [others[k] for k in columns]
-                    cross = self._candidates.cross_products(self._model, one, two)
+                    cross = self.candidates.cross_products(self.model, one, two)
                     first, second = [scores[n] for n in one], [scores[n] for n in two]
                     mutual = _explained(first, second, cross.T) * _explained(second, first, cross).T
                     alike[np.ix_(rows, columns)] = mutual
@@ -142,3 +192,23 @@ def _explained(own: Sequence[Score], others: Sequence[Score], cross: FloatArray)
         for score, part in zip(others, np.split(made, ends[:-1]), strict=True)
     ]
     return np.minimum(1.0, np.transpose(could) / np.maximum(whole, 1e-300)[:, None])
+
+
+def _shares(numbers: Sequence[int], scores: Mapping[int, Score]) -> dict[int, float]:
+    """Return the share of each gain of one explanation to count; shapes without replicas as those with."""
+    drawn = {n: scores[n].trusted for n in numbers if scores[n].null is not None}
+    law = isinstance(scores[numbers[0]].term.content, Law)
+    usual = min(drawn.values()) if drawn and not law else 1.0
+    return {n: drawn.get(n, usual) for n in numbers}
+
+
+def _scatter(score: Score) -> float:
+    """Return the fitted variance over the theory's by replicas; 1 where none were drawn."""
+    return 1.0 if score.null is None else score.null.inflation_along(score.fitted)
+
+
+def _biased_gain(score: Score) -> float:
+    """Return the gain before the replicas' bias was taken off, or as it is where none was."""
+    if score.null is None:
+        return score.gain
+    return max(score.gain, float(score.fitted @ score.information @ score.fitted))

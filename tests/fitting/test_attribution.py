@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from synthetic_arm import RATE, clean_session, exact_views, force, make_session, planar_machine, truth
 
-from fitting.effects import effect, effects
+from fitting.effects import effect
 from fitting.effects.end_cushion import EndCushion
 from fitting.loop.refits import SessionSignals, final_model
 from fitting.loop.residual_loop import moves, run_attribution
@@ -29,7 +29,7 @@ from fitting.residual.terms import Model, Term, fit_model
 from fitting.selection import confirm, priors
 from fitting.selection.confirm import objection, silence
 from fitting.selection.evidence import least_gain
-from fitting.selection.search import attribute
+from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import advanced
 
@@ -115,7 +115,7 @@ def test_nothing_is_selected_on_the_validation_motion() -> None:
 def test_without_a_validation_motion_nothing_confirms_and_nothing_is_claimed_to() -> None:
     session = session_with(lambda s, i: 900.0 * (s.x[:, 1] - 0.15) * np.sign(s.v[:, 1]))
     model = session.base_model
-    attribution = attribute(model, effects(), (), SessionSignals(session, Corrections(session.machine)))
+    attribution = Search(model, (), SessionSignals(session, Corrections(session.machine))).run()
     assert [a.score.term.family for a in attribution.accepted] == [("position_dependent_friction", 1)]
     assert attribution.accepted[0].validate_gain is None
 
@@ -341,7 +341,7 @@ def test_what_is_added_itself_is_no_other_name_for_what_was_added_before() -> No
     base = fit_model(plain.design, plain.noise, plain.fitted, [first], session.prior)
     signals = SessionSignals(session, Corrections(session.machine))
     known = Accepted(score, (rival,), HOLDS, 1.0)
-    found = attribute(base, effects(), plain.validate, signals, known=[known])
+    found = Search(base, plain.validate, signals, known=[known]).run()
     assert [(item.score.term.family, item.rivals) for item in found.accepted] == [
         (first.family, ()),
         (second.family, ()),

@@ -18,11 +18,10 @@ from daq.machine.machine_file import Channel, Machine
 from daq.messages import placeholders, texts
 from daq.recordings.recording import Recording
 from fitting.checks import check_recordings, findings
-from fitting.checks.fast_noise import noise_findings
 from fitting.checks.findings import Finding
 from fitting.checks.magnitudes import magnitude_findings
 from fitting.checks.motions import motion_findings
-from fitting.checks.signal_faults import signal_findings
+from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repaired_time, repeated_findings, speed_findings, time_findings
 
 MACHINE = planar_machine(2)

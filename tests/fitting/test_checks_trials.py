@@ -17,7 +17,7 @@ from daq.recordings.recording import Recording, read_recording, write_recording
 from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
 from fitting.checks.magnitudes import machine_findings
-from fitting.checks.mistakes.motion_trials import recordings as role_trials
+from fitting.checks.mistakes.channel_trials import recordings as role_trials
 from fitting.checks.mistakes.physical import Trial, fit
 from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search

@@ -15,7 +15,7 @@ from fitting.effects import effect
 from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.residual.levelling import Part, residual_parts
-from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases, machine_lines
+from fitting.residual.lines import Line, RefutedLine, find_lines, line_phases
 from fitting.residual.terms import Term, fit_model
 from sim_backends import folding_arm
 from sim_backends.plant.cases import simulate_case
@@ -300,11 +300,8 @@ def simulated(
     session = Session(case.machine, recordings)
     plain, theta = session.plain, session.base_model.fit.theta
     count = len(case.machine.joints)
-    lines, refuted = machine_lines(plain.design, theta, plain.fitted, plain.pairs)
-    return [
-        (tuple(line for line in lines if line.joint == j), tuple(r for r in refuted if r.joint == j))
-        for j in range(count)
-    ]
+    parts = [residual_parts(plain.design, theta, j, plain.fitted, plain.pairs) for j in range(count)]
+    return [find_lines(j, own, case.machine.rate_hz, joints=count) for j, own in enumerate(parts)]
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from fitting.loop.refits import SessionSignals
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
 from fitting.residual.confirmation.cross_validation import HeldOut
-from fitting.residual.findings import Attribution
+from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.scoring import catalogue_terms
 from fitting.selection.confirm import Answer
 from fitting.selection.search import Search
@@ -77,27 +77,32 @@ def test_a_name_that_fails_leaves_what_it_lived_on_to_a_law(monkeypatch: pytest.
         lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1])
     )
     signals = SessionSignals(session, Corrections(session.machine))
-    search = Search(signals.refit(()), effects(), (), signals, 0, ())
-    found = search._open(search._rated(search.model))
-    choice = next(r for r in found if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
-    against = Answer("it does not help on the validation motion", HeldOut(1.0, 1.0, 9), -5.0, "", faint=False)
+    search = Search(signals.refit(()), (), signals)
+    choice = next(
+        r for r in search._open() if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0
+    )
+    against = Answer(
+        "it does not help on the validation motion", Accepted(choice.score, (), HeldOut(1.0, 1.0, 9), -5.0), faint=False
+    )
     monkeypatch.setattr(search.gate, "asked", lambda *_: against)
     search._try(choice)
     assert [joint for joint, _ in search.failed] == [1]
-    assert choice.term.family not in {r.term.family for r in search._open(search._rated(search.model))}
+    assert choice.term.family not in {r.term.family for r in search._open()}
 
 
 def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkeypatch: pytest.MonkeyPatch) -> None:
     """Parameters that joints share are bent by what another joint lacks: that refutes nothing of this one's name."""
     session = session_with(lambda motion: 150.0 * np.sign(motion.v[:, 1]) * place(motion))
     signals = SessionSignals(session, Corrections(session.machine))
-    search = Search(signals.refit(()), effects(), (), signals, 0, ())
-    before = search._open(search._rated(search.model))
+    search = Search(signals.refit(()), (), signals)
+    before = search._open()
     choice = next(r for r in before if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
-    worse = Answer("it makes joint1 worse", HeldOut(50.0, 50.0, 9), 20.0, "", faint=False, worse=True)
+    worse = Answer(
+        "it makes joint1 worse", Accepted(choice.score, (), HeldOut(50.0, 50.0, 9), 20.0), faint=False, worse=True
+    )
     monkeypatch.setattr(search.gate, "asked", lambda *_: worse)
     search._try(choice)
-    open_then = {r.term.family: r.log_odds for r in search._open(search._rated(search.model))}
+    open_then = {r.term.family: r.log_odds for r in search._open()}
     assert choice.term.family not in open_then
     others = {r.term.family: r.log_odds for r in before if r.term.family in open_then}
     assert open_then == pytest.approx(others)  # nothing else is doubted for it

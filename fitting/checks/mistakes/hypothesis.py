@@ -1,4 +1,4 @@
-"""A mistake that may have been made, and how a trial takes it back."""
+"""A mistake that may have been made, how a trial takes it back, and which wrong unit a gain looks like."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+import numpy as np
+
+from daq.machine.machine_file import Channel, Machine
 from fitting.checks.mistakes.physical import Trial
 
 #: Per joint the weights of the signals that make its effort, where they are not the machine file's.
@@ -14,6 +17,22 @@ Targets: TypeAlias = Mapping[int, Mapping[str, float]]
 Build: TypeAlias = Callable[[Trial, Targets], tuple[Trial, Targets]]
 #: Factor by which the misfit of a joint has to fall for an accusation.
 CLEAR = 2.2
+#: Units of a quantity, by its SI unit, with their size in SI.
+_UNITS: dict[str, dict[str, float]] = {
+    "Pa": {"bar": 1e5, "kPa": 1e3, "psi": 6894.757, "MPa": 1e6, "hPa (mbar)": 1e2, "Pa": 1.0},
+    "rad": {"rad": 1.0, "deg": 1 / (180.0 / np.pi), "mrad": 1e-3, "turn": 2 * np.pi, "grad": np.pi / 200},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "um": 1e-6},
+    "N": {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.448222},
+    "N m": {"N m": 1.0, "kN m": 1e3, "N mm": 1e-3, "kgf m": 9.80665, "lbf ft": 1.355818, "N cm": 1e-2},
+}
+#: Units that people seldom use: a common one that fits nearly as well is named instead.
+RARE = ("grad", "turn", "mrad", "um", "hPa (mbar)", "inch", "N cm")
+
+
+def gains(machine: Machine, channel: Channel) -> dict[float, str]:
+    """Return the factors for a channel's SI values, by the unit they may have been in instead of the declared one."""
+    declared, sizes = machine.conversion(channel).factor, _UNITS.get(machine.si_unit(channel), {})
+    return {size / declared: unit for unit, size in sizes.items() if abs(size / declared - 1) > 0.05}
 
 
 @dataclass(frozen=True)
@@ -24,11 +43,11 @@ class Hypothesis:
     ----------
     code, text, cure : as in a finding, with ``{joint}`` and ``{channel}`` left open
     joints : numbers of the joints it is about
+    build : gives the changed trial and targets
     channels : quantities of those joints' channels that it is about
     key : place in the machine file that would be wrong, if it is one
-    build : gives the changed trial and targets
-    factor : number that it stands for
-    price : simplicity: of two that explain alike, the one with the lower price is said
+    factor : number that it is about
+    price : simplicity: of two that explain alike, the one with the lower price is named
     recording : number of the recording that it is about
     least : factor by which a joint's misfit has to fall
     every : it is about all joints

@@ -1,4 +1,4 @@
-"""How well efforts can be explained by an arm that could exist: masses that are masses, friction that brakes.
+"""Fit of efforts by an arm that could exist: masses that are masses, friction that brakes.
 
 Every link is a cloud of point masses, none negative, on a grid in a box around the link; every joint has friction that
 takes power at any speed, a moving mass that is not negative, and, free in sign, a constant, a spring and a delay (a
@@ -6,11 +6,11 @@ zero error, a gas spring and a late sensor are effects of the catalogue, and no 
 
     y_j = sum_k Y_j(q, q', q'') pi(p_k) mu_k / r_j + m a + sum_i c_i phi_i(v) sgn v + [x, 1, dy/dt] f,   mu, m, c >= 0
 
-(a moving mass or a spring far beyond a cylinder's size has its price, or either could stand for a whole arm),
+(a moving mass or a spring far beyond a cylinder's size has its price, or either could represent a whole arm),
 
 which is linear, so the best such arm is one non-negative least-squares problem (point masses as physically feasible
 parameters: Ayusawa and Nakamura, "Identification of standard inertial parameters for large-DOF robots considering
-physical consistency", IROS 2010). A wrong sign, a base that stands upside down or exchanged cables leave a least
+physical consistency", IROS 2010). A wrong sign, a base that is upside down or exchanged cables leave a least
 squares fit without such bounds as good as it was; this one they do not.
 
 The misfit of a joint is the root mean square of what is left, over that of the effort less its mean. It has no unit and
@@ -32,10 +32,10 @@ from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
 from fitting.arm.expected import expected_sign
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import BoolArray, FloatArray
-from fitting.checks.mistakes.samples import Motion, Samples, motion_of
+from fitting.checks.mistakes.samples import EFFORTS, Motion, Samples, motion_of
 from fitting.regression.prior import moving_mass
 
-#: Points along each edge of a link's box. Three tell its mass, centre and spread.
+#: Points along each edge of a link's box. Three determine its mass, centre and spread.
 _GRID = 3
 #: How far a link's box reaches beyond its two axes: a share of its own length and of the arm's mean link.
 _OWN, _MEAN = 0.5, 0.35
@@ -43,7 +43,7 @@ _OWN, _MEAN = 0.5, 0.35
 _LEAST_BOX = 0.1
 #: Speeds, as shares of a joint's largest, below which friction may be higher (Stribeck).
 _STRIBECK = 0.15
-#: Times the mass of a steel piston and rod that a cylinder's moving mass usually stays below; Pa over the head's area
+#: Times the mass of a steel piston and rod that a cylinder's moving mass is usually below; Pa over the head's area
 #: that a spring adds over the whole stroke at most (gas springs and hoses are effects of a few bar).
 _HEAVY, _STIFF = 5.0, 2.0e6
 #: Share of a column that compression loses.
@@ -53,46 +53,8 @@ LEAST_MISFIT = 0.015
 
 
 @dataclass(frozen=True)
-class Block:
-    """One joint's rows, compressed: ``R`` of ``[body, drive, signals]`` with the free columns projected out.
-
-    Attributes
-    ----------
-    body : (k, b) columns of the standard parameters
-    drive : (k, d) columns whose coefficients may not be negative
-    signals : (k, s) what a target is put together from, by name in ``names``
-    centred : (s, s) products of the signals less their means
-    rows : how many rows there were
-    rivals : (k, 6) effects that resemble another area: four columns of valves, two of friction by pressure
-    usual : (d,) what the drive's coefficients usually stay below; infinite where nothing is known
-    """
-
-    body: FloatArray
-    drive: FloatArray
-    signals: FloatArray
-    names: tuple[str, ...]
-    centred: FloatArray
-    rows: int
-    usual: FloatArray
-    rivals: FloatArray
-    known: dict[bytes, float] = field(default_factory=dict, init=False, compare=False, repr=False)
-
-    def target(self, weights: Mapping[str, float]) -> FloatArray:
-        """Return the (s,) coefficients of a target."""
-        return np.array([weights.get(name, 0.0) for name in self.names])
-
-    def alone(self, weights: FloatArray, size: float) -> float:
-        """Compute what these rows alone leave of a target of that size, as a share of it; some thousandths at least."""
-        key = weights.tobytes()
-        if key not in self.known:
-            left = without(np.hstack([self.body, self.drive]), self.signals @ weights / size)
-            self.known[key] = max(float(np.linalg.norm(left)), LEAST_MISFIT)
-        return self.known[key]
-
-
-@dataclass(frozen=True)
 class Side:
-    """What a joint's rows have beside the links.
+    """Columns of a joint's rows beside the links.
 
     Attributes
     ----------
@@ -100,7 +62,9 @@ class Side:
     free : (k, f) columns that are projected out
     lever : (k,) what a moment of the links does to the effort, 0 where they are off
     beside : (k, d + s + 6) columns of the drive, of the signals, and of rivals
-    names, centred, usual : as in :class:`Block`
+    names : of the signals that a target is put together from
+    centred : (s, s) products of the signals less their means
+    usual : (d,) what the drive's coefficients usually stay below; infinite where nothing is known
     """
 
     rows: BoolArray
@@ -113,12 +77,45 @@ class Side:
 
 
 @dataclass(frozen=True)
+class Block:
+    """One joint's rows, compressed: ``R`` of ``[body, drive, signals]`` with the free columns projected out.
+
+    Attributes
+    ----------
+    side : what the rows have beside the links
+    body : (k, b) columns of the standard parameters
+    drive : (k, d) columns whose coefficients may not be negative
+    signals : (k, s) what a target is put together from
+    rivals : (k, 6) effects that resemble another area: four columns of valves, two of friction by pressure
+    """
+
+    side: Side
+    body: FloatArray
+    drive: FloatArray
+    signals: FloatArray
+    rivals: FloatArray
+    known: dict[bytes, float] = field(default_factory=dict, init=False, compare=False, repr=False)
+
+    def target(self, weights: Mapping[str, float]) -> FloatArray:
+        """Return the (s,) coefficients of a target."""
+        return np.array([weights.get(name, 0.0) for name in self.side.names])
+
+    def alone(self, weights: FloatArray, size: float) -> float:
+        """Compute what these rows alone leave of a target of that size, as a share of it; some thousandths at least."""
+        key = weights.tobytes()
+        if key not in self.known:
+            left = without(np.hstack([self.body, self.drive]), self.signals @ weights / size)
+            self.known[key] = max(float(np.linalg.norm(left)), LEAST_MISFIT)
+        return self.known[key]
+
+
+@dataclass(frozen=True)
 class Physical:
     """The best arm that could exist.
 
     Attributes
     ----------
-    misfits : (n,) root mean square of what is left, over that of the effort; NaN for a joint that says nothing
+    misfits : (n,) root mean square of what is left, over that of the effort; NaN for a joint that shows nothing
     free : the same for a least-squares fit without bounds
     own : the same for a least-squares fit of that joint alone
     shares : (n,) spread of the effort over the largest of all joints; per head area where there are cylinders
@@ -131,8 +128,8 @@ class Physical:
 
 
 @dataclass(eq=False)
-class Shared:
-    """What trials have in common that differ in their links alone, once asked for; sides with exchange or not."""
+class _Shared:
+    """Common parts of trials that differ in their links alone, once asked for; sides with exchange or not."""
 
     motion: Motion | None = None
     sides: dict[bool, tuple[Side | None, ...]] = field(default_factory=dict)
@@ -146,7 +143,7 @@ class Trial:
     ----------
     samples : of the recordings
     machine : with the geometry and linkages to try
-    positions : quantity that tells each joint's position
+    positions : quantity of each joint's position
     exchange : also offer other joints' signals as targets
     carried : (T,) 1 where the last link carries more than otherwise, or None
     """
@@ -156,7 +153,7 @@ class Trial:
     positions: tuple[str, ...]
     exchange: bool = False
     carried: FloatArray | None = None
-    shared: Shared = field(default_factory=Shared, init=False, compare=False, repr=False)
+    shared: _Shared = field(default_factory=_Shared, init=False, compare=False, repr=False)
 
     @property
     def motion(self) -> Motion:
@@ -186,7 +183,7 @@ class Trial:
     @cached_property
     def clouds(self) -> FloatArray:
         """Standard parameters (10 n + 3 c, K) of unit point masses in each link's box."""
-        clouds = point_masses(geometry_of(self.machine))
+        clouds = _point_masses(geometry_of(self.machine))
         if self.carried is None:
             return clouds
         n, last = len(self.machine.joints), _GRID**3
@@ -196,7 +193,7 @@ class Trial:
     @cached_property
     def blocks(self) -> tuple[Block | None, ...]:
         """Compressed rows of every joint; None for an uninformative one."""
-        return make_blocks(self)
+        return _blocks(self)
 
     def with_machine(self, machine: Machine) -> Trial:
         """Return the samples on another machine file; where only links change, with what their rows have beside."""
@@ -217,7 +214,7 @@ class Trial:
         return replace(self, samples=samples)
 
 
-def point_masses(geometry: Geometry) -> FloatArray:
+def _point_masses(geometry: Geometry) -> FloatArray:
     """Compute standard parameters of unit point masses on a grid in each link's box, (10 n + 3 c, K), by link.
 
     The box spans the link's two axes, wider by half its own length and a third of the arm's mean link on every side.
@@ -227,22 +224,14 @@ def point_masses(geometry: Geometry) -> FloatArray:
     begins, ends = (np.array([side(own, axis=0) for own in corners]) for side in (np.min, np.max))
     lengths = np.linalg.norm(ends - begins, axis=1)
     mean = float(np.mean(lengths)) if n else 0.0
-    columns = []
+    blocks = []
     for link in range(n):
         wider = max(_OWN * lengths[link] + _MEAN * mean, _LEAST_BOX)
-        low, high = begins[link] - wider, ends[link] + wider
-        axes = [np.linspace(low[k], high[k], _GRID) for k in range(3)]
-        for p in np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3):
-            x, y, z = p
-            column = np.zeros(10 * n + 3 * c)
-            inertia = [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
-            column[10 * link : 10 * link + 10] = [1.0, x, y, z, *inertia]
-            columns.append(column)
-    for motor in range(3 * c):
-        column = np.zeros(10 * n + 3 * c)
-        column[10 * n + motor] = 1.0
-        columns.append(column)
-    return np.stack(columns, axis=1)
+        axes = [np.linspace(begins[link][k] - wider, ends[link][k] + wider, _GRID) for k in range(3)]
+        x, y, z = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3).T
+        inertia = [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
+        blocks.append(np.stack([np.ones_like(x), x, y, z, *inertia]))
+    return np.asarray(linalg.block_diag(*blocks, np.eye(3 * c)))
 
 
 def friction(v: FloatArray, noise: float) -> FloatArray:
@@ -252,6 +241,14 @@ def friction(v: FloatArray, noise: float) -> FloatArray:
     sign = expected_sign(v, noise)
     shapes = [np.ones_like(u), np.cbrt(u), u, u**2, np.maximum(0.0, 1.0 - u / _STRIBECK)]
     return np.stack([sign * shape for shape in shapes], axis=1)
+
+
+def joint_columns(trial: Trial, number: int) -> FloatArray:
+    """Compute columns (T, 10 n + 8) of a joint's effort: links where loaded, moving mass, friction, zero, spring."""
+    motion = trial.motion
+    body = np.where(trial.samples.loaded[:, None], trial.body[:, number] / motion.r[:, [number]], 0.0)
+    v, a, x = motion.v[:, number], motion.a[:, number], motion.x[:, number]
+    return np.column_stack([body, a, friction(v, motion.speed_noise[number]), np.ones(len(v)), x])
 
 
 #: Columns of :attr:`Block.rivals` of each effect.
@@ -295,7 +292,7 @@ def _side(trial: Trial, number: int) -> Side | None:
     return Side(rows, free, lever, beside, tuple(named), centred.T @ centred, usual)
 
 
-def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
+def _blocks(trial: Trial) -> tuple[Block | None, ...]:
     """Build the rows of every joint in which it moves, compressed by QR."""
     machine, motion = trial.machine, trial.motion
     n = len(machine.joints)
@@ -313,10 +310,8 @@ def make_blocks(trial: Trial) -> tuple[Block | None, ...]:
         own = body[side.rows, number] * side.lever[:, None]
         free = side.free.shape[1]
         R = _triangle(np.column_stack([side.free, own, side.beside]))[free:, free:]
-        b, d, s = own.shape[1], len(side.usual), len(side.names)
-        signals, rivals = R[:, b + d : b + d + s], R[:, b + d + s :]
-        rows = len(side.lever)
-        blocks.append(Block(R[:, :b], R[:, b : b + d], signals, side.names, side.centred, rows, side.usual, rivals))
+        ends = np.cumsum([own.shape[1], len(side.usual), len(side.names)])
+        blocks.append(Block(side, *np.split(R, ends, axis=1)))
     return tuple(blocks)
 
 
@@ -338,17 +333,10 @@ def _signals(trial: Trial, number: int) -> dict[str, FloatArray]:
     samples, machine, motion = trial.samples, trial.machine, trial.motion
     joint = machine.joints[number]
     result: dict[str, FloatArray] = {}
-    others = range(len(machine.joints)) if trial.exchange else (number,)
-    for other in others:
-        head, rod = samples.get("head_pressure", other), samples.get("rod_pressure", other)
-        if joint.cylinder is not None:
-            if head is not None:
-                result[f"head_pressure{other}"] = head.value
-            if rod is not None:
-                result[f"rod_pressure{other}"] = rod.value
-        for quantity in ("cylinder_force", "joint_effort"):
+    for other in range(len(machine.joints)) if trial.exchange else (number,):
+        for quantity in EFFORTS if joint.cylinder is not None else ("joint_effort",):
             signal = samples.get(quantity, other)
-            if signal is not None and not (joint.cylinder is None and quantity == "cylinder_force"):
+            if signal is not None:
                 torque = joint.cylinder is not None and quantity == "joint_effort"
                 result[f"{quantity}{other}"] = signal.value / motion.r[:, number] if torque else signal.value
     if result and joint.cylinder is not None:
@@ -364,12 +352,17 @@ def measured_effort(trial: Trial, number: int) -> tuple[FloatArray, FloatArray]:
     value, rate = np.zeros(len(samples)), np.zeros(len(samples))
     weights = declared(trial.machine, samples, number)
     for name, weight in weights.items():
-        signal = None if name == "known" else samples.get(name.rstrip("0123456789"), number)
+        signal = None if name == "known" else samples.get(quantity_of(name), number)
         if signal is not None:
             value, rate = value + weight * signal.value, rate + weight * signal.first
     if f"joint_effort{number}" in weights and trial.machine.joints[number].cylinder is not None:
         value, rate = value / trial.motion.r[:, number], rate / trial.motion.r[:, number]
     return value, rate
+
+
+def quantity_of(name: str) -> str:
+    """Return the quantity of a signal of an effort: ``head_pressure`` of ``head_pressure2``, or ``known``."""
+    return name.rstrip("0123456789")
 
 
 def declared(machine: Machine, samples: Samples, number: int) -> dict[str, float]:
@@ -402,34 +395,26 @@ def fit(trial: Trial, targets: Mapping[int, Mapping[str, float]] | None = None, 
     misfits, free, own, shares = (np.full(n, np.nan) for _ in range(4))
     if not chosen:
         return Physical(misfits, free, own, shares)
-    parts_body, parts_drive, parts_target, counts, measured, weights_of = [], [], [], [], [], []
+    bodies, drives, wanted, measured, weights_of = [], [], [], [], []
     for j in chosen:
         block = blocks[j]
         assert block is not None
         weights = block.target((targets or {}).get(j) or declared(machine, trial.samples, j))
-        size = max(float(weights @ block.centred @ weights), 0.0) ** 0.5
+        size = max(float(weights @ block.side.centred @ weights), 0.0) ** 0.5
         size = size if size > 0 else 1.0
         cylinder = machine.joints[j].cylinder
-        shares[j] = size / float(np.sqrt(block.rows)) / (cylinder.head_area if cylinder is not None else 1.0)
-        wanted = block.signals @ weights / size
+        shares[j] = size / float(np.sqrt(len(block.side.lever))) / (cylinder.head_area if cylinder is not None else 1.0)
         # A joint that nothing explains must not bend the others: its weight is what its own rows alone leave.
         alone = block.alone(weights, size)
-        parts_body.append(block.body / (size * alone))
         # A moving mass or a spring at the end of what is usual costs as much as the joint's misfit alone.
-        costs = np.diag(1.0 / block.usual)[np.isfinite(block.usual)]
-        parts_body[-1] = np.vstack([parts_body[-1], np.zeros((len(costs), block.body.shape[1]))])
-        parts_drive.append(np.vstack([block.drive / (size * alone), costs]))
-        parts_target.append(np.append(wanted / alone, np.zeros(len(costs))))
-        counts.append(len(block.body) + len(costs))
+        costs = np.diag(1.0 / block.side.usual)[np.isfinite(block.side.usual)]
+        bodies += [block.body / (size * alone), np.zeros((len(costs), block.body.shape[1]))]
+        drives.append(np.vstack([block.drive / (size * alone), costs]))
+        wanted += [block.signals @ weights / size / alone, np.zeros(len(costs))]
         measured.append(len(block.body))
         weights_of.append(alone)
-    ends = np.cumsum([0, *counts])
-    body, target = np.vstack(parts_body), np.concatenate(parts_target)
-    drive = np.zeros((len(target), sum(p.shape[1] for p in parts_drive)))
-    at = 0
-    for k, part in enumerate(parts_drive):
-        drive[ends[k] : ends[k + 1], at : at + part.shape[1]] = part
-        at += part.shape[1]
+    ends = np.cumsum([0, *map(len, drives)])
+    body, drive, target = np.vstack(bodies), linalg.block_diag(*drives), np.concatenate(wanted)
     left_free = without(np.hstack([body, drive]), target)
     left = _bounded(np.hstack([body @ trial.clouds, drive]), target) if bounded else left_free
     for k, j in enumerate(chosen):

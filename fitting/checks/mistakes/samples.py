@@ -3,7 +3,7 @@
 Positions and efforts go through one smoothing filter and are decimated at once; columns are then computed from few
 samples. That bends what jumps (the sign of a speed at a reversal) by a few per cent of the friction, which an
 identification could not afford and a search for mistakes, which are larger by far, can. Joints and pistons then move as
-the sensor says that is chosen for each.
+the sensor has it that is chosen for each.
 """
 
 from __future__ import annotations
@@ -48,14 +48,8 @@ class Signal:
 
     def mapped(self, gain: float, offset: float = 0.0) -> Signal:
         """Return ``gain * signal + offset``."""
-        size = abs(gain)
-        return Signal(
-            gain * self.value + offset,
-            gain * self.first,
-            gain * self.second,
-            size * self.noise,
-            size * self.speed_noise,
-        )
+        noise, speed_noise = abs(gain) * self.noise, abs(gain) * self.speed_noise
+        return Signal(gain * self.value + offset, gain * self.first, gain * self.second, noise, speed_noise)
 
     def faster(self, factor: float) -> Signal:
         """Return the same values in a time that runs ``factor`` times as fast."""
@@ -72,7 +66,7 @@ class Samples:
     machine : whose channels they are
     signals : by (quantity, number of the joint)
     dense : the same at the recordings' rate, stretch after stretch, (D,) each, for trials that move them in time
-    at, first, last : (T,) where a sample stands in them, and the ends of its stretch
+    at, first, last : (T,) where a sample is in them, and the ends of its stretch
     recording : (T,) index among the recordings
     time : (T,) s of the recordings' own clocks
     loaded : (T,) False in `unloaded` recordings
@@ -103,6 +97,11 @@ class Samples:
         numbers = range(self.recording.max() + 1)
         begins = np.array([self.time[self.recording == k].min(initial=np.inf) for k in numbers])
         return np.asarray(self.time - begins[self.recording])
+
+    @property
+    def efforts(self) -> tuple[tuple[str, int], ...]:
+        """Keys of the signals that efforts are made of."""
+        return tuple(key for key in self.dense if key[0] in EFFORTS)
 
     def get(self, quantity: str, joint: int) -> Signal | None:
         """Return a joint's signal of that quantity, or None."""
@@ -180,20 +179,8 @@ def take_samples(machine: Machine, recordings: Sequence[Recording]) -> Samples |
     numbers = np.concatenate([np.full(len(own), i) for (i, _), own in zip(parts, picked, strict=True)])
     time = np.concatenate([bank.trimmed(recordings[i].time[part])[::step] for i, part in parts])
     roles = np.array([recording.role != "unloaded" for recording in recordings])
-    return Samples(
-        machine,
-        signals,
-        dense,
-        at,
-        first_of,
-        last_of,
-        numbers,
-        time,
-        roles[numbers],
-        external,
-        np.ones(len(at), dtype=bool),
-        bank,
-    )
+    used = np.ones(len(at), dtype=bool)
+    return Samples(machine, signals, dense, at, first_of, last_of, numbers, time, roles[numbers], external, used, bank)
 
 
 def _bank(machine: Machine, recordings: Sequence[Recording], names: Sequence[str]) -> FilterBank:
@@ -216,7 +203,7 @@ def _bank(machine: Machine, recordings: Sequence[Recording], names: Sequence[str
     return filter_bank(rate, float(np.clip(_BANDWIDTH_FACTOR * motion, least, min(rate / 8, 20.0))))
 
 
-def moving(speed: FloatArray, noise: float) -> BoolArray:
+def _moving(speed: FloatArray, noise: float) -> BoolArray:
     """Return where an element moves."""
     size = np.abs(speed)
     top = float(np.percentile(size, 98)) if len(size) else 0.0
@@ -284,6 +271,6 @@ def motion_of(machine: Machine, samples: Samples, positions: Sequence[str]) -> M
             columns[key].append(value)
         columns["r"].append(np.where(np.abs(r) < 1e-6, 1e-6, r))
         noises.append(noise)
-        active.append(moving(x[1], noise))
+        active.append(_moving(x[1], noise))
     stacked = {key: np.nan_to_num(np.stack(value, axis=1)) for key, value in columns.items()}
     return Motion(**stacked, speed_noise=np.array(noises), active=np.stack(active, axis=1))

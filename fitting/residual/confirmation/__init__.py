@@ -1,1 +1,1 @@
-"""What a term is worth elsewhere: held-out blocks, `validate`, unloaded recordings, replicas, noisier rows."""
+"""Confirmation of a term elsewhere: held-out blocks, `validate`, unloaded recordings, replicas, noisier rows."""

@@ -19,7 +19,7 @@ _BLOCK_SECONDS = 3.0
 _DRAWS = 1000
 #: Share by which no joint may get worse on `validate`, and the chance that a right model is refused for any joint.
 MOST_WORSE, REFUSES_RIGHT = 0.01, 0.001
-#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can tell.
+#: Chance that `validate` shows no gain of a right model, up to which it counts as a motion that can show it.
 MISSES_RIGHT = 0.01
 
 
@@ -105,7 +105,7 @@ def _percent(before: Any, after: Any) -> Any:
 
 @dataclass(frozen=True)
 class Misfit:
-    """What a model leaves of one joint beyond its noise.
+    """Misfit of one joint beyond its noise.
 
     Attributes
     ----------
@@ -126,13 +126,9 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
     together, apart, rows = 0.0, 0.0, 0
     design, bank = model.design, model.design.bank
     for pair in pairs:
-        left = slice(pair.train_start, pair.train_start + pair.length)
-        right = slice(pair.repeat_start, pair.repeat_start + pair.length)
-        first, second = (
-            full_residual(design, model.fit.theta, joint, index, model.extra)[part]
-            for index, part in ((pair.train, left), (pair.repeat, right))
-        )
-        rest = design.segments[pair.train].rest[left, joint] | design.segments[pair.repeat].rest[right, joint]
+        both = list(zip((pair.train, pair.repeat), pair.rows, strict=True))
+        first, second = (full_residual(design, model.fit.theta, joint, i, model.extra)[rows] for i, rows in both)
+        rest = np.logical_or(*(design.segments[i].rest[rows, joint] for i, rows in both))
         noise = model.noise.of(joint, design.segments[pair.train].loaded)
         halves = np.column_stack([first + second, first - second]) / np.sqrt(2.0)
         white = noise(bank.reduce(halves))[noise.kept(moving_rows(bank, rest))]
@@ -141,7 +137,7 @@ def misfit(model: Model, pairs: Sequence[Pairing], joint: int) -> Misfit:
         rows += len(white)
     if not rows:
         return Misfit(0.0, 0.0)
-    # The sum counts structure twice; the pair's two segments stand for all loaded ones.
+    # The sum counts structure twice; the pair's two segments represent all loaded ones.
     scale = 0.5 * len(model.fit.residual[joint]) / rows
     return Misfit(scale * (together - apart), (together - apart) / float(2.0 * np.sqrt(rows)))
 
@@ -162,7 +158,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
         rise = float(np.std(second) / np.std(first)) - 1.0
         if rise <= MOST_WORSE or (worst is not None and rise <= worst[1]):
             continue
-        seen = _on_validate(before, after, validate, (joint,))
+        seen = on_validate(before, after, validate, (joint,))
         if seen.gain < 0 and seen.short > significant:
             worst = joint, rise
     return worst
@@ -170,7 +166,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
 
 @dataclass(frozen=True)
 class OnValidate:
-    """What a better model does to the whitened residual of the validation segments.
+    """Change of the whitened residual of the validation segments by a better model.
 
     If it is right, the residual it leaves, ``u``, is noise and what its parameters' errors make, of covariance ``V =
     s^2 (I + X C X')``; the other model's is ``u - d``. The chi-square then falls by ``d'd - 2 u'd``.
@@ -199,12 +195,12 @@ class OnValidate:
 
     @property
     def has_power(self) -> bool:
-        """Whether a right model would be confirmed here in all but one case of a hundred."""
+        """True where a right model would be confirmed here in all but one case of a hundred."""
         return self.expected > CONFIRMED + float(stats.norm.isf(MISSES_RIGHT)) * self.spread
 
     @property
     def refutes(self) -> bool:
-        """Whether the rows speak against it as clearly as they have to for it, or are silent where they could speak.
+        """True where the rows speak against it as clearly as they have to for it, or are silent where they could speak.
 
         The rows' density knows how uncertain the parameters are; what is handed out has their means. Neither may.
         """
@@ -212,12 +208,18 @@ class OnValidate:
         return min(self.predicted, self.gain) < needed
 
 
-def on_validate(before: Model, after: Model, validate: Sequence[int]) -> OnValidate:
-    """Compare ``after`` with ``before`` on the validation segments, all joints together."""
-    return _on_validate(before, after, validate, range(len(before.design.machine.joints)))
+def on_validate(
+    before: Model, after: Model, validate: Sequence[int], joints: Sequence[int] | None = None
+) -> OnValidate:
+    """Compare a model with another one on the validation segments.
 
-
-def _on_validate(before: Model, after: Model, validate: Sequence[int], joints: Sequence[int]) -> OnValidate:
+    Parameters
+    ----------
+    before, after : the models
+    validate : numbers of the segments
+    joints : those that are taken together; None: all of them
+    """
+    joints = range(len(before.design.machine.joints)) if joints is None else joints
     gain, expected, own, seen = 0.0, 0.0, 0.0, np.zeros(len(after.fit.theta))
     start, entered = len(before.fit.theta), False
     densities = [Density(np.zeros(len(m.fit.theta))) for m in (before, after)]
@@ -280,11 +282,11 @@ class Density:
 def validate_gain(before: Model, after: Model, validate: Sequence[int]) -> float:
     """Compute by how much the validation rows' whitened chi-square falls from one model to another."""
     joints = range(len(before.design.machine.joints))
-    left = [
-        sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)
-        for model in (before, after)
-    ]
-    return left[0] - left[1]
+
+    def chi_square(model: Model) -> float:
+        return sum(float(np.sum(_white_residual(model, index, joint) ** 2)) for joint in joints for index in validate)
+
+    return chi_square(before) - chi_square(after)
 
 
 def _white_residual(model: Model, index: int, joint: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What blocks that were left out of the fit say of a term: the logarithm of their predictive density.
+"""Held-out gain of a term: the logarithm of the predictive density of blocks that were left out of the fit.
 
 Whitened rows are cut into blocks of six seconds, or of fifty rows where the band is wider than 3 Hz (some ten
 correlation times of what the filter and a first-order disturbance leave), dealt out over ten folds. Base, accepted
@@ -7,7 +7,7 @@ rows that were left out then have the density
 
     b ~ N(A theta, I + A C A'),    C = (A_t'A_t)^-1 of the rows A_t that were fitted,
 
-parameters' uncertainty included: a fold of which the others tell little neither confirms nor ruins anything. A term's
+parameters' uncertainty included: a fold of which the others hold little neither confirms nor ruins anything. A term's
 gain is twice the logarithm of the densities' ratio with and without it, also without the fold that shows it most: what
 is in one block only is confirmed by no other. Only block Gram matrices are needed, so a fold costs two small solves.
 
@@ -31,13 +31,13 @@ BLOCK_ROWS, GUARD_ROWS = 50, 8
 FOLDS = 10
 #: Gain from which on a term is confirmed: odds of 19 to 1.
 CONFIRMED = 2.0 * float(np.log(19.0))
-#: Prior precision of unit columns that stands for none.
+#: Prior precision of unit columns that is none.
 _FLAT = 1e-10
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """What blocks that were left out of the fit say of a term.
+    """Held-out gain of a term, on blocks that were left out of the fit.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class HeldOut:
     z : the same over its standard error, from the spread between folds
     blocks : number of folds
     alike : the same as ``gain`` without the fold that gains most
-    inflation : noise of the rows that show it, as variance over what the noise model says
+    inflation : noise of the rows that show it, as variance over the noise model's
         (:mod:`fitting.residual.confirmation.robustness`)
     """
 
@@ -74,12 +74,12 @@ def held_out_gain(
         (a prior's rows, at the end of a joint or in a block of their own, are always fitted)
     rate_hz : rate of the rows
     expected : True where ``after`` has rows of what is expected of its parameters (a curve is smooth); else
-        these are in any direction of what is seen of them, as large as all rows say
+        these are in any direction of what is seen of them, as large as all rows have it
     """
     candidate = after[0].A.shape[1] - before[0].A.shape[1]
     precision = np.zeros((after[0].A.shape[1],) * 2)
     if not expected:
-        precision[-candidate:, -candidate:] = _as_seen(*unit_columns(after), candidate)
+        precision[-candidate:, -candidate:] = _as_seen(*_unit_columns(after), candidate)
     folds = zip(_densities(before, rate_hz), _densities(after, rate_hz, precision), strict=True)
     values = np.array([2.0 * (with_it - without) for without, with_it in folds])
     if len(values) < 2:
@@ -93,7 +93,7 @@ def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray |
     """Log density of each fold, fitted without it; ``expected`` (p, p) is a prior precision of unit columns."""
     length = max(1, min(BLOCK_ROWS, round(BLOCK_SECONDS * rate_hz)))
     guard = max(1, min(GUARD_ROWS, round(GUARD_SECONDS * rate_hz)))
-    A, b = unit_columns(rows)
+    A, b = _unit_columns(rows)
     block, position = _blocks(rows, length)
     fold = np.where(block >= 0, block % FOLDS, -1)
     inside = np.mod(position, length)
@@ -112,9 +112,9 @@ def _densities(rows: Sequence[WhiteRows], rate_hz: float, expected: FloatArray |
 def _as_seen(A: FloatArray, b: FloatArray, candidate: int) -> FloatArray:
     """Compute Zellner's prior precision of the last columns: amplitudes as their fit to all rows has them."""
     base = A[:, :-candidate]
-    left = A[:, -candidate:] - base @ solve_gram(base.T @ base, base.T @ A[:, -candidate:])
+    left = A[:, -candidate:] - base @ _solve_gram(base.T @ base, base.T @ A[:, -candidate:])
     information = left.T @ left
-    values = solve_gram(information, left.T @ b)
+    values = _solve_gram(information, left.T @ b)
     gain = float(values @ information @ values)
     return np.asarray(information * candidate / max(gain, float(candidate)) + _FLAT * np.eye(candidate))
 
@@ -151,13 +151,13 @@ def _blocks(rows: Sequence[WhiteRows], length: int) -> tuple[IntArray, IntArray]
     return np.concatenate(blocks), np.concatenate(positions)
 
 
-def unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
+def _unit_columns(rows: Sequence[WhiteRows]) -> tuple[FloatArray, FloatArray]:
     """Scale columns (R, p) to unit norm; with the target (R,) of the rows of all joints."""
     A = np.vstack([r.A for r in rows])
     return A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), np.concatenate([r.b for r in rows])
 
 
-def solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
+def _solve_gram(gram: FloatArray, products: FloatArray) -> FloatArray:
     """Solve least squares by a Gram matrix of unit columns, (p,) or (p, k), without directions below 1e-10."""
     values, vectors = np.linalg.eigh(gram)
     live = values > 1e-10 * values[-1]

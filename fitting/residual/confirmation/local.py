@@ -4,7 +4,7 @@ Of such a model, with residual ``r``, columns ``J`` and information ``G`` of wha
 
     log p = -1/2 (r'r + r'J G^-1 J'r) / s^2 - 1/2 log det(I + J G^-1 J')
 
-so what only the part itself could have told is not held against a model, and pays for being open instead. ``s^2`` is
+so what only the part itself could have shown is not held against a model, and pays for being open instead. ``s^2`` is
 not known: with that of each model, the parts' density falls by half the logarithm of the sum of squares for each
 independent row, of which there are as many as what the larger model leaves has.
 

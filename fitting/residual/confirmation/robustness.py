@@ -1,7 +1,7 @@
-"""How much noisier the rows that show a term are than the noise model says.
+"""Inflation: by how much the rows that show a term are noisier than in the noise model.
 
 The noise is measured where a motion was made twice, over all of it alike, and within some per cent. Where it depends on
-the motion (a sign that is unsure near reversals, knocks), or hangs together for longer than was heard, chance reaches
+the motion (a sign that is unsure near reversals, knocks), or is correlated for longer than was measured, chance reaches
 further for a term that acts just there. On a machine whose model is not exact, what the final model leaves is neither
 white nor small. So the gain of a term is worth less by ``phi``, which is seen as
 
@@ -37,7 +37,7 @@ _MOST = 100.0
 
 
 class Leftover:
-    """What a model leaves, by which gains are divided.
+    """Residual of a model, by which gains are divided.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class Leftover:
 def _spectrum(residual: FloatArray, taps: FloatArray, part: slice) -> FloatArray:
     """Compute a joint's residual power density over its mean square, padded to twice the length of the stretch."""
     size, points = float(np.mean(residual**2)), 2 * (part.stop - part.start)
-    if len(taps) == 1 or points < len(taps):  # white, or too short a stretch to tell frequencies apart
+    if len(taps) == 1 or points < len(taps):  # white, or too short a stretch to separate frequencies
         return np.ones(points)
     innovations = float(np.mean(np.convolve(residual, taps, mode="valid") ** 2))
     return np.asarray(innovations / size / np.abs(np.fft.fft(taps, points)) ** 2)

@@ -5,15 +5,15 @@ Three things make the standard deviations of a least-squares fit too small once 
 shapes
     An effect's formula has parameters that are not linear (a Stribeck speed, an onset, a resonance), which were
     searched; each gets a column, the formula's derivative by its relative change, so that linear parameters share its
-    doubt.
+    uncertainty.
 laws
-    What part of a law of unknown physics lies in the base's own columns cannot be told, and is expected to be twice as
-    large as what was found beside them. And what parameters move by when the law is added is doubt as well: the law is
+    What part of a law of unknown physics lies in the base's own columns is unknown, and is expected to be twice as
+    large as what was found beside them. And by what parameters move when the law is added is uncertain: the law is
     a spline, not nature's formula.
 noise
     The spectrum that rows were whitened by was estimated (:mod:`fitting.regression.freedom`). And where a joint's
     whitened residual is refused as white and normal noise, or an effect was found there whose formula need not be
-    nature's, its rows count with what their scores say of themselves (a sandwich, Newey and West's).
+    nature's, its rows count with the variance of their scores (a sandwich, Newey and West's).
 
 Source: G. Seber and C. Wild, *Nonlinear Regression*, 1989, section 2.1 (linear approximation).
 """
@@ -41,7 +41,7 @@ from fitting.signals.filters import FilterBank
 _STEP, _SHAPE_STD = 0.004, 0.5
 #: The share of an unknown law that lies in the base's columns, in units of what lies beside them.
 _HIDDEN = 2.0
-#: Chance that white and normal noise is refused as such, and rows of a stretch that say something of its spectrum.
+#: Chance that white and normal noise is refused as such, and rows of a stretch that show something of its spectrum.
 REFUSED, _SHORTEST = 1e-3, 32
 #: Share of the bandwidth below which whitened noise is flat: the filter falls around it.
 _INSIDE = 0.9
@@ -139,10 +139,8 @@ def shape_columns(model: Model) -> Extra | None:
     """Compute full-rate columns of terms' derivatives by the logarithm of each shape; None without any shape."""
     slopes = list[Extra]()
     for number, term in enumerate(model.terms):
-        if not isinstance(term.content, Effect) or term.rebuilt:
-            continue
         values = model.fit.theta[model.term_slice(number)]
-        for key, value in term.shape.items():
+        for key, value in term.shape.items() if isinstance(term.content, Effect) and not term.rebuilt else ():
             if key in term.discrete or not value:
                 continue
             slope = _slope(model, term, key, values)
@@ -154,19 +152,16 @@ def shape_columns(model: Model) -> Extra | None:
 
 def _slope(model: Model, term: Term, key: str, values: FloatArray) -> list[list[FloatArray | None]]:
     """Differentiate a term's contribution by the log of one shape, per joint and segment (N, 1)."""
-    up, down = (
-        extra_columns(
-            model.design, model.views, [replace(term, shape={**term.shape, key: term.shape[key] * factor})]
-        ).columns
-        for factor in (1 + _STEP, 1 - _STEP)
-    )
-    return [
-        [
-            None if first is None or second is None else ((first - second) @ values / (2 * _STEP))[:, None]
-            for first, second in zip(a, b, strict=True)
-        ]
-        for a, b in zip(up, down, strict=True)
-    ]
+
+    def at(factor: float) -> Sequence[Sequence[FloatArray | None]]:
+        moved = replace(term, shape={**term.shape, key: term.shape[key] * factor})
+        return extra_columns(model.design, model.views, [moved]).columns
+
+    def slope(up: FloatArray | None, down: FloatArray | None) -> FloatArray | None:
+        return None if up is None or down is None else ((up - down) @ values / (2 * _STEP))[:, None]
+
+    both = zip(at(1 + _STEP), at(1 - _STEP), strict=True)
+    return [[slope(*pair) for pair in zip(*joint, strict=True)] for joint in both]
 
 
 def _white(model: Model, extra: Extra) -> FloatArray:
@@ -188,10 +183,9 @@ def law_variances(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:
     count = len(model.design.parameters)
     if not any(isinstance(term.content, Law) for term in model.terms):
         return variances
-    named = [
-        isinstance(term.content, Effect) for term in model.terms for _ in term.names(model.design.parameters.joints)
-    ]
-    without = np.flatnonzero(model.fit.determined & np.concatenate([np.ones(count, dtype=bool), np.array(named)]))
+    without = model.fit.determined.copy()
+    for number, term in enumerate(model.terms):
+        without[model.term_slice(number)] &= isinstance(term.content, Effect)
     A = np.vstack([own.A[:, without] for own in rows])
     unit = np.linalg.norm(A, axis=0)
     plain = np.linalg.lstsq(A / unit, np.concatenate([own.b for own in rows]), rcond=1e-12)[0] / unit

@@ -13,7 +13,7 @@ model's residual, everything needed is the Gram matrix of the projected columns 
 
     (eta_u, eta_l) = G^-1 s,   covariance G^-1   (whitened rows: unit variance)
 
-What one witness says is weighed against what it would have said: ``expected`` is the significance that the *other*
+What one witness shows is weighed against what it would have shown: ``expected`` is the significance that the *other*
 witness's value would have had here. A witness that could not have seen it is silent, and excludes nothing.
 """
 
@@ -43,7 +43,7 @@ _DEAD = 1e-4
 
 @dataclass(frozen=True)
 class Witness:
-    """What the unloaded and the loaded rows say about one candidate with ``k`` coefficients.
+    """Estimates of the unloaded and the loaded rows of one candidate with ``k`` coefficients.
 
     Significances are roots of chi-squares, turned into those of one coefficient with the same chance.
 
@@ -52,7 +52,7 @@ class Witness:
     verdict : ``both`` (one value explains both), ``different`` (in both, with different values), ``gone_unloaded``
         (loaded only, although the unloaded rows would have shown it), ``only_unloaded`` (the other way round),
         ``silent`` (one of the two could not have seen it), ``neither`` (not significant in either)
-    unloaded, loaded : (k,) estimates; zero where the rows say nothing
+    unloaded, loaded : (k,) estimates; zero where the rows show nothing
     unloaded_z, loaded_z : significance of each
     expected_unloaded, expected_loaded : significance that the other witness's value would have had in these rows
     difference_z : significance of the difference of the two
@@ -107,28 +107,16 @@ def witness(
     left = np.diag(gram)
     alive = left > np.maximum(_DEAD**2 * squares, 1e-300)
     scale = np.where(alive, 1.0 / np.sqrt(np.where(alive, left, 1.0)), 0.0)
-    # Directions that the data does not tell are left out of the inverse instead of being blown up.
+    # Directions that the data does not determine are left out of the inverse instead of being blown up.
     covariance = np.linalg.pinv(gram * np.outer(scale, scale), rcond=_DEAD**2, hermitian=True) * np.outer(scale, scale)
     values = covariance @ score
     u, v = slice(0, k), slice(k, 2 * k)
-    cov_u, cov_l = covariance[u, u], covariance[v, v]
-    apart = cov_u + cov_l - covariance[u, v] - covariance[v, u]
-    seen = np.array([bool(alive[u].any()), bool(alive[v].any())])
-    z_u = _significance(values[u], cov_u) if seen[0] else 0.0
-    z_l = _significance(values[v], cov_l) if seen[1] else 0.0
-    expected_u = _significance(values[v], cov_u) if seen[0] else 0.0
-    expected_l = _significance(values[u], cov_l) if seen[1] else 0.0
-    difference = _significance(values[u] - values[v], apart) if seen.all() else 0.0
-    return Witness(
-        verdict=_verdict(z_u, z_l, expected_u, expected_l, difference),
-        unloaded=values[u],
-        loaded=values[v],
-        unloaded_z=z_u,
-        loaded_z=z_l,
-        expected_unloaded=expected_u,
-        expected_loaded=expected_l,
-        difference_z=difference,
-    )
+    z_u, z_l = (_significance(values[own], covariance[own, own]) for own in (u, v))
+    expected_u, expected_l = (_significance(values[other], covariance[own, own]) for own, other in ((u, v), (v, u)))
+    apart = covariance[u, u] + covariance[v, v] - covariance[u, v] - covariance[v, u]
+    difference = _significance(values[u] - values[v], apart) if alive[u].any() and alive[v].any() else 0.0
+    verdict = _verdict(z_u, z_l, expected_u, expected_l, difference)
+    return Witness(verdict, values[u], values[v], z_u, z_l, expected_u, expected_l, difference)
 
 
 def _significance(values: FloatArray, covariance: FloatArray) -> float:
