@@ -432,6 +432,14 @@ def calibration_error(given: Sequence[Statement]) -> float:
     return float(sum(b.count * abs(b.stated - b.right) for b in diagram(given)) / max(len(given), 1))
 
 
+def calibration_error_by_chance(given: Sequence[Statement]) -> float:
+    """Compute the calibration error that is expected of as many statements whose probabilities are right."""
+    p = np.array([stated for stated, _ in given])
+    bins = np.minimum(np.digitize(p, EDGES) - 1, len(EDGES) - 2)
+    variances = np.bincount(bins, p * (1.0 - p))  # the mean distance of a normal sum is sqrt(2 / pi) of its deviation
+    return float(np.sum(np.sqrt(2.0 / np.pi * variances)) / max(len(given), 1))
+
+
 def brier(given: Sequence[Statement]) -> float:
     """Compute the mean squared distance of the probabilities from what is true (0 or 1)."""
     return float(np.mean([(p - right) ** 2 for p, right in given])) if given else float("nan")
@@ -474,7 +482,8 @@ def calibration(lines: Sequence[Line]) -> list[Check]:
         return []
     error, score = calibration_error(given), brier(given)
     return [
-        Check("expected calibration error of stated probabilities", error, f"{100 * error:.1f} %", "at most",
+        Check("expected calibration error of stated probabilities", error,
+              f"{100 * error:.1f} % ({100 * calibration_error_by_chance(given):.1f} % by chance alone)", "at most",
               LARGEST_ERROR, f"{100 * LARGEST_ERROR:.0f} %"),
         figure("Brier score of stated probabilities", score, "{:.3f}"),
     ]  # fmt: skip

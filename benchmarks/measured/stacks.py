@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import final_model
 from fitting.loop.session import Options, Request, Session
-from fitting.loop.stored_terms import term_from_json
 from fitting.pipeline.stages import run_stage
+from fitting.residual.stored_terms import corrections_from_json, term_from_json
 from fitting.residual.terms import Model, Term
 
 Low = Callable[[FloatArray], FloatArray]
@@ -87,7 +86,7 @@ def _called(term: Mapping[str, Any]) -> str:
 def refitted(session: Session, terms: Sequence[Term], found: Found | None = None) -> Model:
     """Refit base and terms jointly on a session; kinematic corrections as the loop found them."""
     steps = [] if found is None else [s for f in found.results["residual"]["kinematics"] for s in f["steps"]]
-    return final_model(session, corrections_from_json(session, steps), terms)[1].model
+    return final_model(session, corrections_from_json(session.machine, steps), terms)[1].model
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import erf, gamma, hyp1f1
+import scipy
 
 from fitting.arrays import FloatArray
 
@@ -21,7 +21,7 @@ _FAR = 6.0
 def expected_sign(speed: npt.ArrayLike, noise: float) -> FloatArray:
     """Compute ``E[sgn(v)]`` for a measured ``speed`` with Gaussian noise of that standard deviation."""
     speed = np.asanyarray(speed)
-    return np.asanyarray(np.sign(speed) if noise <= 0 else erf(speed / (np.sqrt(2.0) * noise)))
+    return np.asanyarray(np.sign(speed) if noise <= 0 else scipy.special.erf(speed / (np.sqrt(2.0) * noise)))
 
 
 def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> FloatArray:
@@ -39,8 +39,8 @@ def expected_power(speed: npt.ArrayLike, noise: float, exponent: float) -> Float
         return np.asarray(power)
     p, u = exponent, speed / noise
     near = np.abs(u) < _FAR
-    factor = noise**p * 2 ** ((p + 1) / 2) * gamma(1 + p / 2) / np.sqrt(np.pi)
+    factor = noise**p * 2 ** ((p + 1) / 2) * scipy.special.gamma(1 + p / 2) / np.sqrt(np.pi)
     inverse = (noise / speed[~near]) ** 2
     power[~near] *= 1 + p * (p - 1) / 2 * inverse * (1 + (p - 2) * (p - 3) / 4 * inverse)
-    power[near] = factor * u[near] * hyp1f1((1 - p) / 2, 1.5, -(u[near] ** 2) / 2)
+    power[near] = factor * u[near] * scipy.special.hyp1f1((1 - p) / 2, 1.5, -(u[near] ** 2) / 2)
     return np.asarray(power)

@@ -31,7 +31,7 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import BaseParameters, base_regressor
@@ -399,7 +399,7 @@ class Effect(ABC):
         share = 1.0
         for p, value, std in zip(self.parameters, values, stds, strict=True):
             if std > 0:
-                share *= float(ndtr((p.high - value) / std) - ndtr((p.low - value) / std))
+                share *= float(scipy.special.ndtr((p.high - value) / std) - scipy.special.ndtr((p.low - value) / std))
         return share
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, Parameter, Parity, Shape
@@ -44,5 +44,5 @@ class CrossCylinderCoupling(Effect):
 
         Then the linear and the quadratic part push the same way, in the even and in the odd part each.
         """
-        over, under = (ndtr(sign * np.asarray(values) / np.maximum(stds, 1e-300)) for sign in (1.0, -1.0))
+        over, under = (scipy.special.ndtr(sign * np.asarray(values) / np.maximum(stds, 1e-300)) for sign in (1.0, -1.0))
         return float(np.prod([over[n] * over[n + 1] + under[n] * under[n + 1] for n in (0, 2)]))

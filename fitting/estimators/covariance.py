@@ -24,7 +24,8 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, signal
+import scipy
+from scipy import linalg
 
 from fitting.arrays import BoolArray, FloatArray, IntArray
 from fitting.estimators.base import Rows
@@ -106,8 +107,8 @@ def _whitened_sum(Q: FloatArray, e: FloatArray) -> FloatArray:
     if len(e) < _SHORT:
         return _bartlett(Q * e[:, None], 0)
     taps = autoregression(e)
-    innovations = signal.lfilter(taps, [1.0], e)
-    turned = signal.lfilter([1.0], taps, Q[::-1], axis=0)[::-1]
+    innovations = scipy.signal.lfilter(taps, [1.0], e)
+    turned = scipy.signal.lfilter([1.0], taps, Q[::-1], axis=0)[::-1]
     V = turned * innovations[:, None]
     return _bartlett(V, _bandwidth(V))
 
@@ -146,7 +147,7 @@ def residual_draws(residual: npt.ArrayLike, draws: int, rng: np.random.Generator
     if n < _SHORT:
         return rng.choice(e - e.mean(), (draws, n)) if n else np.zeros((draws, 0))
     taps = autoregression(e)
-    innovations = signal.lfilter(taps, [1.0], e)[len(taps) - 1 :]
+    innovations = scipy.signal.lfilter(taps, [1.0], e)[len(taps) - 1 :]
     innovations = innovations - innovations.mean()
     # What the autoregression forgets by a factor of e in 1 / (1 - 0.97) rows, it forgets in ten times that.
     start = 0 if len(taps) == 1 else min(n, 330)
@@ -155,7 +156,7 @@ def residual_draws(residual: npt.ArrayLike, draws: int, rng: np.random.Generator
     first = rng.integers(0, len(innovations), (draws, -(-need // block)))
     index = (first[:, :, None] + np.arange(block)) % len(innovations)
     drawn = innovations[index.reshape(draws, -1)[:, :need]]
-    return np.asarray(signal.lfilter([1.0], taps, drawn, axis=1)[:, start:])
+    return np.asarray(scipy.signal.lfilter([1.0], taps, drawn, axis=1)[:, start:])
 
 
 def autoregression(e: FloatArray) -> FloatArray:

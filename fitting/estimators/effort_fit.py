@@ -18,7 +18,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy import signal, stats
+import scipy
 
 from daq.recordings.recording_checks import runs
 from fitting.arrays import BoolArray, FloatArray, IntArray
@@ -373,7 +373,7 @@ def long_run(series: FloatArray) -> float:
     if len(series) < _SHORT or not series.any():
         return 1.0
     taps = autoregression(series)
-    innovations = signal.lfilter(taps, [1.0], series)[len(taps) - 1 :]
+    innovations = scipy.signal.lfilter(taps, [1.0], series)[len(taps) - 1 :]
     return max(1.0, float(np.var(innovations) / np.sum(taps) ** 2 / np.mean(series**2)))
 
 
@@ -418,4 +418,4 @@ def parameter_error(rows: EffortRows, fit: Fit, floor: FloatArray) -> float:
     if not mean > 0 or not square > 0:
         return 0.0
     freedom = mean**2 / square
-    return float(np.sqrt(mean * stats.chi2.isf(CHANCE, freedom) / freedom))
+    return float(np.sqrt(mean * scipy.stats.chi2.isf(CHANCE, freedom) / freedom))

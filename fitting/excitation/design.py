@@ -16,7 +16,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
@@ -254,7 +254,7 @@ def information_of(machine: Machine, base: BaseParameters, motion: Motion) -> Fl
     if motion.rods != "pinned":
         raise InputError("fitting.motion_rods_unpinned_tells", machine=machine.name)
     rest: Any = [(order, np.zeros(len(machine.joints))) for order in (1, 2)]
-    law = make_interp_spline(motion.time, motion.joint_positions(machine), k=5, bc_type=(rest, rest))
+    law = scipy.interpolate.make_interp_spline(motion.time, motion.joint_positions(machine), k=5, bc_type=(rest, rest))
     count = round(motion.seconds * machine.rate_hz)
     time = np.linspace(0.0, motion.seconds, count + 1)
     Y = base_regressor(machine, base, law(time), law.derivative(1)(time), law.derivative(2)(time))

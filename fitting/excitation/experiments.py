@@ -20,7 +20,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
@@ -340,7 +340,7 @@ def _kept(arm: Arm, q: FloatArray, kind: str) -> Motion:
         )
     if slower > 1.0:
         count = int(np.ceil(len(q) * slower))
-        q = make_interp_spline(time, q, k=5)(np.linspace(0.0, time[-1], count))
+        q = scipy.interpolate.make_interp_spline(time, q, k=5)(np.linspace(0.0, time[-1], count))
         time = np.arange(count) / machine.rate_hz
     columns = {joint.name: q[:, i].copy() for i, joint in enumerate(machine.joints)}
     return Motion(machine.name, "pinned", time, columns)

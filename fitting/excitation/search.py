@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
@@ -66,7 +66,7 @@ def lbfgs(
         if step is not None:
             step()
 
-    found = minimize(
+    found = scipy.optimize.minimize(
         value_and_gradient,
         start.reshape(-1),
         jac=True,

@@ -12,17 +12,15 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logsumexp
+import scipy
 
 from daq.messages import Sentence
 from fitting.arrays import FloatArray
-from fitting.effects import effect
 from fitting.effects.base import Effect
-from fitting.loop.session import Described, Prepared, Session
+from fitting.loop.session import Prepared, Session
 from fitting.regression.drive import drive_columns, known_effort
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis, combined
@@ -214,7 +212,7 @@ def _with_efforts(posterior: GapPosterior, fits: Mapping[Pose, Model]) -> GapPos
         behind.append(0.5 * (_left(model) - _left(least)) / left.inflation(apart))
         sizes.append(sum(float(each @ each) for each in apart.values()))
     odds = np.log([p for _, p in sets])[:, None] - np.array(behind)[:, None] * tempering(np.array(sizes)[:, None])
-    chances = np.exp(odds - logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
+    chances = np.exp(odds - scipy.special.logsumexp(odds, axis=0)) @ np.array(priors.PHYSICS) * sum(p for _, p in sets)
     pairs = [(chosen, p) for (chosen, _), p in zip(sets, chances.tolist(), strict=True)]
     return replace(posterior, sets=tuple(sorted([*pairs, *rest], key=lambda pair: -pair[1])))
 
@@ -352,22 +350,3 @@ def _hypotheses(posteriors: Mapping[int, GapPosterior]) -> tuple[Hypothesis, ...
     """Combine whole explanations of all gaps; joints are independent."""
     sets = {joint: posterior.sets[:MOST_LISTED] for joint, posterior in posteriors.items()}
     return combined([[(own.terms(joint), p) for own, p in there if p > LEAST] for joint, there in sets.items()])
-
-
-def corrections_from_json(session: Described, steps: Sequence[Mapping[str, Any]]) -> Corrections:
-    """Read corrections from the ``steps`` of stored kinematic findings, in order."""
-    corrections = Corrections(session.machine)
-    for step in steps:
-        score = GapScore(effect(step["effect"]), step["joint"], dict(step["shape"]), 0.0, tuple(step["values"]), ())
-        corrections = corrected(corrections, score)
-    return corrections
-
-
-def step_to_json(step: GapScore) -> dict[str, Any]:
-    """Return one rebuilt step as plain JSON."""
-    return {
-        "effect": step.effect.id,
-        "joint": step.joint,
-        "shape": dict(step.shape),
-        "values": list(step.values),
-    }

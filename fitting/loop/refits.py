@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fitting.loop.session import Described, Options, Prepared, Session
+from fitting.loop.session import Options, Prepared, Session
 from fitting.loop.weighting import Weighed, weighed
 from fitting.regression.design import full_residual
 from fitting.regression.noise import difference_noise
@@ -16,7 +16,7 @@ from fitting.regression.prior import Prior
 from fitting.residual.confirmation.confirmation import Misfit, misfit
 from fitting.residual.null import Null, Replicas
 from fitting.residual.scoring import Candidates, Score
-from fitting.residual.terms import Model, Term, fit_model
+from fitting.residual.terms import Model, Term, delays, fit_model
 from fitting.signals.corrections import Corrections
 from fitting.signals.preparation import position_channel_noise
 
@@ -44,7 +44,7 @@ class SessionSignals:
 
     def prepared(self, terms: Sequence[Term]) -> Prepared:
         """Return the design on signals corrected by the terms; the last one and that without delays are cached."""
-        late, resampled = delays(self._session, terms)
+        late, resampled = delays(self._session.machine, terms)
         if not late:
             return self._undelayed
         key = (tuple(sorted(late.items())), resampled)
@@ -167,13 +167,6 @@ class SessionSignals:
     def _refitted(self, prepared: Prepared, terms: Sequence[Term], near: Model) -> Model:
         """Fit with columns of the forces of a nearly equal model: of moved efforts."""
         return fit_model(prepared.design, prepared.noise, prepared.fitted, terms, self.prior, start=near, passes=1)
-
-
-def delays(session: Described, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
-    """Return by joint name the seconds its effort is late by accepted terms, and whose samples were passed on late."""
-    joints = session.machine.joints
-    late = [(joints[t.joint].name, t) for t in terms if t.delays_effort and t.rebuilt and t.joint is not None]
-    return {name: t.rebuilt[0] for name, t in late}, frozenset(name for name, t in late if t.resampled)
 
 
 def final_model(session: Session, corrections: Corrections, terms: Sequence[Term]) -> tuple[Prepared, Weighed]:

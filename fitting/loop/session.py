@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -154,14 +153,6 @@ class Search:
     def whole(self) -> bool:
         """True where everything is searched."""
         return self.seconds >= self.of_seconds
-
-
-class Described(Protocol):
-    """Owner of a machine: a session, or a model that one handed over."""
-
-    @property
-    def machine(self) -> Machine:
-        """The machine."""
 
 
 class Session:

@@ -16,13 +16,12 @@ from fitting.arm.base_parameters import BaseParameters
 from fitting.arm.joint_side import at_joints
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect, Ranges
-from fitting.loop.kinematic_check import corrections_from_json
-from fitting.loop.refits import delays
 from fitting.model.tails import Tail
 from fitting.regression.design import Parameters
 from fitting.regression.drive import drive_names, drive_units, effort_unit
 from fitting.residual.laws import Law
-from fitting.residual.terms import Term
+from fitting.residual.stored_terms import corrections_from_json
+from fitting.residual.terms import Term, delays
 from fitting.residual.views import RodLaw
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, filter_bank
@@ -32,13 +31,6 @@ from fitting.signals.preparation import PositionNoise
 FOREIGN = -2
 #: Signals of a law that needs the motion before a moment.
 _MEMORY = frozenset({"time_since_reversal", "distance_since_reversal", "force_rate"})
-
-
-@dataclass(frozen=True)
-class _Described:
-    """A machine, for what asks for something that has one."""
-
-    machine: Machine
 
 
 @dataclass(frozen=True)
@@ -113,7 +105,7 @@ class ArmModel:
     ----------
     machine : as the machine file has it
     steps : what was learnt about positions and linkages, step by step
-        (:func:`fitting.loop.kinematic_check.step_to_json`)
+        (:func:`fitting.residual.stored_terms.step_to_json`)
     base : the base parameters
     bandwidth_hz : of the identification filter
     noise : per joint the noise of its position; the speed's makes friction smooth at zero speed
@@ -180,7 +172,7 @@ class ArmModel:
     @cached_property
     def corrections(self) -> Corrections:
         """Corrected linkages and positions, of the machine with channels at its joints."""
-        return corrections_from_json(_Described(at_joints(self.machine, ())[0]), self.steps)
+        return corrections_from_json(at_joints(self.machine, ())[0], self.steps)
 
     @property
     def arm(self) -> Machine:
@@ -253,7 +245,7 @@ class ArmModel:
     @cached_property
     def delays(self) -> tuple[dict[str, float], frozenset[str]]:
         """Joint name to s by which its effort is late, and whose samples were passed on late."""
-        return delays(self, self.terms)
+        return delays(self.machine, self.terms)
 
     def place(self, term: Term) -> str:
         """Return a term's place: its joint, or the machine."""

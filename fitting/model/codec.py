@@ -23,10 +23,10 @@ from daq.whole_files import replacing
 from fitting.arm.base_parameters import BaseParameters
 from fitting.arrays import FloatArray
 from fitting.effects.base import Ranges
-from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.model import motion
 from fitting.model.arm_model import ArmModel, Pass, Provenance, Seen
 from fitting.model.tails import Tail
+from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.views import RodLaw
 from fitting.signals.preparation import PositionNoise
 

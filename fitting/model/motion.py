@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import qmc
+import scipy
 
 from daq.errors import InputError
 from daq.messages import Sentence
@@ -287,7 +287,7 @@ def indefinite(model: ArmModel) -> Indefinite | None:
     Of poses spread over the limits of all joints (a Sobol sequence).
     """
     low, high = model.limits
-    position = low + (high - low) * qmc.Sobol(len(model.joints), scramble=False).random_base2(_POSES)
+    position = low + (high - low) * scipy.stats.qmc.Sobol(len(model.joints), scramble=False).random_base2(_POSES)
     return worst_pose(model, position, inertia_matrix(model, position))
 
 

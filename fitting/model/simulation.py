@@ -16,10 +16,8 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.integrate import solve_ivp
-from scipy.interpolate import CubicSpline
+import scipy
 from scipy.linalg.lapack import dpotrf, dpotrs
-from scipy.special import hyp1f1
 
 from daq.errors import HilfitError, InputError
 from fitting.arrays import FloatArray
@@ -119,7 +117,9 @@ def simulate(
 
     rate = rate_hz or model.machine.rate_hz
     times = np.arange(round(seconds * rate) + 1) / rate
-    found = solve_ivp(slope, (0.0, times[-1]), np.concatenate(start), method, times, rtol=_RELATIVE, atol=_ABSOLUTE)
+    found = scipy.integrate.solve_ivp(
+        slope, (0.0, times[-1]), np.concatenate(start), method, times, rtol=_RELATIVE, atol=_ABSOLUTE
+    )
     if not found.success or not np.isfinite(found.y).all():
         raise HilfitError(f"simulate: the integrator gave up ({found.message}); try method='Radau' or smaller efforts")
     positions, speeds = found.y[:n].T, found.y[n:].T
@@ -197,13 +197,16 @@ def tracking(
         raise InputError(
             f"tracking: t must rise and q have a row for each time and a column for each of {len(model.joints)} joints"
         )
-    spline = CubicSpline(times, path, bc_type="clamped")
+    spline = scipy.interpolate.CubicSpline(times, path, bc_type="clamped")
     grid = np.linspace(times[0], times[-1], max(round((times[-1] - times[0]) * model.machine.rate_hz), 1) + 1)
     moved = motion.on_motion(
         model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0], temperature=temperature
     )
     first = moved.joint_effort(0)
-    forward, inertia = CubicSpline(grid, first), CubicSpline(times, motion.inertia_matrix(model, path))
+    forward, inertia = (
+        scipy.interpolate.CubicSpline(grid, first),
+        scipy.interpolate.CubicSpline(times, motion.inertia_matrix(model, path)),
+    )
     w = 2 * np.pi * bandwidth_hz
 
     def effort(now: float, position: FloatArray, speed: FloatArray) -> FloatArray:
@@ -244,7 +247,7 @@ def _compiled(tracer: Tracer) -> dict[str, Callable[..., list[float]]]:
 def _scalar_power(v: float, noise: float, p: float, factor: float) -> float:
     if noise > 0 and abs(v) < _FAR * noise:
         u = v / noise
-        return factor * u * float(hyp1f1((1.0 - p) / 2.0, 1.5, -0.5 * u * u))
+        return factor * u * float(scipy.special.hyp1f1((1.0 - p) / 2.0, 1.5, -0.5 * u * u))
     inverse = (noise / v) ** 2 if v else 0.0
     series = 1.0 + p * (p - 1.0) / 2.0 * inverse * (1.0 + (p - 2.0) * (p - 3.0) / 4.0 * inverse)
     return math.copysign(abs(v) ** p * series, v)

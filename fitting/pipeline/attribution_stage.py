@@ -7,7 +7,6 @@ import numpy as np
 from daq.messages import Sentence
 from fitting.loop.closing import asked_of, next_experiment
 from fitting.loop.everything import search_note
-from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.noise_scale import words as noise_words
 from fitting.loop.residual_loop import attributed, other_bands
 from fitting.loop.session import Session
@@ -16,6 +15,7 @@ from fitting.pipeline.results.loop_results import Attributed, Designed, OtherBan
 from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.stage_names import NEXT_MOTION, Progress
 from fitting.residual.findings import Attribution, Family
+from fitting.residual.stored_terms import corrections_from_json
 from fitting.selection.posterior import together
 
 
@@ -24,7 +24,7 @@ def attribution(session: Session, results: StageResults, progress: Progress) -> 
     if not session.options.loop:
         return Attributed("not_examined", looked=False)
     residual, search = results[Residual], session.search
-    corrections = corrections_from_json(session, residual.steps)
+    corrections = corrections_from_json(session.machine, residual.steps)
     found = attributed(session, corrections, progress)
     names = tuple(joint.name for joint in session.machine.joints)
     warnings = [*found.warnings, *([] if search.whole else [search_note(search)])]

@@ -27,7 +27,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from scipy import linalg, stats
+import scipy
+from scipy import linalg
 
 from daq.messages import Sentence
 from fitting.arm.geometry import geometry_of
@@ -92,7 +93,7 @@ def plausibility(model: Model) -> Plausibility:
     joints = range(len(model.design.machine.joints))
     friction = [friction_power(model, joint) for joint in joints]
     questions = sum(len(f.speed) for f in friction) + 2 * len(joints) + 1
-    most = float(stats.norm.isf(ALARM / questions))
+    most = float(scipy.stats.norm.isf(ALARM / questions))
     found = [*_drives(model, most), *_frictions(model, friction, most)]
     links, base_distance = _links(model, ALARM / questions)
     if not found and not links:
@@ -145,7 +146,7 @@ def _links(model: Model, alarm: float) -> tuple[bool, float]:
     if not base.inertial_columns:
         return False, 0.0
     _, distance, freedom = _nearest(model, whole=False)
-    return bool(distance > stats.chi2.isf(alarm, max(freedom, 1))), distance
+    return bool(distance > scipy.stats.chi2.isf(alarm, max(freedom, 1))), distance
 
 
 def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Violation]:

@@ -22,7 +22,7 @@ from daq.motion_files import Motion, write_motion
 from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
-from fitting.loop.kinematic_check import Kinematics, corrections_from_json, kinematics
+from fitting.loop.kinematic_check import Kinematics, kinematics
 from fitting.loop.refits import final_model
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
@@ -59,6 +59,7 @@ from fitting.regression.solving import Fit
 from fitting.report import presented, write_report
 from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
+from fitting.residual.stored_terms import corrections_from_json
 from fitting.residual.terms import Model
 from fitting.signals.corrections import Corrections
 
@@ -122,7 +123,7 @@ def _residual(session: Session, results: StageResults, progress: Progress) -> Re
 
 def _refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
     """Refit both stages jointly with the findings; errors before and after."""
-    corrections = corrections_from_json(session, results[Residual].steps)
+    corrections = corrections_from_json(session.machine, results[Residual].steps)
     prepared, final = final_model(session, corrections, results[Attributed].terms)
     (model, chosen), before = estimated(session, final.model), estimated(session, session.base_with(final.weights))[0]
     design = session.plain.design

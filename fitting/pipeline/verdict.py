@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scipy import stats
+import scipy
 
 from daq.messages import Sentence
 from fitting.estimators.effort_fit import CHANCE
@@ -108,7 +108,7 @@ def _against_nothing_missing(results: StageResults, joints: Sequence[str]) -> li
     times = in_floors(refitted.errors["after"]["validate_rms"], results[Residual].noise_floor)
     # In short recordings two equal noises differ by chance.
     rows = (max(refitted.independent_rows[role], 1.0) for role in ("validate", "train"))
-    chance = math.sqrt(float(stats.f.isf(CHANCE, *rows)))
+    chance = math.sqrt(float(scipy.stats.f.isf(CHANCE, *rows)))
     allowed = math.hypot(max(MOST_NOISE, chance), refitted.parameter_error)
     if times is not None and times > allowed:
         reasons.append(Sentence("fitting.validation_motion_error_offsets", times=times, allowed=allowed))

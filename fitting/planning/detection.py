@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
+import scipy
 
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
@@ -40,10 +39,14 @@ def visible_size(needed: float, parameters: int, power: float) -> float:
     ValueError
         If noise alone gains that much so often.
     """
-    if not chi2.sf(needed, parameters) < power < 1:
+    if not scipy.stats.chi2.sf(needed, parameters) < power < 1:
         raise ValueError(f"a power of {power:g} is not between the level of the test and one")
     high = np.sqrt(needed) + 10.0
-    return float(brentq(lambda size: ncx2.sf(needed, parameters, size**2) - power, 1e-6, high, xtol=1e-6))
+    return float(
+        scipy.optimize.brentq(
+            lambda size: scipy.stats.ncx2.sf(needed, parameters, size**2) - power, 1e-6, high, xtol=1e-6
+        )
+    )
 
 
 @dataclass(frozen=True)

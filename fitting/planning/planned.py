@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
@@ -103,7 +103,7 @@ def _stacked(columns: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> St
 def _resampled(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
     if len(time) == len(wanted) and np.allclose(time, wanted, rtol=0, atol=1e-9):
         return values
-    return np.asarray(make_interp_spline(time, values, k=5)(np.minimum(wanted, time[-1])))
+    return np.asarray(scipy.interpolate.make_interp_spline(time, values, k=5)(np.minimum(wanted, time[-1])))
 
 
 _LOWEST = 0.005  # quantile that counts as the lowest pressure seen

@@ -24,7 +24,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtr
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
@@ -158,7 +158,7 @@ class Separation:
     @property
     def probability(self) -> float:
         """Chance that the right one alone is accepted, whichever is right."""
-        return sum(pair.chance * float(ndtr(pair.margin)) for pair in self.pairs)
+        return sum(pair.chance * float(scipy.special.ndtr(pair.margin)) for pair in self.pairs)
 
 
 def leads(apart: FloatArray, rivals: Sequence[Rival]) -> dict[tuple[int, int], Lead]:

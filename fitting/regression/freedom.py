@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fitting.arrays import FloatArray, IntArray
 from fitting.regression.design import Design, NoiseModel
@@ -67,7 +67,7 @@ def degrees_of_freedom(
 
 def coverage_factors(freedom: FloatArray) -> FloatArray:
     """Compute factors that make :data:`SIGMAS` standard deviations an interval of :data:`LEVEL`, (p,), at least 1."""
-    return np.asarray(stats.t.ppf(0.5 + LEVEL / 2, freedom) / SIGMAS)
+    return np.asarray(scipy.stats.t.ppf(0.5 + LEVEL / 2, freedom) / SIGMAS)
 
 
 def moved_without(J: FloatArray, r: FloatArray, blocks: Sequence[IntArray], noise: float) -> FloatArray:

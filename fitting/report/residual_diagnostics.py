@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.regression.design import effort_residual
@@ -90,5 +90,5 @@ def correlation(late: Sequence[FloatArray], early: Sequence[FloatArray], lags: i
 
 
 def _density(residual: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    frequency, density = signal.welch(residual, fs=rate, nperseg=min(_WINDOW, len(residual)))
+    frequency, density = scipy.signal.welch(residual, fs=rate, nperseg=min(_WINDOW, len(residual)))
     return frequency[1:], density[1:]

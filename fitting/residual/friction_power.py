@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect, Parity
@@ -27,7 +27,7 @@ from fitting.residual.terms import Model, Term
 _EDGES = np.array([0.0, 0.04, 0.08, 0.15, 0.25, 0.4, 0.6, 0.8, 1.0])
 _LEAST_SHARE = 0.005
 #: Deviations at which one of a joint's bins is surely below zero: once in ten thousand joints by chance.
-CERTAIN = float(stats.norm.isf(1e-4 / (len(_EDGES) - 1)))
+CERTAIN = -float(scipy.special.ndtri(1e-4 / (len(_EDGES) - 1)))
 _FRICTION = ("f_c", "f_v", "f_s")
 
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, ndimage
+import scipy
+from scipy import linalg
 
 from daq.machine.machine_file import Machine
 from fitting.arrays import FloatArray
@@ -147,7 +148,7 @@ def gap_rows(
     made, rng = list[FloatArray](), np.random.default_rng(0)
     for view in own:
         errors = [rounded_noise(p, e, rng) for p, e in zip((view.q, view.x), sensors[joint], strict=True)]
-        noise = ndimage.convolve1d(errors[1] - view.r * errors[0], design.bank.value, mode="nearest")
+        noise = scipy.ndimage.convolve1d(errors[1] - view.r * errors[0], design.bank.value, mode="nearest")
         made += moving_stretches(noise, view.segment.rest[:, joint], design.bank)
     noises = [whitening(parts, design.bank) for parts in (series, made) if parts]
     best = max(noises, key=lambda w: w.std, default=None)
@@ -165,7 +166,7 @@ def with_forces(rows: GapRows, model: Model) -> GapRows:
     views = []
     for index, view in zip(rows.indices, rows.views, strict=True):
         right = model.views[index][joint]
-        measured = ndimage.convolve1d(right.segment.effort[:, joint], view.bank.value, mode="nearest")
+        measured = scipy.ndimage.convolve1d(right.segment.effort[:, joint], view.bank.value, mode="nearest")
         forces = right.forces.copy()
         forces[:, joint] += share * (measured - forces[:, joint])
         segment = replace(view.segment, r=right.segment.r)

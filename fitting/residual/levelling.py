@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design, Extra, full_residual
@@ -141,7 +141,7 @@ def levelled(part: Part, rate_hz: float) -> Level | None:
     bins = np.arange(1, n // 2 + 1, dtype=float)
     gain = np.ones(len(bins))
     for _ in range(2):
-        spectrum = fft.rfft(values)
+        spectrum = scipy.fft.rfft(values)
         power = np.abs(spectrum[1:]) ** 2 / n
         if not np.median(power) > 0:
             return None
@@ -149,7 +149,7 @@ def levelled(part: Part, rate_hz: float) -> Level | None:
         spectrum[0] = 0.0
         spectrum[1:] /= level
         gain = gain * level
-        values = fft.irfft(spectrum, n)
+        values = scipy.fft.irfft(spectrum, n)
         spread = 1.4826 * float(np.median(np.abs(values)))
         values = np.clip(values, -_CLIP * spread, _CLIP * spread)
     return Level(part, part.time, values, gain, bins * rate_hz / n)
@@ -157,7 +157,7 @@ def levelled(part: Part, rate_hz: float) -> Level | None:
 
 def levelled_power(values: FloatArray, nfft: int) -> FloatArray:
     """Compute a levelled series' periodogram (nfft / 2 + 1,), zero-padded: of noise, a unit exponential per bin."""
-    return np.asarray(np.abs(fft.rfft(values, nfft)) ** 2 / len(values))
+    return np.asarray(np.abs(scipy.fft.rfft(values, nfft)) ** 2 / len(values))
 
 
 def background_worth(frequency: float, rate_hz: float, samples: int) -> float:

@@ -24,7 +24,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft, special, stats
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design
@@ -161,7 +161,7 @@ def find_lines(
         return (), ()
     longest = max(len(level.values) for level in levels)
     lowest = max(LOWEST_HZ, _LEAST_PERIODS * rate_hz / longest)
-    nfft = fft.next_fast_len(_OVERSAMPLING * longest, real=True)
+    nfft = scipy.fft.next_fast_len(_OVERSAMPLING * longest, real=True)
     grid = np.arange(nfft // 2 + 1) * rate_hz / nfft
     # At the ends sine and cosine are no longer independent of each other's mirror image.
     allowed = (grid >= lowest) & (grid <= 0.5 * rate_hz - 1.5 * rate_hz / longest)
@@ -215,7 +215,7 @@ def _chance(z: float, parts: int, frequency: float, rate_hz: float, samples: int
         return 1.0
     m = parts * background_worth(frequency, rate_hz, samples)
     # sf of F(2 R, 2 m) at z / R
-    tail = float(special.betainc(m, parts, m / (m + z)))
+    tail = float(scipy.special.betainc(m, parts, m / (m + z)))
     # Bandwidth of the process: half the rate times the rms length of a part.
     bandwidth = 0.5 * samples * np.sqrt(4 * np.pi / 12)
     return float(min(1.0, tail * (1.0 + bandwidth * np.sqrt(z))))
@@ -265,7 +265,7 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
         step = rate_hz / len(level.values)
         beside += sum(evidence(level, frequency + sign * k * step) for k in _SIDE_BINS for sign in (-1.0, 1.0))
     count = 2 * len(_SIDE_BINS) * len(levels)
-    if special.gammaincc(count, beside) < _SIDE_P and beside - count > _SIDE_SHARE * z:
+    if scipy.special.gammaincc(count, beside) < _SIDE_P and beside - count > _SIDE_SHARE * z:
         return "it is not narrow: there is power on both sides of it"
     if len(levels) > 1:
         # Without its strongest part it has to be seen in the others, if they could show it.
@@ -273,8 +273,8 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
         others, expected = z - float(own[strongest]), 0.0
         for level in (*levels[:strongest], *levels[strongest + 1 :]):
             expected += 0.25 * len(level.values) * (amplitudes[strongest] / level.density(frequency)) ** 2
-        unseen = special.gammaincc(len(levels) - 1, others) > _SUPPORT_P
-        if unseen and stats.ncx2.cdf(2.0 * others, 2 * (len(levels) - 1), 2.0 * expected) < _MISSES:
+        unseen = scipy.special.gammaincc(len(levels) - 1, others) > _SUPPORT_P
+        if unseen and scipy.stats.ncx2.cdf(2.0 * others, 2 * (len(levels) - 1), 2.0 * expected) < _MISSES:
             return "it is there in one recording only"
         usual = float(np.median(amplitudes))
         for level, amplitude, std in zip(levels, amplitudes, stds, strict=True):
@@ -284,7 +284,7 @@ def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: fl
     if np.mean(moved) >= 0.5 and not _vouched(levels, frequency):
         # Motions that do not have the frequency may show the line all the same.
         still = own[~moved]
-        if not len(still) or special.gammaincc(len(still), float(still.sum())) > _SUPPORT_P:
+        if not len(still) or scipy.special.gammaincc(len(still), float(still.sum())) > _SUPPORT_P:
             return "it is a frequency of the motion"
     return ""
 

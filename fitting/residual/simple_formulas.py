@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.signals.splines import evaluate
@@ -141,7 +141,9 @@ def _fitted(family: _Family, x: FloatArray, y: FloatArray, weights: FloatArray, 
     shapes = _spaced(family, _SHAPES)
     best = int(np.argmin([cost(shape) for shape in shapes]))
     near = float(shapes[max(0, best - 1)]), float(shapes[min(len(shapes) - 1, best + 1)])
-    found = optimize.minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": 1e-3 * (near[1] - near[0])})
+    found = scipy.optimize.minimize_scalar(
+        cost, bounds=near, method="bounded", options={"xatol": 1e-3 * (near[1] - near[0])}
+    )
     shape = float(found.x) if found.fun < cost(float(shapes[best])) else float(shapes[best])
     columns = table(shape)
     values = np.linalg.lstsq(weights[:, None] * columns, weights * y, rcond=None)[0]

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy import special
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView
@@ -89,7 +89,7 @@ def _share(values: FloatArray, low: float, high: float) -> FloatArray:
 
 def _bernstein(values: FloatArray, low: float, high: float, degree: int) -> FloatArray:
     u, k = _share(values, low, high)[:, None], np.arange(degree + 1)
-    return np.asarray(special.comb(degree, k) * u**k * (1 - u) ** (degree - k))
+    return np.asarray(scipy.special.comb(degree, k) * u**k * (1 - u) ** (degree - k))
 
 
 def surfaces(model: Model, joint: int, *, twist: bool = False) -> Iterator[Surface]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from daq.machine.machine_file import Machine
 from daq.scratch import ScratchArrays
 from fitting.arrays import FloatArray
 from fitting.effects.base import DriveView, Effect, FoundBy, Shape
@@ -289,6 +290,13 @@ def late_terms(terms: Sequence[Term], parameters: Parameters) -> dict[int, Late]
             found[term.joint] = (column, sum(term.rebuilt))
         column += len(term.names(parameters.joints))
     return found
+
+
+def delays(machine: Machine, terms: Sequence[Term]) -> tuple[dict[str, float], frozenset[str]]:
+    """Return by joint name the seconds its effort is late by accepted terms, and whose samples were passed on late."""
+    joints = machine.joints
+    late = [(joints[t.joint].name, t) for t in terms if t.delays_effort and t.rebuilt and t.joint is not None]
+    return {name: t.rebuilt[0] for name, t in late}, frozenset(name for name, t in late if t.resampled)
 
 
 def fit_model(

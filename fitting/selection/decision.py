@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
-from scipy.special import expit
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
@@ -111,10 +110,10 @@ def odds_behind(stated: float, gain: float) -> float:
     shares, weights = tempering(gain), np.array(priors.weights(series=False))
 
     def missing(odds: float) -> float:
-        return float(weights @ expit(shares * odds)) - float(expit(abs(stated)))
+        return float(weights @ scipy.special.expit(shares * odds)) - float(scipy.special.expit(abs(stated)))
 
     # At the smallest share it is enough for every share.
-    found = float(optimize.brentq(missing, 0.0, abs(stated) / float(shares.min()) + 1.0))
+    found = float(scipy.optimize.brentq(missing, 0.0, abs(stated) / float(shares.min()) + 1.0))
     return float(np.copysign(found, stated))
 
 

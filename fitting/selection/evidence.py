@@ -25,7 +25,8 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize
+import scipy
+from scipy import linalg
 
 from fitting.arrays import FloatArray, IntArray
 from fitting.residual.confirmation.local import Local
@@ -210,4 +211,4 @@ def least_gain(live: int, choices: int = 1) -> float:
         own = named_evidence(np.array([gain]), np.array([float(live)]), sizes)[0]
         return float(log_mean(own) + prior - priors.CREDIBLE_ODDS)
 
-    return float(optimize.brentq(missing, 0.0, 1e4))
+    return float(scipy.optimize.brentq(missing, 0.0, 1e4))

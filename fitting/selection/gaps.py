@@ -14,7 +14,7 @@ from itertools import groupby, pairwise, product
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
+import scipy
 from scipy.linalg import block_diag
 
 from fitting.arrays import FloatArray
@@ -501,7 +501,7 @@ def _best_shapes(rows: GapRows, effect: Effect, beside: FloatArray) -> list[GapC
             return part
 
         ends = np.log([shapes[n][number] for n in sorted({best, *near})])
-        log = optimize.fminbound(
+        log = scipy.optimize.fminbound(
             lambda log: -_taken(at(float(log)), beside, rows.values), ends[0], ends[-1], xtol=_FINE
         )
         found.append(at(float(log)))

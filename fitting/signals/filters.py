@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
+import scipy
 
 from daq.errors import InputError
 from fitting.arrays import FloatArray
@@ -88,13 +88,13 @@ class FilterBank:
         # Derivatives of (values - start) are the same and keep more digits.
         centred = values - values[0]
         kernels = np.stack([self.value, self.first, self.second])
-        zeroth, first, second = signal.oaconvolve(centred[None, :], kernels, mode="valid", axes=1)
+        zeroth, first, second = scipy.signal.oaconvolve(centred[None, :], kernels, mode="valid", axes=1)
         return zeroth + values[0], first, second
 
     def smoothed(self, values: npt.ArrayLike) -> FloatArray:
         """Return the smoothed values of :meth:`smooth` alone."""
         values = np.asarray(values, dtype=float)
-        return np.asarray(signal.oaconvolve(values - values[0], self.value, mode="valid") + values[0])
+        return np.asarray(scipy.signal.oaconvolve(values - values[0], self.value, mode="valid") + values[0])
 
     def trimmed(self, values: npt.ArrayLike) -> FloatArray:
         """Return the unfiltered samples beside the output of :meth:`smooth`."""
@@ -106,7 +106,7 @@ class FilterBank:
         values = np.asarray(values, dtype=float)
         out = np.gradient(values, 1.0 / self.rate_hz, axis=0)
         if len(values) >= len(_FIRST):
-            inner = signal.convolve(values, _FIRST[::-1] * self.rate_hz, mode="valid")
+            inner = scipy.signal.convolve(values, _FIRST[::-1] * self.rate_hz, mode="valid")
             out[4 : len(values) - 4] = inner
         return np.asarray(out)
 
@@ -167,7 +167,7 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
     half = max(4, round(3.0 * rate_hz / bandwidth_hz))
     margin = max(4, round(1.8 * rate_hz / bandwidth_hz))
     smooth_cutoff = min(bandwidth_hz * 5 / 3, 0.45 * rate_hz)
-    value = signal.firwin(2 * margin + 1, smooth_cutoff, window=("kaiser", _KAISER_BETA), fs=rate_hz)
+    value = scipy.signal.firwin(2 * margin + 1, smooth_cutoff, window=("kaiser", _KAISER_BETA), fs=rate_hz)
     # firwin's kernel is extended by the four samples a central difference reaches on each side.
     wide = np.pad(value, 4)
     return FilterBank(
@@ -177,7 +177,7 @@ def filter_bank(rate_hz: float, bandwidth_hz: float) -> FilterBank:
         value=wide,
         first=np.convolve(value, _FIRST[::-1]) * rate_hz,
         second=np.convolve(value, _SECOND) * rate_hz**2,
-        identification=signal.firwin(2 * half + 1, bandwidth_hz, window=("kaiser", _KAISER_BETA), fs=rate_hz),
+        identification=scipy.signal.firwin(2 * half + 1, bandwidth_hz, window=("kaiser", _KAISER_BETA), fs=rate_hz),
     )
 
 
@@ -209,7 +209,7 @@ def recursive(b: Any, a: Any, values: Any, start: Sequence[Any] | None = None) -
     start : state (direct form II transposed) before the first sample; zeros if None
     """
     if np.asarray(values).dtype != object:
-        return signal.lfilter(b, a, values) if start is None else signal.lfilter(b, a, values, zi=start)[0]
+        return scipy.signal.lfilter(b, a, values) if start is None else scipy.signal.lfilter(b, a, values, zi=start)[0]
     state, out = list(start or [0.0] * (len(a) - 1)), []
     for value in values:
         out.append(b[0] / a[0] * value + state[0])
@@ -232,7 +232,7 @@ def white_noise_density(
     frequency: FloatArray, rate_hz: float, std: float, kernel: npt.ArrayLike = (1.0,)
 ) -> FloatArray:
     """Compute the power density at Hz of white noise of ``std`` behind a kernel: ``2 std^2 |K|^2 / rate``."""
-    _, response = signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
+    _, response = scipy.signal.freqz(np.asarray(kernel), worN=frequency, fs=rate_hz)
     return np.asarray(2.0 * std**2 * np.abs(response) ** 2 / rate_hz)
 
 
@@ -248,7 +248,7 @@ def edge_frequency(
     White noise of ``white_std`` that went through ``kernel`` is taken off: a noisy encoder would else pass for a fast
     motion. What only trembles has no such frequency (0).
     """
-    found = [signal.periodogram(part, rate_hz, detrend="constant", window="hann") for part in series]
+    found = [scipy.signal.periodogram(part, rate_hz, detrend="constant", window="hann") for part in series]
     frequency = np.concatenate([own for own, _ in found])
     # A density times the width of a line; a longer stretch counts for more.
     power = np.concatenate(

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
@@ -108,14 +108,14 @@ def quiet_motion(
             q[:, joint], qd[:, joint], qdd[:, joint] = q[:, joint].mean(), 0.0, 0.0
             continue
         motion = np.stack([values[:, joint] for values in (q, qd, qdd)])
-        q[:, joint], qd[:, joint], qdd[:, joint] = signal.sosfiltfilt(_low_pass(edge, bank.rate_hz), motion)
+        q[:, joint], qd[:, joint], qdd[:, joint] = scipy.signal.sosfiltfilt(_low_pass(edge, bank.rate_hz), motion)
     return q, qd, qdd
 
 
 @lru_cache(maxsize=256)
 def _low_pass(edge: float, rate_hz: float) -> FloatArray:
     """Design the cut at an edge, a line of a spectrum: the same one for all that hold the same motion."""
-    return np.asarray(signal.butter(_ORDER, _ROOM * edge, fs=rate_hz, output="sos"))
+    return np.asarray(scipy.signal.butter(_ORDER, _ROOM * edge, fs=rate_hz, output="sos"))
 
 
 def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank) -> float:
@@ -125,7 +125,7 @@ def motion_edge(acceleration: FloatArray, position_std: float, bank: FilterBank)
     the sum of (spectrum over noise - 10) is largest: single lines that exceed it by chance do not make up for the noise
     below them, and gaps between lines of the motion do not end it.
     """
-    frequency, power = signal.periodogram(signal.detrend(acceleration), bank.rate_hz, window="hann")
+    frequency, power = scipy.signal.periodogram(scipy.signal.detrend(acceleration), bank.rate_hz, window="hann")
     inside = (frequency > 0.0) & (frequency <= bank.bandwidth_hz)
     if position_std <= 0.0 or not inside.any():
         return bank.bandwidth_hz

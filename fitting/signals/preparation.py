@@ -14,7 +14,7 @@ from functools import cache
 from typing import Any, Literal
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from daq.errors import RecordingError
 from daq.machine.machine_file import Joint, Machine
@@ -479,8 +479,8 @@ def parked(x: FloatArray, reach: float, rate_hz: float) -> BoolArray:
     """
     window = min(max(1, round(PARKED_SECONDS * rate_hz)), len(x))
     # The range of the window that begins at each row.
-    high = ndimage.maximum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
-    low = ndimage.minimum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
+    high = scipy.ndimage.maximum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
+    low = scipy.ndimage.minimum_filter1d(x, window, origin=-(window // 2))[: len(x) - window + 1]
     rows = np.zeros(len(x), dtype=bool)
     for run in runs(high - low < STILL * reach):
         rows[run.start : run.stop + window - 1] = True

@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, signal
+import scipy
+from scipy import linalg
 
 from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank
@@ -109,7 +110,7 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     for part in series:
         if len(part) < 4 * bank.rate_hz / bank.bandwidth_hz:
             continue
-        frequency, power = signal.periodogram(
+        frequency, power = scipy.signal.periodogram(
             part, bank.rate_hz, window="hann", detrend="constant", return_onesided=False, scaling="density"
         )
         # The two lowest lines hold what the window made of the mean.
@@ -123,7 +124,7 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     coefficients, covariance_of_log = _smooth(_log_basis(np.concatenate(frequencies), bank.bandwidth_hz), total)
     grid = np.linspace(0.0, edge, 2000)
     density = np.exp(_log_basis(grid, bank.bandwidth_hz) @ coefficients)
-    _, response = signal.freqz(bank.identification, worN=grid, fs=bank.rate_hz)
+    _, response = scipy.signal.freqz(bank.identification, worN=grid, fs=bank.rate_hz)
     filtered = density * np.abs(response) ** 2
     lags = np.arange(_ORDER + 1) / bank.reduced_rate_hz
     covariance = 2.0 * np.trapezoid(filtered[None, :] * np.cos(2 * np.pi * lags[:, None] * grid[None, :]), grid, axis=1)

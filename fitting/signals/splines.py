@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
-from scipy.interpolate import BSpline
+import scipy
 
 from fitting.arrays import FloatArray
 
@@ -33,7 +32,9 @@ def evaluate(knots: FloatArray, values: npt.ArrayLike, coefficients: FloatArray 
     beyond the outer knots."""
     inside = np.clip(np.asarray(values, dtype=float), knots[0], knots[-1])
     # Coefficients of the identity: all functions at once, in compiled code.
-    return np.asarray(BSpline(knots, np.eye(len(knots) - 4) if coefficients is None else coefficients, 3)(inside))
+    return np.asarray(
+        scipy.interpolate.BSpline(knots, np.eye(len(knots) - 4) if coefficients is None else coefficients, 3)(inside)
+    )
 
 
 def spline_basis(values: npt.ArrayLike, functions: int) -> FloatArray:
@@ -55,6 +56,6 @@ def free_curve(opening: FloatArray, power: float, reach: float) -> list[FloatArr
         falling.append(falling[-1] * rest)
     parts, tail = list[FloatArray](), np.zeros_like(share)
     for i in range(order, 0, -1):
-        tail = tail + special.comb(order, i) * rising[i] * falling[order - i]
+        tail = tail + scipy.special.comb(order, i) * rising[i] * falling[order - i]
         parts.insert(0, tail / order)
     return [*parts[:-1], parts[-1] + whole - share]

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.effort_fit import long_run
@@ -259,7 +259,7 @@ def _refined(
         return np.asarray(bent - basis @ (basis.T @ bent))
 
     begin = np.clip([shape[name] for name in free] / scales, low + 1e-6, high - 1e-6)
-    answer = optimize.least_squares(
+    answer = scipy.optimize.least_squares(
         residual, begin, jac=slope, bounds=(low, high), max_nfev=iterations, xtol=1e-5, ftol=1e-7
     )
     matrix, gains, named = solution(answer.x)

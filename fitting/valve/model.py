@@ -27,7 +27,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize
+import scipy
 
 from fitting.arrays import FloatArray
 from fitting.signals.held import PARTS, delayed, followed
@@ -214,4 +214,4 @@ def solved(matrix: FloatArray, speed: FloatArray) -> FloatArray:
     scaled = matrix / scale
     gram = scaled.T @ scaled
     root = np.linalg.cholesky(gram + 1e-10 * np.eye(len(gram)))  # nnls of a few rows, not of thousands
-    return np.asarray(determined * optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)
+    return np.asarray(determined * scipy.optimize.nnls(root.T, np.linalg.solve(root, scaled.T @ speed))[0] / scale)

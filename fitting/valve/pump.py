@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.effort_fit import long_run
@@ -136,9 +136,9 @@ def _mixture(
     for _ in range(_ROUNDS):
         top, off = limit / per, held - level + droop * flow
         below = level - droop * top - held
-        line = stats.norm.pdf(off, scale=noise) / most * stats.norm.cdf((limit - flow * per) / spread)
-        there = stats.norm.pdf(flow * per, limit, spread) * per
-        there *= (stats.norm.cdf(below / noise) - stats.norm.cdf((below - span) / noise)) / span
+        line = scipy.stats.norm.pdf(off, scale=noise) / most * scipy.stats.norm.cdf((limit - flow * per) / spread)
+        there = scipy.stats.norm.pdf(flow * per, limit, spread) * per
+        there *= (scipy.stats.norm.cdf(below / noise) - scipy.stats.norm.cdf((below - span) / noise)) / span
         kinds = np.stack([line, there, np.full_like(flow, 1.0 / area)])
         parts = shares[:, None] * kinds
         on, at, _ = parts / parts.sum(axis=0)

@@ -16,8 +16,7 @@ from dataclasses import dataclass, field
 import mujoco
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
+import scipy
 
 from daq.machine.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
@@ -50,7 +49,7 @@ class ArmDesign:
     @property
     def gravity(self) -> FloatArray:
         """Gravity in the coordinates of the base as mounted, m/s^2."""
-        return Rotation.from_rotvec(self.tilt).inv().apply(np.asarray(self.machine.gravity))
+        return scipy.spatial.transform.Rotation.from_rotvec(self.tilt).inv().apply(np.asarray(self.machine.gravity))
 
 
 def _numbers(values: npt.ArrayLike) -> str:
@@ -230,7 +229,7 @@ class _Laws:
         self._low = limits[:, 0] - margin
         self._step = (limits[:, 1] - limits[:, 0] + 2 * margin) / GRID
         grids = self._low + np.arange(GRID + 1)[:, None] * self._step
-        splines = [CubicSpline(grid, arm.lengths(i, grid)) for i, grid in enumerate(grids.T)]
+        splines = [scipy.interpolate.CubicSpline(grid, arm.lengths(i, grid)) for i, grid in enumerate(grids.T)]
         self._coefficients = np.stack([spline.c for spline in splines], axis=2)  # (4, GRID, J)
         self._columns = np.arange(len(splines))
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import cont2discrete, lfilter, ss2tf
+import scipy
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -34,8 +34,8 @@ class LinearFilter:
         columns: int = 1,
     ) -> None:
         system: Any = tuple(np.atleast_2d(np.asarray(M, dtype=float)) for M in (A, B, C, D))
-        discrete: Any = cont2discrete(system, dt)
-        numerators, self._denominator = ss2tf(*discrete[:4])
+        discrete: Any = scipy.signal.cont2discrete(system, dt)
+        numerators, self._denominator = scipy.signal.ss2tf(*discrete[:4])
         self._numerators = np.atleast_2d(numerators)
         order = len(self._denominator) - 1
         self._states = [np.zeros((order, columns)) for _ in self._numerators]
@@ -44,7 +44,7 @@ class LinearFilter:
         """Filter the input block ``u`` of shape (n, columns): one array of that shape per row of ``C``."""
         outputs = []
         for i, numerator in enumerate(self._numerators):
-            y, self._states[i] = lfilter(numerator, self._denominator, u, axis=0, zi=self._states[i])
+            y, self._states[i] = scipy.signal.lfilter(numerator, self._denominator, u, axis=0, zi=self._states[i])
             outputs.append(y)
         return outputs
 
@@ -70,5 +70,5 @@ class ColouredNoise:
     def __call__(self, n: int) -> FloatArray:
         """Draw the next ``n`` values, shape (n, columns)."""
         white = self._rng.standard_normal((n, self._columns))
-        y, self._state = lfilter([np.sqrt(1 - self._a**2)], [1.0, -self._a], white, axis=0, zi=self._state)
+        y, self._state = scipy.signal.lfilter([np.sqrt(1 - self._a**2)], [1.0, -self._a], white, axis=0, zi=self._state)
         return np.asarray(y)

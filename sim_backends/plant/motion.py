@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from daq import motion_files
 from daq.machine.machine_file import Machine
@@ -65,7 +65,7 @@ class SplinePath:
         self.duration = float(time[-1])
         still = np.zeros(positions.shape[1])
         rest: Any = ([(1, still), (2, still)], [(1, still), (2, still)])
-        self._laws = [make_interp_spline(time, positions, k=5, bc_type=rest)]
+        self._laws = [scipy.interpolate.make_interp_spline(time, positions, k=5, bc_type=rest)]
         self._laws += [self._laws[0].derivative(order) for order in (1, 2)]
 
     def __call__(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -57,3 +57,11 @@ def test_probabilities_that_are_frequencies_have_no_calibration_error(share: flo
     assert sum(b.count for b in summary.diagram(said)) == len(said)
     if calibrated:
         assert all(b.low <= b.stated <= b.high for b in summary.diagram(said) if 0.2 < b.stated < 0.8)
+
+
+def test_few_statements_are_off_by_chance_as_far_as_is_expected() -> None:
+    rng = np.random.default_rng(2)
+    stated = [*rng.uniform(0.05, 0.95, 150).tolist(), *[1.0] * 50]
+    drawn = [[(p, bool(rng.uniform() < p)) for p in stated] for _ in range(300)]
+    measured = float(np.mean([summary.calibration_error(own) for own in drawn]))
+    assert summary.calibration_error_by_chance(drawn[0]) == pytest.approx(measured, rel=0.1)

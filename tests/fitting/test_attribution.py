@@ -13,7 +13,6 @@ from fitting.effects.end_cushion import EndCushion
 from fitting.loop.refits import SessionSignals, final_model
 from fitting.loop.residual_loop import moves, run_attribution
 from fitting.loop.session import Session
-from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.residual.confirmation.confirmation import (
     OnValidate,
     on_validate,
@@ -25,6 +24,7 @@ from fitting.residual.confirmation.cross_validation import HeldOut
 from fitting.residual.findings import Accepted, Attribution
 from fitting.residual.laws import Law
 from fitting.residual.scoring import score_terms
+from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.selection import confirm, priors
 from fitting.selection.confirm import objection, silence

@@ -29,14 +29,13 @@ from fitting.loop.kinematic_check import (
     _rebuilt_by,
     _rows,
     _with_efforts,
-    corrections_from_json,
     gap_posteriors,
     kinematics,
-    step_to_json,
 )
 from fitting.loop.session import Options, Session
 from fitting.residual.findings import Hypothesis
 from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error, with_forces
+from fitting.residual.stored_terms import corrections_from_json, step_to_json
 from fitting.residual.terms import Term
 from fitting.selection.gaps import GapPosterior, GapSet, _Evidence
 from fitting.selection.posterior import together
@@ -170,7 +169,7 @@ def test_play_is_named_with_its_place_and_the_sensors_are_not_fused_any_more(pla
     assert finding.values[0] == pytest.approx(0.002, rel=0.1)
     assert corrections.play == {"joint2": place}
     steps = [step_to_json(step) for step in finding.steps]
-    assert corrections_from_json(session, steps).play == corrections.play
+    assert corrections_from_json(session.machine, steps).play == corrections.play
     assert finding.gap_after < 0.3 * finding.gap_before
 
 
@@ -258,7 +257,7 @@ def test_what_was_found_survives_its_way_through_json() -> None:
     found = kinematics(session)
     findings, corrections = found.findings, found.corrections
     steps = [step_to_json(s) for f in findings for s in f.steps]
-    again = corrections_from_json(session, steps)
+    again = corrections_from_json(session.machine, steps)
     q = np.linspace(-0.5, 0.5, int(RATE))
     assert again.machine == corrections.machine
     assert again.position_error.keys() == corrections.position_error.keys()

@@ -10,12 +10,12 @@ from synthetic_arm import exact_views, make_session, planar_machine, truth
 
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Session
-from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.report.drawing_data import spline_curve
 from fitting.report.wording import verdict_sentence
 from fitting.residual.findings import Attribution
 from fitting.residual.laws import Law
 from fitting.residual.scoring import score_terms
+from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain

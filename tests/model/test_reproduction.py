@@ -11,13 +11,13 @@ import pytest
 from model_examples import applies, fitted, law_of, report_of, session_of, term_of
 
 from fitting.effects import effect, effects
-from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import SessionSignals
 from fitting.model.arm_model import ArmModel
 from fitting.model.codec import model_from_json, model_to_json
 from fitting.model.handover import hand_over
 from fitting.model.prediction import on_recording
 from fitting.regression.design import predicted_effort
+from fitting.residual.stored_terms import corrections_from_json
 from fitting.residual.terms import Term, fit_model
 from fitting.signals.preparation import Segment
 
@@ -93,7 +93,7 @@ STEPS = (
 def test_corrected_positions_linkages_and_delays_are_reproduced(resampled: bool) -> None:
     session = session_of(2)
     late = Term(effect("sensor_latency"), 0, {}, (0.031,), resampled)
-    signals = SessionSignals(session, corrections_from_json(session, STEPS))
+    signals = SessionSignals(session, corrections_from_json(session.machine, STEPS))
     pipeline = signals.refit([late, term_of(session, "stribeck", 1)])
     model = through_its_file(hand_over(session, STEPS, pipeline, report_of(session)))
     validate = session.plain.validate[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from daq.machine.linkages import ThreePin
 from daq.machine.machine_file import Machine
@@ -132,7 +132,7 @@ def effects(trial: Trial) -> Iterator[Hypothesis]:
     g = np.array(machine.gravity)
     for axis in np.eye(3):
         for angle in () if np.linalg.norm(np.cross(axis, g)) < 0.1 * np.linalg.norm(g) else TILTS:
-            tilted = tuple(float(v) for v in Rotation.from_rotvec(angle * axis).apply(g))
+            tilted = tuple(float(v) for v in scipy.spatial.transform.Rotation.from_rotvec(angle * axis).apply(g))
             yield Hypothesis("", "", "", (), _with_gravity(tilted), price=0.5)
     for j in range(len(machine.joints)):
         for angle in ZEROS if trial.positions[j] == "joint_position" else ():

@@ -24,8 +24,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from scipy import linalg
-from scipy.optimize import lsq_linear, nnls
 
 from daq.machine.machine_file import Machine
 from fitting.arm.dynamics import coupled_regressor, rigid_body_regressor
@@ -443,7 +443,7 @@ def _bounded(A: FloatArray, b: FloatArray) -> FloatArray:
     # Compressed once more: as many rows as columns at most.
     R = np.asarray(np.linalg.qr(np.column_stack([A / scale, b]), mode="r"))
     try:
-        mu = nnls(R[:, :-1], R[:, -1], maxiter=20 * A.shape[1])[0]
+        mu = scipy.optimize.nnls(R[:, :-1], R[:, -1], maxiter=20 * A.shape[1])[0]
     except RuntimeError:
-        mu = lsq_linear(R[:, :-1], R[:, -1], (0, np.inf), max_iter=200).x
+        mu = scipy.optimize.lsq_linear(R[:, :-1], R[:, -1], (0, np.inf), max_iter=200).x
     return np.asarray(b - (A / scale) @ mu)

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from daq.errors import InputError
 from daq.machine.linkages import Direct, Rack, ThreePin, reduced
@@ -65,12 +65,12 @@ class Body:
     @property
     def angles(self) -> FloatArray:
         """Roll, pitch and yaw (3,) of its joint's frame, rad."""
-        return np.asarray(Rotation.from_matrix(self.place[:3, :3]).as_euler("xyz"))
+        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(self.place[:3, :3]).as_euler("xyz"))
 
     @property
     def quaternion(self) -> FloatArray:
         """The same as a quaternion (4,), scalar first."""
-        return np.asarray(Rotation.from_matrix(self.place[:3, :3]).as_quat(scalar_first=True))
+        return np.asarray(scipy.spatial.transform.Rotation.from_matrix(self.place[:3, :3]).as_quat(scalar_first=True))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from scipy.special import gamma
+import scipy
 
 from fitting.model.export.tracing.graph import Node, needed, uses
 
@@ -109,7 +109,7 @@ def _word(
 def _signed_power(node: Node, speed: str, dialect: Dialect) -> str:
     """Write a call with :func:`fitting.arm.expected.expected_power`'s constants."""
     noise, p = (float(argument) for argument in node.arguments[1:])
-    factor = noise**p * 2 ** ((p + 1) / 2) * float(gamma(1 + p / 2)) / 3.141592653589793**0.5
+    factor = noise**p * 2 ** ((p + 1) / 2) * float(scipy.special.gamma(1 + p / 2)) / 3.141592653589793**0.5
     numbers = ", ".join(dialect.number(value) for value in (noise, p, factor))
     power = dialect.functions["signed_power"]
     return f"{dialect.functions.get('signed_root', power) if p == 1 / 3 else power}({speed}, {numbers})"

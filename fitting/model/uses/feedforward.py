@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from daq.errors import InputError
 from daq.motion_files import Motion, read_motion
@@ -71,7 +71,7 @@ def path_of(model: ArmModel, program: Motion) -> Trajectory:
     positions = program.joint_positions(model.machine)
     still = np.zeros(positions.shape[1])
     rest: Any = ([(1, still), (2, still)], [(1, still), (2, still)])
-    law = make_interp_spline(program.time, positions, k=5, bc_type=rest)
+    law = scipy.interpolate.make_interp_spline(program.time, positions, k=5, bc_type=rest)
     t = np.arange(int(np.floor(program.seconds * model.machine.rate_hz + 1e-9)) + 1) / model.machine.rate_hz
     q, qd, qdd = (np.asarray(law(t, order)) for order in range(3))
     return Trajectory(t, q, qd, qdd)

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_coeffs
+import scipy
 
 from daq.errors import RecordingError
 from daq.recordings.recording import Recording
@@ -91,7 +91,7 @@ def quick(model: ArmModel) -> ArmModel:
     rate = model.machine.rate_hz
     side = max(_FEWEST_SIDE, round(0.5 * SPAN_S * rate))
     value, first, second = (
-        savgol_coeffs(2 * side + 1, 2, deriv=order, delta=1.0 / rate, use="conv") for order in range(3)
+        scipy.signal.savgol_coeffs(2 * side + 1, 2, deriv=order, delta=1.0 / rate, use="conv") for order in range(3)
     )
     bank = FilterBank(rate, rate / 5, 1, value, first, second, np.ones(1))
     noise = tuple(

@@ -17,7 +17,7 @@ from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from fitting.effects import effect, line_effect
 from fitting.effects.base import Effect
-from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw, step_to_json
+from fitting.loop.kinematic_check import KinematicFinding, KinematicLaw
 from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
 from fitting.pipeline.results.loop_results import AcceptedTerm, Attributed, Kinematic, Resolution
@@ -31,6 +31,7 @@ from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
 from fitting.residual.laws import Law
 from fitting.residual.lines import Line
+from fitting.residual.stored_terms import step_to_json
 from fitting.residual.surfaces import second_variable
 from fitting.residual.terms import Model, Term
 from fitting.selection.evidence import least_gain

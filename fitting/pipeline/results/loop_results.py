@@ -19,7 +19,7 @@ class Kinematic:
 
     Attributes
     ----------
-    steps : what was rebuilt, as :func:`fitting.loop.kinematic_check.step_to_json` has it
+    steps : what was rebuilt, as :func:`fitting.residual.stored_terms.step_to_json` has it
     effect, candidate : its entries of ``loop`` in report.json
     """
 

@@ -12,7 +12,6 @@ from typing import Any
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence, with_messages
 from fitting.arrays import FloatArray
-from fitting.loop.kinematic_check import corrections_from_json
 from fitting.loop.refits import final_model
 from fitting.loop.residual_loop import is_ripple
 from fitting.loop.session import Session
@@ -41,6 +40,7 @@ from fitting.report.languages import NAMES
 from fitting.report.model import Figures
 from fitting.report.residual_diagnostics import diagnostics
 from fitting.residual.lines import Line
+from fitting.residual.stored_terms import corrections_from_json
 from fitting.residual.terms import Model
 
 #: What the joint refit's weights make it, and its deviations.
@@ -54,7 +54,7 @@ BEYOND = 2.0
 
 def final_fit(session: Session, results: StageResults) -> Model:
     """Make the final fit with everything that was found again, from the stages' results."""
-    corrections = corrections_from_json(session, results[Residual].steps)
+    corrections = corrections_from_json(session.machine, results[Residual].steps)
     return estimated(session, final_model(session, corrections, results[Attributed].terms)[1].model)[0]
 
 

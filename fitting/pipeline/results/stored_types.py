@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import ConfigDict, PlainSerializer, PlainValidator, with_config
 
 from fitting.arrays import BoolArray, FloatArray
-from fitting.loop.stored_terms import term_from_json, term_to_json
 from fitting.residual.findings import Hypothesis
+from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.terms import Term
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from fitting.arrays import FloatArray, IntArray
 from fitting.regression.design import effort_errors, full_residual, moving_rows, whitened
@@ -150,7 +150,7 @@ def worse_joint(before: Model, after: Model, validate: Sequence[int]) -> tuple[i
     noise is not whitened in it is none: the joint's chi-square has to rise as well.
     """
     worst: tuple[int, float] | None = None
-    significant = float(stats.norm.isf(REFUSES_RIGHT / len(before.design.machine.joints)))
+    significant = float(scipy.stats.norm.isf(REFUSES_RIGHT / len(before.design.machine.joints)))
     errors = [effort_errors(m.design, m.fit.theta, validate, m.extra) for m in (before, after)]
     for joint, (first, second) in enumerate(zip(*errors, strict=True)):
         if not len(first) or not len(second) or not np.std(first) > 0:
@@ -196,7 +196,7 @@ class OnValidate:
     @property
     def has_power(self) -> bool:
         """True where a right model would be confirmed here in all but one case of a hundred."""
-        return self.expected > CONFIRMED + float(stats.norm.isf(MISSES_RIGHT)) * self.spread
+        return self.expected > CONFIRMED + float(scipy.stats.norm.isf(MISSES_RIGHT)) * self.spread
 
     @property
     def refutes(self) -> bool:

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from daq.recordings.recording_checks import runs
 from fitting.arrays import FloatArray
@@ -115,7 +115,9 @@ def is_refused(rows: WhiteRows, residual: FloatArray, bank: FilterBank) -> bool:
     skew, tail = float(np.mean(everything**3)), float(np.mean(everything**4)) - 3.0
     share = min(1.0, 2.0 * bank.bandwidth_hz / bank.reduced_rate_hz)
     bera = share * len(everything) / 6.0 * (skew**2 + tail**2 / 4.0)
-    return bool(stats.kstwobign.sf(distance * np.sqrt(lines)) < REFUSED / 2 or stats.chi2.sf(bera, 2) < REFUSED / 2)
+    return bool(
+        scipy.stats.kstwobign.sf(distance * np.sqrt(lines)) < REFUSED / 2 or scipy.stats.chi2.sf(bera, 2) < REFUSED / 2
+    )
 
 
 def _with_shapes(model: Model, rows: Sequence[WhiteRows]) -> FloatArray:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
+import scipy
 
 from fitting.arm.geometry import geometry_of
 from fitting.arrays import FloatArray
@@ -120,7 +120,7 @@ def _tabled(quantity: _Quantity, rng: np.random.Generator) -> _Table | str | Non
     # Middles of the cells as well, where linear interpolation of something smooth is worst.
     middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
     between = np.vstack([between, _grid_points(middles)])
-    error = float(np.max(np.abs(RegularGridInterpolator(axes, values)(between) - at(between))))
+    error = float(np.max(np.abs(scipy.interpolate.RegularGridInterpolator(axes, values)(between) - at(between))))
     return _Table(quantity, tuple(chosen), axes, values, error)
 
 

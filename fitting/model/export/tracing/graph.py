@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PPoly
+import scipy
 
 from fitting.arrays import FloatArray
 
@@ -119,7 +119,7 @@ class Curve:
 
 def spline_curve(knots: FloatArray, values: FloatArray) -> Curve:
     """Return a cubic spline as pieces."""
-    pieces = PPoly.from_spline((knots, values, 3))
+    pieces = scipy.interpolate.PPoly.from_spline((knots, values, 3))
     inside = np.diff(pieces.x) > 0
     return Curve(np.append(pieces.x[:-1][inside], pieces.x[-1]), pieces.c[:, inside].T)
 
