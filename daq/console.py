@@ -1,4 +1,4 @@
-"""What the command lines share: errors as one line and an exit code, progress bars, JSON on standard output.
+"""Common parts of the command lines: errors as one line and an exit code, progress bars, JSON on standard output.
 
 Exit codes: 0 done, 1 failed, 2 bad usage or input.
 """
@@ -53,7 +53,7 @@ def may_be_written(output: Path, force: bool) -> None:
         raise InputError(f"{output}: is there already; choose another name, or add --force")
 
 
-def exit_code(error: HilfitError) -> int:
+def _exit_code(error: HilfitError) -> int:
     """Return 2 where the input is wrong, 1 where something failed."""
     return 2 if isinstance(error, InputError) else 1
 
@@ -68,7 +68,7 @@ def reported(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except HilfitError as error:
             print(f"hilfit: {error}", file=sys.stderr)
-            raise typer.Exit(exit_code(error)) from None
+            raise typer.Exit(_exit_code(error)) from None
         except OSError as error:  # a disk or a directory that refuses: nothing a traceback would explain better
             if error.filename is None:
                 raise

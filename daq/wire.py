@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 _FORMATS: dict[str, str] = {
     "int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int24": "3s", "uint24": "3s", "int32": "i", "uint32": "I",
@@ -60,7 +61,7 @@ def from_bits(data_type: str, data: bytes, bit: int, bits: int) -> float:
     return float(field)
 
 
-def swapped(word: int) -> int:
+def _swapped(word: int) -> int:
     """Swap a register's two bytes."""
     return (word & 0xFF) << 8 | word >> 8
 
@@ -68,7 +69,41 @@ def swapped(word: int) -> int:
 def from_registers(data_type: str, words: list[int], word_order: str = "big", byte_order: str = "big") -> float:
     """Decode the number in Modbus registers, as many words as :func:`registers`."""
     if byte_order == "little":
-        words = [swapped(word) for word in words]
+        words = [_swapped(word) for word in words]
     ordered = words if word_order == "little" else words[::-1]
     data = b"".join(word.to_bytes(2, "little") for word in ordered)
     return decode(data_type, data[: size(data_type)])
+
+
+MOST_DECIMALS = 9
+
+
+class Decimals:
+    """Decimals of one channel, once its device has sent them (CiA 404: 0x6132; a register of many transmitters).
+
+    Parameters
+    ----------
+    sentinels : raw values, before decimals, that mean "no valid measurement"
+    """
+
+    def __init__(self, sentinels: Sequence[float]) -> None:
+        self._sentinels = frozenset(sentinels)
+        self._factor = math.nan
+
+    @property
+    def known(self) -> bool:
+        """True once the device has sent them."""
+        return not math.isnan(self._factor)
+
+    def learn(self, places: int) -> bool:
+        """Take the device's decimals; return False if they cannot be."""
+        self._factor = 10.0**-places if 0 <= places <= MOST_DECIMALS else math.nan
+        return self.known
+
+    def forget(self) -> None:
+        """Forget them: they may be others when the device is back."""
+        self._factor = math.nan
+
+    def value(self, raw: float) -> float:
+        """Scale a raw value by its decimals; NaN for a sentinel, or while they are unknown."""
+        return math.nan if raw in self._sentinels else raw * self._factor

@@ -3,8 +3,8 @@
 - :mod:`server.commands`: the ``hilfit`` command, which mounts the commands of the other packages
 - :mod:`server.composition`: the service put together of its resources, and the processes that run it
 - one folder per resource (:mod:`server.machines`, :mod:`server.recordings`, ...), each with its declaration
-  ``*_resource.py``, its routes ``*_routes.py``, what they take and give ``*_schemas.py``, its tables ``*_tables.py``,
-  what it stores ``*_store.py`` and its jobs ``*_job.py``
+  and routes ``*_resource.py``, what they take and give beside them or in ``*_schemas.py``, what it stores
+  ``*_store.py`` and its jobs ``*_job.py``
 - :mod:`server.platform`: what all resources stand on
 
 Nothing is imported before it is used: the command line has to start fast.

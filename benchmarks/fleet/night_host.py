@@ -25,11 +25,11 @@ from daq.acquisition.ring import ring_buffer
 from daq.frames.frame import row_dtype
 from server.composition.serve import serve
 from server.composition.worker import work
+from server.identifications.identification_job import StageProgram
 from server.identifications.identification_resource import STAGE_PROGRAM
-from server.identifications.stage_request import StageProgram
 from server.machines.machine_resource import LAUNCH
-from server.platform.parts import Key
 from server.platform.processes.leaving import leave
+from server.platform.resource import Key
 from server.platform.settings import load_settings
 from server.recordings.recording_resource import RECORDER
 from server.recordings.recording_sessions import RecordOrder

@@ -42,8 +42,8 @@ from daq import Machine
 from daq.machine.machine_file import machine_to_yaml
 from fitting.pipeline.stage_names import STAGES
 from server.composition.declarations import TABLES
+from server.identifications.identification_job import StageRequest, fitting_program
 from server.identifications.identification_results import MODEL_FILE
-from server.identifications.stage_request import StageRequest, fitting_program
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory

@@ -20,7 +20,7 @@ from benchmarks.service.hosts import API, running, wait_until
 from daq.errors import InputError
 from fitting.pipeline.stage_names import STAGES
 from server.alarms.alarm_desk import Alarms
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
 from server.composition.declarations import TABLES

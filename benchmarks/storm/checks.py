@@ -18,7 +18,7 @@ from benchmarks.service.postgresql import OWNER
 from benchmarks.storm.stages import STAGES
 from benchmarks.storm.traffic import CANCELLED_IN, Acknowledged
 from benchmarks.targets import Check, fact
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.identifications import identification_store
 from server.identifications.identification_results import IdentificationResults
 from server.identifications.identification_store import Identifications

@@ -17,10 +17,10 @@ from typing import Any
 from benchmarks.storm import stages
 from server.composition.serve import serve
 from server.composition.worker import work
+from server.identifications.identification_job import StageProgram
 from server.identifications.identification_resource import STAGE_PROGRAM
-from server.identifications.stage_request import StageProgram
-from server.platform.parts import Key
 from server.platform.processes.leaving import leave
+from server.platform.resource import Key
 from server.platform.settings import Settings
 from server.schedules.schedule_resource import CLOCK
 

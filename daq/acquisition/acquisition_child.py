@@ -51,7 +51,10 @@ def main(control: Connection) -> None:
         logging.getLogger(library).setLevel(logging.CRITICAL)  # what they report is in the devices' states
     confine(["/dev", *_kept(machine, data_directory), *([trace.parent] if trace is not None else [])])
     try:
-        with RingWriter(name) as ring, contextlib.closing(Drivers(machine, required, data_directory, trace)) as drivers:
+        with (
+            RingWriter(name) as ring,
+            contextlib.closing(_Drivers(machine, required, data_directory, trace)) as drivers,
+        ):
             try:
                 fifo, refusal = request_fifo()  # before the drivers' threads, which inherit it
                 problems = drivers.start()
@@ -101,7 +104,7 @@ def _listen(control: Connection, stopping: threading.Event) -> None:
     stopping.set()
 
 
-class Drivers:
+class _Drivers:
     """All drivers of a machine, started side by side and stopped together.
 
     Parameters

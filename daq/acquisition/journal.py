@@ -45,7 +45,7 @@ def journal_path(path: Path) -> Path:
     return path.with_name(path.name + JOURNAL_SUFFIX)
 
 
-def storage_error(path: Path, operation: str, error: OSError, advice: str) -> StorageError:
+def _storage_error(path: Path, operation: str, error: OSError, advice: str) -> StorageError:
     """Make one line of a failure; a full disk is an error of its own."""
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
     reason = "the disk is full" if full else error.strerror or str(error)
@@ -97,7 +97,7 @@ class Journal:
         try:
             work()
         except OSError as error:
-            raise storage_error(
+            raise _storage_error(
                 self._journal,
                 operation,
                 error,
@@ -169,12 +169,12 @@ def _seal(path: Path, table: pa.Table, metadata: Mapping[str, str], journal: Pat
     try:
         write_table(path, table.replace_schema_metadata(described))
     except OSError as error:
-        raise storage_error(path, "sealing", error, advice) from None
+        raise _storage_error(path, "sealing", error, advice) from None
     except RecordingError as error:
         cause = error.__context__
         if not isinstance(cause, OSError):
             raise
-        raise storage_error(path, "sealing", cause, advice) from None
+        raise _storage_error(path, "sealing", cause, advice) from None
 
 
 @dataclass(frozen=True)
@@ -277,7 +277,7 @@ def _put_away(journal: Path) -> None:
     try:
         journal.rename(done)
     except OSError as error:
-        raise storage_error(journal, "rename", error, "its rows are in the recording; move it away") from None
+        raise _storage_error(journal, "rename", error, "its rows are in the recording; move it away") from None
 
 
 @dataclass(frozen=True)

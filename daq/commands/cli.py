@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from daq.acquisition.acquisition import AcquisitionProcess
     from daq.acquisition.recorder import RecordingSummary
 
-
 Required = Annotated[
     list[str] | None,
     typer.Option("--require", metavar="CHANNEL", help="Only this channel (several times) has to be there."),
@@ -147,7 +146,7 @@ def _let_pass(acquisition: AcquisitionProcess, cycles: float) -> None:
 
 
 def _restored(machine: Machine, data_directory: Path) -> list[dict[str, Any]]:
-    from daq.drivers.canopen.restore import restore_nodes
+    from daq.drivers.canopen.commissioning import restore_nodes
 
     return [asdict(result) for result in restore_nodes(machine, data_directory)]
 

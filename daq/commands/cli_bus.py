@@ -39,7 +39,7 @@ def restore(
     json: Json = False,
 ) -> None:
     """Put CANopen nodes back to what they were before hilfit changed them: mapping, transmission type, heartbeat."""
-    from daq.drivers.canopen.restore import restore_nodes
+    from daq.drivers.canopen.commissioning import restore_nodes
 
     results = restore_nodes(load_machine(machine), data_dir)
     failed = any(result.failure for result in results)
@@ -74,7 +74,7 @@ def check(
     if output is not None and output.suffix.lower() not in _PAGE:
         raise InputError(f"{output}: the page is an HTML file; end its name with .html")
     described = load_machine(machine)
-    delays = recorded_delays(described, recording or [])
+    delays = _recorded_delays(described, recording or [])
     with progress_bar("bus check", show=not json) as bar:
         found = check_machine_buses(described, seconds=seconds, depressurised=depressurised, progress=bar)
     if delays:
@@ -85,11 +85,11 @@ def check(
     if json:
         print_json(asdict(found))
     else:
-        print_check(found, output)
+        _print_check(found, output)
     raise typer.Exit(1 if found.findings else 0)
 
 
-def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
+def _recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
     """Estimate delays between buses from recordings: the most precise of each pair of buses.
 
     Raises
@@ -114,12 +114,12 @@ def recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]:
     return list(best.values())
 
 
-def delay_line(delay: BusDelay) -> str:
+def _delay_line(delay: BusDelay) -> str:
     """Write an entry of ``delays`` of a machine file."""
     return f"{{bus: {delay.bus}, behind: {delay.reference}, seconds: {delay.seconds:.5f}, std: {delay.std:.5f}}}"
 
 
-def print_check(found: MachineCheck, page: Path | None) -> None:
+def _print_check(found: MachineCheck, page: Path | None) -> None:
     """Print tables for people."""
     from rich.console import Console
     from rich.table import Table
@@ -151,7 +151,7 @@ def print_check(found: MachineCheck, page: Path | None) -> None:
             f"({delay.pairs[0].kind}s of {joints})"
         )
     if found.delays:
-        print(f"for the machine file, as a prior of the fit: delays: [{', '.join(map(delay_line, found.delays))}]")
+        print(f"for the machine file, as a prior of the fit: delays: [{', '.join(map(_delay_line, found.delays))}]")
     for note in found.notes:
         print(f"note: {note}")
     for line in found.findings:

@@ -83,7 +83,7 @@ def scan(
     if json:
         print_json(content)
         return
-    print_scans(results)
+    _print_scans(results)
     if output is not None:
         print(f"{output}: written; next: hilfit machine new --scan {output} -o machine.yaml")
 
@@ -166,7 +166,7 @@ def _of_machine(path: Path, name: str | None, described: list[AnyBus]) -> tuple[
     return chosen, {bus: sorted(units) for bus, units in used.items()}
 
 
-def print_scans(results: Sequence[CanScan | ModbusScan]) -> None:
+def _print_scans(results: Sequence[CanScan | ModbusScan]) -> None:
     """Print tables for people."""
     from rich.console import Console
     from rich.table import Table

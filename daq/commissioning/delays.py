@@ -1,9 +1,9 @@
-"""How much later one bus is than another, from what both of them see of one motion: delays by cross-correlation.
+"""Delays between buses, from what both of them see of one motion, by cross-correlation.
 
 Channels of two buses are compared joint by joint. A position on one bus and a position of the same joint on the other
 are functions of each other, whatever the linkage; an effort on one bus follows the motion that the other one sees
 (gravity, friction, inertia). So a channel ``y`` of one bus is regressed on functions ``X`` of the other's
-position (:mod:`daq.commissioning.loads`)::
+position (:func:`_load_columns`)::
 
     position    y(t) = X(t - d) b + e,  X = [1, q, q^2, q^3]
     effort      y(t) = X(t - d) b + e,  X = gravity of every link, accelerations, v, tanh(v / v0)
@@ -25,8 +25,9 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
-from daq.commissioning.loads import load_columns
+from daq.kinematics.chain import about
 from daq.machine.machine_file import Channel, Machine
+from daq.machine.travel import lever_arm
 from daq.recordings.recording_checks import runs
 
 FloatArray = npt.NDArray[np.float64]
@@ -110,7 +111,7 @@ def bus_delays(machine: Machine, values: Mapping[str, FloatArray], rate_hz: floa
 
 @dataclass(frozen=True)
 class _Motion:
-    """What a signal is a function of: positions (N, n) of one bus, and its columns for them."""
+    """The regressors of a signal: positions (N, n) of one bus, and its columns for them."""
 
     q: FloatArray
     number: int  # which of them has to move
@@ -128,7 +129,7 @@ def _motion(
     if reference.quantity != "joint_position" or len(seen) < len(positions):
         return None
     q = np.stack([values[name] for name in seen], axis=1)
-    return _Motion(q, number, lambda q, v, a: load_columns(machine, number, q, v, a))
+    return _Motion(q, number, lambda q, v, a: _load_columns(machine, number, q, v, a))
 
 
 def _bus(channel: Channel) -> str:
@@ -227,3 +228,53 @@ def _together(bus: str, base: str, pairs: Sequence[PairDelay]) -> BusDelay:
         ratio = float((weights * (d - mean) ** 2).sum() / (len(chosen) - 1))
         std *= max(1.0, ratio**0.5)
     return BusDelay(bus, base, mean, std, tuple(chosen))
+
+
+def _load_columns(machine: Machine, number: int, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
+    """Build columns (N, p) that span what a drive's effort may be, each of unit deviation, with one of ones.
+
+    Gravity of links that nobody has weighed, inertia, friction, as functions of the motion; nothing is identified.
+
+    Parameters
+    ----------
+    number : the joint
+    q, v, a : (N, n) positions, velocities and accelerations of all joints
+    """
+    joint = machine.joints[number]
+    torque = np.column_stack([_gravity(machine, number, q), a])
+    if joint.cylinder is not None:
+        torque = torque / lever_arm(joint.cylinder.linkage, q[:, number])[:, None]
+    own = v[:, number] / (v[:, number].std() or 1.0)
+    columns = np.column_stack([torque, own, np.tanh(own / 0.1)])
+    columns = columns - columns.mean(axis=0)
+    spread = columns.std(axis=0)
+    moving = spread > 1e-9 * spread.max()
+    return np.column_stack([np.ones(len(q)), columns[:, moving] / spread[moving]])
+
+
+def _gravity(machine: Machine, number: int, q: FloatArray) -> FloatArray:
+    """Compute efforts at a joint of unit masses at four points of each link beyond: (N, 4 links) or (N, links)."""
+    poses = _poses(machine, q)
+    first = poses[number] if machine.convention == "standard" else poses[number + 1]
+    axis, point = first[:, :3, 2], first[:, :3, 3]
+    gravity = np.asarray(machine.gravity)
+    if machine.joints[number].type == "prismatic":
+        return np.asarray((axis @ gravity)[:, None])
+    columns = []
+    for pose in poses[number + 1 :]:
+        arms = [pose[:, :3, 3] - point, *(pose[:, :3, k] for k in range(3))]
+        columns += [np.einsum("ni,ni->n", axis, np.cross(arm, gravity)) for arm in arms]
+    return np.stack(columns, axis=1)
+
+
+def _poses(machine: Machine, q: FloatArray) -> list[FloatArray]:
+    """Compute frames 0 to n of the table, each (N, 4, 4)."""
+    poses = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
+    for number, joint in enumerate(machine.joints):
+        row, turns = joint.dh, joint.type == "revolute"
+        theta = row.theta + (q[:, number] if turns else 0.0 * q[:, number])
+        d = row.d + (0.0 * q[:, number] if turns else q[:, number])
+        about_z, about_x = about(2, theta, d), about(0, row.alpha, row.a)
+        step = about_z @ about_x if machine.convention == "standard" else about_x @ about_z
+        poses.append(poses[-1] @ step)
+    return poses

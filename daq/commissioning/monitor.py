@@ -27,8 +27,8 @@ WINDOW_S = 2.0  # that rate and spread are of
 _STYLES = {Quality.FRESH: "green", Quality.HELD: "green", Quality.OUT_OF_RANGE: "yellow", Quality.LATE: "yellow"}
 
 
-class Picture:
-    """What is shown: fed with rows of the ring, asked for a table."""
+class _Picture:
+    """The table on the screen, fed with rows of the ring."""
 
     def __init__(self, machine: Machine) -> None:
         self._machine = machine
@@ -119,7 +119,7 @@ def watch(machine: Machine, seconds: float | None, rate: float, *, plain: bool =
         If a bus cannot be opened, or another master leads one that is not ``listen_only``.
     """
     console = Console()
-    picture = Picture(machine)
+    picture = _Picture(machine)
     plain = plain or json or not sys.stdout.isatty()
     with (
         AcquisitionProcess(machine, strict=False) as acquisition,

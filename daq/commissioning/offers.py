@@ -1,4 +1,4 @@
-"""What devices have to offer for channels: from a scan, from EDS or DCF files, from DBC files."""
+"""Values that devices offer for channels: from a scan, from EDS or DCF files, from DBC files."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def of_dbc(bus: str, path: str) -> list[Offer]:
     names = [signal.name for message in messages for signal in message.signals]
     for message in messages:
         for signal in message.signals:
-            kind = kind_of(signal.unit or "")
+            kind = _kind_of(signal.unit or "")
             if kind == "value":
                 continue
             source: dict[str, Any] = {"bus": bus, "signal": signal.name}
@@ -108,7 +108,7 @@ def of_dbc(bus: str, path: str) -> list[Offer]:
     return found
 
 
-def kind_of(unit: str) -> str:
+def _kind_of(unit: str) -> str:
     """Return what is measured in a unit."""
     for si, kind in _KINDS.items():
         try:

@@ -1,4 +1,4 @@
-"""What ``hilfit machine new`` writes: buses and channels from scans, EDS and DBC files, asked value by value."""
+"""Drafts of ``hilfit machine new``: buses and channels from scans, EDS and DBC files, asked value by value."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _DEFAULT_JOINTS = 6
 
 @dataclass(frozen=True)
 class Origins:
-    """Where devices are described.
+    """The sources that describe devices.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Origins:
 
 @dataclass(frozen=True)
 class Written:
-    """What a draft has: numbers of buses, names of channels, number of values left out, notes; and its joints."""
+    """Contents of a draft: numbers of buses, names of channels, number of values left out, notes; and its joints."""
 
     buses: int
     channels: tuple[str, ...]
@@ -71,7 +71,7 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
     if whole:
         names = [str(joint["name"]) for joint in whole["joints"]]
     buses, offers = _gathered(origins, output.absolute().parent)
-    draft = Draft(names, lambda offer, proposed: _asked(offer, proposed, names)) if ask else Draft(names)
+    draft = _Draft(names, lambda offer, proposed: _asked(offer, proposed, names)) if ask else _Draft(names)
     draft.add(offers)
     for channel in draft.channels:
         try:
@@ -80,7 +80,7 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
             raise InputError(f"channel {channel['name']}: {in_words(error.errors()[0])}") from None
     head = _head(draft, whole=bool(whole))
     kept = {key: value for key, value in whole.items() if key not in ("buses", "channels")}
-    text = as_text(head, {**kept, "channels": draft.channels, "buses": buses})
+    text = _as_text(head, {**kept, "channels": draft.channels, "buses": buses})
     output.write_text(text, encoding="utf-8")
     notes = [finding.under(str(output)) for finding in check_machine(output).errors] if whole else []
     made = tuple(str(content["name"]) for content in draft.channels)
@@ -146,7 +146,7 @@ def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
         content = json_text.loads(path.read_text(encoding="utf-8"))
         if content["schema"] != SCAN_SCHEMA:
             raise ValueError
-        found = [(scanned, bus_of(scanned)) for scanned in content["buses"]]
+        found = [(scanned, _bus_of(scanned)) for scanned in content["buses"]]
         for _, bus in found:
             TypeAdapter(Bus).validate_python(bus)
         return found
@@ -156,7 +156,7 @@ def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
         raise InputError(f"{path}: is no scan; 'hilfit bus scan -o FILE.json' writes one") from None
 
 
-def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
+def _asked(offer: Offer, proposed: _Choice, joints: Sequence[str]) -> _Choice:
     """Ask a person what a value is."""
     default = SKIP
     if proposed.quantity is not None:
@@ -167,7 +167,7 @@ def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
         reply = str(typer.prompt(f"{offer.device} {offer.what}, {offer.kind}{unit}: JOINT QUANTITY, or skip", default))
         words = reply.split()
         if words == [SKIP]:
-            return Choice(None)
+            return _Choice(None)
         quantity = words[-1] if words else ""
         if quantity not in allowed:
             typer.echo(f"  there is no '{quantity}' for this; one of {', '.join(allowed)}")
@@ -176,10 +176,10 @@ def _asked(offer: Offer, proposed: Choice, joints: Sequence[str]) -> Choice:
         elif len(words) == 2 and words[0] not in joints:
             typer.echo(f"  there is no joint '{words[0]}'; there are {', '.join(joints)}")
         else:
-            return Choice(quantity, words[0] if len(words) == 2 else None)
+            return _Choice(quantity, words[0] if len(words) == 2 else None)
 
 
-def _head(draft: Draft, *, whole: bool) -> list[str]:
+def _head(draft: _Draft, *, whole: bool) -> list[str]:
     head = ["Made by 'hilfit machine new'; look at every line. Ranges and noise_std are not known to a bus."]
     if not whole:
         head.append("A part of a machine file: schema, name, gravity and joints are missing.")
@@ -209,19 +209,19 @@ _NAMES = {"joint_position": "angle"}
 
 
 @dataclass(frozen=True)
-class Choice:
-    """What an offer becomes: a quantity, of a joint where it belongs to one; None: no channel."""
+class _Choice:
+    """The quantity that an offer becomes, of a joint where it belongs to one; None: no channel."""
 
     quantity: str | None
     joint: str | None = None
 
 
 @dataclass
-class Draft:
+class _Draft:
     """A draft as it grows: ``choose`` is asked for every offer, with what it would be by itself."""
 
     joints: Sequence[str]
-    choose: Callable[[Offer, Choice], Choice] = lambda offer, proposed: proposed
+    choose: Callable[[Offer, _Choice], _Choice] = lambda offer, proposed: proposed
     channels: list[dict[str, Any]] = field(default_factory=list)
     skipped: list[Offer] = field(default_factory=list)
     _taken: set[tuple[str, str | None]] = field(default_factory=set)
@@ -239,19 +239,19 @@ class Draft:
                 self._joint_of.setdefault(offer.device, chosen.joint)
             self.channels.append(self._channel(offer, chosen))
 
-    def _proposed(self, offer: Offer) -> Choice:
+    def _proposed(self, offer: Offer) -> _Choice:
         for quantity in QUANTITIES[offer.kind]:
             if quantity not in JOINT_QUANTITIES:
                 if (quantity, None) not in self._taken:
-                    return Choice(quantity)
+                    return _Choice(quantity)
                 continue
             own = self._joint_of.get(offer.device)
             for joint in self.joints if own is None else [own]:
                 if (quantity, joint) not in self._taken:
-                    return Choice(quantity, joint)
-        return Choice(None)
+                    return _Choice(quantity, joint)
+        return _Choice(None)
 
-    def _channel(self, offer: Offer, chosen: Choice) -> dict[str, Any]:
+    def _channel(self, offer: Offer, chosen: _Choice) -> dict[str, Any]:
         assert chosen.quantity is not None
         name = chosen.quantity
         if chosen.joint is not None:
@@ -264,7 +264,7 @@ class Draft:
         return content | {"unit": offer.unit or "TODO", "source": dict(offer.source)}
 
 
-def bus_of(scanned: Mapping[str, Any]) -> dict[str, Any]:
+def _bus_of(scanned: Mapping[str, Any]) -> dict[str, Any]:
     """Build the entry of ``buses:`` for a scanned bus: listen_only where another leads, nodes with identity."""
     bus = {key: value for key, value in scanned["bus"].items() if key != "nodes"}
     if scanned.get("masters"):
@@ -277,7 +277,7 @@ def bus_of(scanned: Mapping[str, Any]) -> dict[str, Any]:
     return bus | ({"nodes": nodes} if nodes else {})
 
 
-def as_text(head: Sequence[str], content: Mapping[str, Any]) -> str:
+def _as_text(head: Sequence[str], content: Mapping[str, Any]) -> str:
     """Write YAML with a line per channel and node, objects in hexadecimal."""
     lines = [f"# {line}" for line in head]
     for key, value in content.items():

@@ -20,7 +20,7 @@ from daq.recordings.recording_files import Table
 VERSION = "4.10"
 
 
-def started(table: Table) -> datetime:
+def _started(table: Table) -> datetime:
     """Return UTC of the recording's time 0; 1970 if undeclared."""
     time, utc_ns = np.asarray(table.columns["time"], dtype=np.float64), table.columns.get("utc_ns")
     if utc_ns is None:
@@ -49,7 +49,7 @@ def write(table: Table, units: dict[str, str], target: Path) -> None:
         if name != "time"
     ]
     with MDF(version=VERSION) as file:
-        file.start_time = started(table)
+        file.start_time = _started(table)
         file.append(signals, comment=json.dumps(dict(table.metadata)), common_timebase=True)
         named = target.with_suffix(".mf4")  # it writes nowhere else
         try:

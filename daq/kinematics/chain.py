@@ -58,11 +58,11 @@ class Chain:
         """Compute the tip's pose (4, 4) at joint positions ``q`` (n,): the product of the axes' screws."""
         pose = np.eye(4)
         for axis, value in zip(self.axes, np.asarray(q, dtype=float), strict=True):
-            pose = pose @ moved(axis, float(value))
+            pose = pose @ _moved(axis, float(value))
         return pose @ self.end
 
 
-def moved(axis: Axis, value: float) -> FloatArray:
+def _moved(axis: Axis, value: float) -> FloatArray:
     """Compute the motion (4, 4) beyond a joint that moves by ``value``."""
     motion = np.eye(4)
     if axis.type == "prismatic":

@@ -25,12 +25,7 @@ from daq.recordings.column_map import ColumnMap
 from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.recorded_events import RecordedEvent, recorded_events
 from daq.recordings.recording_files import Table, write_table
-from daq.recordings.recording_source import (
-    channel_columns,
-    load_table,
-    recording_metadata,
-    stored_notes,
-)
+from daq.recordings.recording_source import channel_columns, load_table, recording_metadata, stored_notes
 from daq.scratch import ScratchColumns
 
 #: ``unloaded``: rods unpinned, F_l = 0. ``train``, ``repeat`` (the same motion again), ``validate`` (another

@@ -279,7 +279,7 @@ def not_saturated(path: Path, channel: Channel, machine: Machine, values: FloatA
         # Where a signal rests near its end a fine sensor repeats the values beside that, too.
         beside = slice(max(0, longest.start - BESIDE_ROWS), longest.stop + BESIDE_ROWS)
         repeats = max(_repeats(values[elsewhere]), _repeats(values[beside][elsewhere[beside]]))
-        noisy = np.any(elsewhere) and repeats < REPEATS and noise_covers_steps(values[known])
+        noisy = np.any(elsewhere) and repeats < REPEATS and _noise_covers_steps(values[known])
         clipped = at.sum() >= enough and piled_up(values[known], extreme)
         if clipped or (noisy and longest.stop - longest.start >= STUCK_ROWS):
             raise RecordingError(_saturated(path, channel, time, longest, Sentence("daq.exact_value")))
@@ -290,7 +290,7 @@ def _repeats(values: FloatArray) -> float:
     return float(np.mean(np.diff(values) == 0)) if len(values) > 1 else 0.0
 
 
-def noise_covers_steps(values: FloatArray) -> bool:
+def _noise_covers_steps(values: FloatArray) -> bool:
     """Return whether noise changes every resting value: else a fine sensor repeats itself at rest.
 
     With a standard deviation of two steps eight equal values in a row have a chance of 3e-6; the lower quartile of the

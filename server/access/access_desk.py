@@ -9,7 +9,7 @@ from server.access.connections import Connections
 from server.access.holder_store import Holder, Holders
 from server.access.pairing import Code, PairingCodes
 from server.access.rates import Rate, Rates
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.machines.machine_store import Machines
 from server.platform.authorization.principals import LOCAL, Principal, Role
 from server.platform.database.engine import Database
@@ -22,7 +22,7 @@ FAILURES = Rate(1 / 30, 30)
 
 
 class Access:
-    """Who asks, and who may ask.
+    """Identifies the sender of a request and what that sender may ask.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from daq.messages import Sentence
 from server.access.access_desk import Access
 from server.access.connections import Stream
 from server.access.rates import Rate, Rates
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.platform.authorization.principals import Principal
 from server.platform.errors import TooManyError, UnauthenticatedError
 from server.platform.http.pages import CLOSED

@@ -9,14 +9,14 @@ import hashlib
 import secrets
 import threading
 from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Annotated, Literal
 
 import sqlalchemy as sa
 
 from daq.messages import Sentence
 from server.platform.authorization.principals import Principal, Role
-from server.platform.database.engine import Database, as_stored
+from server.platform.database.engine import Database, later
 from server.platform.database.repository import Repository
 from server.platform.database.stored import HIDDEN, Id, Kept, Stored
 from server.platform.errors import ConflictError, NotFoundError, none_of
@@ -151,11 +151,6 @@ class Holders(Repository[Holder]):
         valid = sa.or_(principals.c.expires.is_(None), principals.c.expires > self._database.now())
         query = sa.select(sa.func.count()).where(principals.c.role == "admin", principals.c.machines.is_(None), valid)
         return int(connection.execute(query).scalar_one())
-
-
-def later(moment: str, by: timedelta) -> str:
-    """Return a time of the store, so much later."""
-    return as_stored(datetime.fromisoformat(moment) + by)
 
 
 def _hash(token: str) -> str:

@@ -19,9 +19,8 @@ import segno
 import sqlalchemy as sa
 
 from daq.messages import Sentence
-from server.access.holder_store import later
 from server.platform.authorization.principals import Role
-from server.platform.database.engine import Database
+from server.platform.database.engine import Database, later
 from server.platform.database.stored import Kept, Stored
 from server.platform.errors import ForbiddenError, TooManyError
 from server.platform.processes.heavy_work import Heavy
@@ -38,7 +37,7 @@ HASHER = argon2.PasswordHasher(time_cost=2, memory_cost=19_456, parallelism=1)
 
 
 class PairingCode(Stored, table="pairing_codes"):
-    """What a code stands for.
+    """An open pairing code, and the token that it is exchanged for.
 
     ``days``: that the device's token is good for. ``failures``: wrong codes that came while it was open.
     """
@@ -67,7 +66,7 @@ class Code:
 
 
 class PairingWork(Heavy):
-    """Where codes are hashed, which takes long: one after the other, and not in the threads that answer reads."""
+    """Hashes codes, which takes long: one after the other, and not in the threads that answer reads."""
 
     def __init__(self) -> None:
         super().__init__(slots=1, places=16, share=4)

@@ -14,11 +14,10 @@ import structlog
 
 from daq.messages import Sentence
 from server.alarms import alarm_lifecycle as lifecycle
-from server.alarms.alarm_conditions import KINDS, Severity, Timer, step
-from server.alarms.alarm_lifecycle import Alarm
+from server.alarms.alarm_lifecycle import KINDS, Alarm, Severity, Timer, step
 from server.platform.database.engine import Database
-from server.platform.database.outbox import put_out
 from server.platform.database.repository import Repository
+from server.platform.database.schema import put_out
 from server.platform.errors import PreconditionError
 from server.platform.http.route_parameters import Tags
 

@@ -20,7 +20,6 @@ import secrets
 import shutil
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -36,6 +35,7 @@ from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_tree
+from server.platform.http.bodies import Shown
 from server.platform.processes.rounds import Rounds
 from server.platform.storage import digest
 
@@ -47,18 +47,17 @@ LOOK_S = 60.0
 _log = structlog.stdlib.get_logger(__name__)
 
 
-@dataclass(frozen=True)
-class Backup:
-    """One backup; ``bytes`` counts every file, linked or copied.
+class BackupResource(Shown):
+    """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped.
 
-    ``missing``: what the store names and was not there when it was to be copied.
+    ``missing``: files that the store names and that were gone when they were to be copied.
     """
 
     id: str
     created: str
     bytes: int
     kind: str
-    missing: tuple[str, ...] = ()
+    missing: tuple[str, ...]
 
 
 class Backups:
@@ -86,7 +85,7 @@ class Backups:
         self.directory = files.backups if directory is None else directory.resolve()
         self._lock = threading.Lock()
 
-    def make(self, kind: str = "ordered") -> Backup:
+    def make(self, kind: str = "ordered") -> BackupResource:
         """Make one while the service runs.
 
         Raises
@@ -133,12 +132,12 @@ class Backups:
         fetch_results(named, self._files, self._url)
         return copy_named(named, self._files.root, partial, self._content.unchanging)
 
-    def list(self) -> tuple[Backup, ...]:
+    def list(self) -> tuple[BackupResource, ...]:
         """List newest first."""
         found = (_backup(path) for path in sorted(self.directory.glob("*Z"), reverse=True))
         return tuple(backup for backup in found if backup is not None)
 
-    def daily(self) -> Backup | None:
+    def daily(self) -> BackupResource | None:
         """Make one if the newest is a day old, and remove daily ones beyond :data:`KEPT`."""
         # One from a time that is still to come was made while the clock was wrong: it is no reason to wait.
         ages = [self._now() - datetime.fromisoformat(backup.created) for backup in self.list()]
@@ -262,11 +261,13 @@ def _files_of(directory: Path) -> list[dict[str, str | int]]:
     ]
 
 
-def _backup(path: Path) -> Backup | None:
+def _backup(path: Path) -> BackupResource | None:
     try:
         manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         size = sum(int(entry["bytes"]) for entry in manifest["files"])
         missing = tuple(str(name) for name in manifest.get("missing", ()))
-        return Backup(path.name, str(manifest["created"]), size, str(manifest["kind"]), missing)
+        return BackupResource(
+            id=path.name, created=str(manifest["created"]), bytes=size, kind=str(manifest["kind"]), missing=missing
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return None

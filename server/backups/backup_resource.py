@@ -7,32 +7,16 @@ from collections.abc import Iterator
 from fastapi import APIRouter
 from pydantic import BaseModel
 
-from server.backups.backup_archive import Backups, DailyBackups
+from server.backups.backup_archive import BackupResource, Backups, DailyBackups
 from server.backups.backup_files import BackupContent
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
 from server.platform.database.engine import Database, utc_now
 from server.platform.errors import ConflictError, StartError
 from server.platform.files import DataDirectory
-from server.platform.http.bodies import Shown
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import TROUBLES, Parts
-from server.platform.resource import Phase, Resource, Running
+from server.platform.resource import TROUBLES, Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
-
-
-class BackupResource(Shown):
-    """A backup; ``kind`` is daily or ordered. It is restored by ``hilfit restore``, with the service stopped.
-
-    ``missing``: files that the store names and that were gone when they were to be copied.
-    """
-
-    id: str
-    created: str
-    bytes: int
-    kind: str
-    missing: list[str]
 
 
 class BackupList(BaseModel):
@@ -48,17 +32,16 @@ router = APIRouter(prefix="/backups", tags=["backups"], route_class=TypedRoute)
 @router.get("", dependencies=[require("admin", every_machine=True)])
 def list_backups(service: ServiceDep) -> BackupList:
     """List backups, newest first."""
-    return BackupList(items=[BackupResource.of(backup) for backup in service[Backups].list()])
+    return BackupList(items=list(service[Backups].list()))
 
 
 @router.post("", status_code=201, responses=problems(409), dependencies=[require("admin", every_machine=True)])
 async def make(service: ServiceDep, principal: PrincipalDep) -> BackupResource:
     """Make a backup now."""
     try:
-        backup = await service.heavy.run(principal.id, service[Backups].make)
+        return await service.heavy.run(principal.id, service[Backups].make)
     except StartError as error:
         raise ConflictError(str(error).replace(f"{service.files.root}/", "")) from None
-    return BackupResource.of(backup)
 
 
 def _backups(parts: Parts) -> Backups:

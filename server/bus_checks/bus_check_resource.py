@@ -2,32 +2,58 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 from fastapi import APIRouter, Query
 from pydantic import BeforeValidator
 
-from daq.messages import messages_in
-from server.bus_checks.bus_check import BusChecks
+from daq.machine.machine_file import CanopenBus, Machine
+from daq.messages import Sentence, messages_in
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
-from server.platform.authorization.guard import PrincipalDep, require
-from server.platform.authorization.typed_route import TypedRoute
-from server.platform.http.bodies import Message, Shown
+from server.platform.authorization.guard import PrincipalDep, TypedRoute, require
+from server.platform.errors import UnavailableError
+from server.platform.http.bodies import Message, Shown, finite
 from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from daq.acquisition.cycles import AcquisitionStatistics
+    from daq.commissioning.can_questions import FoundNode
     from daq.commissioning.check import ChannelCheck, MachineCheck
 
+LEAST_S = 2.0  # of frames, without which noise and drift say nothing
 
-def _known(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+
+def _checked(acquisition: Acquisition, name: str, seconds: float, depressurised: bool) -> MachineCheck:
+    """Check the last ``seconds`` of a machine, if so many; delays between its buses by the last minute.
+
+    The acquisition goes on undisturbed.
+
+    Raises
+    ------
+    ConflictError
+        If it is not acquired.
+    UnavailableError
+        If its acquisition does not run at the moment, or has run for less than two seconds.
+    """
+    from daq.acquisition.ring import RingReader
+
+    machine, feed = acquisition.feed(name)
+    with RingReader(feed.ring_name, from_start=True) as ring:
+        rows = ring.read().rows
+    if len(rows) < LEAST_S * machine.rate_hz:
+        raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
+    return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
 
 
 #: A measured number; null where none was.
-Known = Annotated[float | None, BeforeValidator(_known)]
+Known = Annotated[float | None, BeforeValidator(finite)]
 
 
 class CheckedDevice(Shown):
@@ -143,6 +169,49 @@ def _of_device(channel: ChannelCheck) -> dict[str, Any]:
     return {name: getattr(channel, name) for name in ("name", "unit", "bus", "device", "raw")}
 
 
+def check_running(
+    machine: Machine,
+    rows: npt.NDArray[np.void],
+    statistics: AcquisitionStatistics,
+    *,
+    seconds: float = 20.0,
+    depressurised: bool = False,
+) -> MachineCheck:
+    """Check a machine that is being acquired, by frames of it; nothing is sent, and nothing waits.
+
+    Who devices are is what they answered the driver when they had been commissioned.
+
+    Parameters
+    ----------
+    rows : (N,) frames, as the ring buffer has them; delays between buses come from all of them
+    statistics : of the same acquisition, since its start
+    seconds : the newest ones are those in which the machine rests
+    depressurised : as in :func:`check_machine_buses`
+    """
+    from daq.commissioning.check import delays_of_frames, machine_check
+
+    nodes = {
+        (bus["bus"], node.node): node
+        for bus in statistics.buses
+        for device in bus["devices"]
+        if (node := _node(device)) is not None
+    }
+    silent = [bus for bus in machine.buses if isinstance(bus, CanopenBus) and bus.listen_only]
+    notes = [Sentence("server.bus_listen_only_no_device", bus=bus.name) for bus in silent]
+    resting = rows[-max(1, round(seconds * machine.rate_hz)) :]
+    found = machine_check(machine, resting, statistics, nodes, notes, depressurised=depressurised)
+    return replace(found, delays=delays_of_frames(machine, rows))
+
+
+def _node(device: Mapping[str, Any]) -> FoundNode | None:
+    """Describe a node from its driver's requests; None for a device that was not asked."""
+    from daq.commissioning.can_questions import described
+
+    objects = device.get("objects") or {}
+    kind, _, number = str(device["name"]).rpartition(" ")
+    return described(int(number), objects) if kind == "node" and objects and number.isdigit() else None
+
+
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 
 
@@ -156,12 +225,8 @@ async def bus_check(
 ) -> BusCheck:
     """Check the buses of an acquired machine by its newest frames: identity, mapping, latency, noise, zero, drift."""
     service[Machines].get(name)
-    checks = service[BusChecks]
-    return shown(await service.heavy.run(principal.id, checks.check, name, seconds, depressurised))
+    acquisition = service[Acquisition]
+    return shown(await service.heavy.run(principal.id, _checked, acquisition, name, seconds, depressurised))
 
 
-BUS_CHECKS = Resource(
-    name="bus_checks",
-    routers=(router,),
-    provides={BusChecks: lambda parts: BusChecks(parts[Acquisition])},
-)
+BUS_CHECKS = Resource(name="bus_checks", routers=(router,))

@@ -2,7 +2,7 @@
 
 - :mod:`server.calibrations.calibration_content`: what a calibration takes from a report
 - :mod:`server.calibrations.calibration_store`: states and who brought them about
-- :mod:`server.calibrations.calibration_comparison`: two of them side by side
+- :mod:`server.calibrations.calibration_resource`: routes; two of them side by side
 - :mod:`server.calibrations.calibration_desk`: all of it behind one object,
   :class:`~server.calibrations.calibration_desk.Calibrations`
 """

@@ -1,4 +1,4 @@
-"""What a calibration takes from a report (schema ``hilfit/report/1``), so that it stays when reports go."""
+"""The part of a report (schema ``hilfit/report/1``) that a calibration keeps when reports are deleted."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from server.identifications.report_verdict import verdict_of
+from server.identifications.identification_results import verdict_of
 from server.platform.http.bodies import Shown
 
 #: Of what is kept of a report; the model itself (``hilfit/model/1``) is a file of the identification.

@@ -9,7 +9,7 @@ from typing import Any
 
 from daq.messages import Sentence
 from fitting.pipeline.stage_names import VALVE_REPORT
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import content_of, content_of_valves
 from server.calibrations.calibration_store import Calibration, CalibrationStore, Of
 from server.identifications.identification_results import MODEL_FILE, FitResults, IdentificationResults
@@ -71,7 +71,7 @@ class Calibrations(CalibrationStore):
 
 
 class ByPolicy:
-    """What schedules do to calibrations without a person; each step is in the audit log."""
+    """Steps that schedules take on calibrations without a person; each is in the audit log."""
 
     def __init__(self, calibrations: Calibrations, audit: Audit) -> None:
         self._calibrations = calibrations

@@ -1,4 +1,4 @@
-"""What the routes of CAN signals give."""
+"""Answers of the routes of CAN signals."""
 
 from __future__ import annotations
 

@@ -80,10 +80,10 @@ PARTS = (
         },
     ),
     Part("sim_backends.cli", {"simulate": "Run the simulated buses of a machine."}),
-    Part("server.commands.access_commands", {"access": "Pair devices with a service that has access control."}),
     Part(
         "server.commands.operate_commands",
         {
+            "access": "Pair devices with a service that has access control.",
             "worker": "Take numerical jobs of a service with PostgreSQL.",
             "backup": "Make a backup of a service, running or not.",
             "restore": "Put a backup in the place of what is there.",

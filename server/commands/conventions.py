@@ -1,4 +1,4 @@
-"""What all commands have in common: words for values in the help, and names of options in the environment.
+"""Conventions of all commands: words for values in the help, and names of options in the environment.
 
 An option ``--seed`` of ``hilfit excite`` is ``HILFIT_EXCITE_SEED`` in the environment: one name means one thing.
 Without the command stand the settings of the service (``HILFIT_PORT``) and what means the same in all commands
@@ -115,10 +115,10 @@ def apply(command: Any) -> None:
             if word is not None:
                 parameter.own.metavar = word
             if parameter.option is not None and not parameter.own.envvar:
-                parameter.own.envvar = environment_name(words, parameter.option)
+                parameter.own.envvar = _environment_name(words, parameter.option)
 
 
-def environment_name(command: str, option: str) -> str:
+def _environment_name(command: str, option: str) -> str:
     """Return ``HILFIT_EXCITE_SEED`` for ``--seed`` of ``excite``; ``HILFIT_PORT`` for a service setting."""
     name = option[2:].replace("-", "_")
     shared = name in COMMON_OPTIONS or (command in SERVICE_COMMANDS and name in SERVICE_OPTIONS)

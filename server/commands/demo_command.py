@@ -49,7 +49,7 @@ _DESIGN, _RECORD = 0.12, 0.7
 
 @dataclass(frozen=True)
 class Acquired:
-    """What acquisition did: recorded files with their roles, and its counts."""
+    """Result of acquisition: recorded files with their roles, and its counts."""
 
     recordings: tuple[tuple[str, Path], ...]
     rate_hz: float
@@ -235,11 +235,11 @@ def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: i
     from daq.acquisition.acquisition import AcquisitionProcess
 
     design = _DESIGN / _RECORD
-    motions = design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(design * s, t))
+    motions = _design_motions(simulated.machine_path, seconds, seed, lambda s, t: progress(design * s, t))
     for name, motion in motions.items():
         save_motion(output / "motions" / f"{name}.csv", motion)
     with AcquisitionProcess(simulated.machine_path) as acquisition:
-        return record_all(
+        return _record_all(
             simulated,
             acquisition,
             motions,
@@ -248,7 +248,7 @@ def _acquired(simulated: SimulatedMachine, output: Path, seconds: float, seed: i
         )
 
 
-def design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
+def _design_motions(machine_path: Path, seconds: float, seed: int, progress: Progress) -> dict[str, Motion]:
     """Design one signal for all free cylinders, two complementary training motions, one for validation."""
     from daq.machine.machine_file import load_machine
     from fitting.arm.base_parameters import reduce_parameters
@@ -272,7 +272,7 @@ def design_motions(machine_path: Path, seconds: float, seed: int, progress: Prog
     return {"unloaded": free, "train-1": first.motion, "train-2": second.motion, "validate": other.motion}
 
 
-def record_all(
+def _record_all(
     simulated: SimulatedMachine,
     acquisition: AcquisitionProcess,
     motions: dict[str, Motion],
@@ -289,12 +289,12 @@ def record_all(
         def shown(done: int, total: int | None, number: int = number, what: str = what) -> None:
             progress((number + done / (total or 1)) / len(PLAN), what)
 
-        summary = record_motion(simulated, acquisition, motions[motion_name], (name, role), path, shown)
+        summary = _record_motion(simulated, acquisition, motions[motion_name], (name, role), path, shown)
         recorded.append((role, path, summary))
     return Acquired.of(recorded, acquisition.machine.rate_hz)
 
 
-def record_motion(
+def _record_motion(
     simulated: SimulatedMachine,
     acquisition: AcquisitionProcess,
     motion: Motion,
@@ -328,7 +328,7 @@ def _record_asked(simulated: SimulatedMachine, output: Path, asked: Asked, numbe
     save_motion(output / "motions" / f"{name}.csv", asked.motion)
     path = output / "recordings" / f"{name}.parquet"
     with AcquisitionProcess(simulated.machine_path) as acquisition:
-        record_motion(simulated, acquisition, asked.motion, (name, asked.role), path)
+        _record_motion(simulated, acquisition, asked.motion, (name, asked.role), path)
         machine = acquisition.machine
     return read_recording(path, machine, asked.role)
 

@@ -1,4 +1,4 @@
-"""``hilfit worker``, ``hilfit backup``, ``hilfit restore``: what whoever operates a service does."""
+"""``hilfit access``, ``worker``, ``backup``, ``restore``: what whoever operates a service does at its computer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import typer
 from daq.console import print_json, working
 
 
-def no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
+def _no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
     """Return the value of an option that may hold a URL.
 
     Secrets come by files and the environment: every user of a computer can read a command line.
@@ -41,15 +41,68 @@ DataDir = Annotated[Path | None, typer.Option(help="Data directory of the servic
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DatabaseUrl = Annotated[
     str | None,
-    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=no_secret),
+    typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=_no_secret),
 ]
 
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
+    group = typer.Typer(help="Pair devices with a service that has access control.", no_args_is_help=True)
+    group.callback()(lambda: None)  # or a lone command would not be a group
+    group.command("pair")(pair)
+    app.add_typer(group, name="access")
     app.command("worker")(worker)
     app.command("backup")(backup)
     app.command("restore")(restore)
+
+
+def pair(
+    role: Annotated[str, typer.Option(help="viewer, operator, engineer or admin.")] = "viewer",
+    machine: Annotated[list[str] | None, typer.Option(help="Bind the device to this machine; may be repeated.")] = None,
+    config: Config = None,
+    data_dir: DataDir = None,
+    database_url: DatabaseUrl = None,
+    json: Annotated[bool, typer.Option("--json", help="Print the code as JSON.")] = False,
+) -> None:
+    """Make a code that pairs one device within a quarter of an hour; the service may run meanwhile."""
+    from server.access.access_desk import Access
+    from server.access.pairing import pairing_url, qr_text
+    from server.audit.audit_resource import Audit
+    from server.composition.declarations import TABLES
+    from server.platform.authorization.principals import ROLES, Principal
+    from server.platform.database.engine import Database, utc_now
+    from server.platform.errors import StartError
+    from server.platform.files import DATABASE_FILE, DataDirectory
+    from server.platform.tls import certificate
+
+    found = next((known for known in ROLES if known == role), None)
+    if found is None:
+        raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
+    if settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file():  # before one is made
+        raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
+    files = DataDirectory(settings.data_dir)
+    database = Database(
+        settings.full_database_url or files.database,
+        TABLES,
+        changed=lambda: None,
+        backups=files.backups,
+        site=settings.site(files),
+    )
+    try:
+        audit = Audit(database)
+        by = Principal("command-line", "command line", "admin", None, "local")
+        code = Access(database, audit, required=True).open_code(found, machine or None, by)
+        audit.write(by, "access.make_pairing_code", "", {"role": found, "machines": machine or None})
+    finally:
+        database.close()
+    found_tls = certificate(settings, files, utc_now)
+    fingerprint = found_tls.fingerprint if found_tls is not None and found_tls.self_made else None
+    url = pairing_url(settings.public_url(settings.port), code.digits, fingerprint)
+    if json:
+        print(dumps({"code": code.digits, "role": role, "expires": code.expires, "url": url}))
+        return
+    print(f"pairing code {code.digits} for the role {role}, until {code.expires}\n{url}\n{qr_text(url)}")
 
 
 def worker(
@@ -64,7 +117,7 @@ def worker(
     from server.platform.processes.leaving import leave
 
     own = name or socket.gethostname()
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
 
     def ready() -> None:
         print(dumps({"worker": own}) if json else f"hilfit worker {own} takes jobs (Ctrl-C stops)", flush=True)
@@ -88,7 +141,7 @@ def backup(
     from server.platform.errors import StartError
     from server.platform.files import DATABASE_FILE, DataDirectory
 
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
         raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
@@ -121,7 +174,7 @@ def restore(
     from server.composition.declarations import RESOURCES
     from server.platform.files import DataDirectory
 
-    settings = settings_of(config, data_dir=data_dir, database_url=database_url)
+    settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     manifest_of(source)  # before a data directory is made
     files = DataDirectory(settings.data_dir)
     with files.locked(), working("putting files back", show=not json):
@@ -132,7 +185,7 @@ def restore(
         print(f"{count} files of {source} are back in {files.root}")
 
 
-def settings_of(config: Path | None, **given: Any) -> Any:
+def _settings_of(config: Path | None, **given: Any) -> Any:
     """Load a service's settings, with the options given; what this process makes is its user's alone."""
     from server.platform.files import private_files
     from server.platform.settings import load_settings

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from server.platform.parts import Key
+    from server.platform.resource import Key
     from server.platform.settings import Settings
 
 
@@ -51,19 +51,8 @@ def serve(
     def ready(url: str) -> None:
         print(json_format.dumps({"url": url}) if json else f"hilfit serves on {url} (Ctrl-C stops)", flush=True)
 
-    options: dict[str, Any] = {
-        "host": host,
-        "port": port,
-        "data_dir": data_dir,
-        "base_path": base_path,
-        "tls_cert": tls_cert,
-        "tls_key": tls_key,
-        "tls": tls,
-        "simulate": simulate,
-        "simulation_speed": simulation_speed,
-        "faults": faults,
-        "new_store": new_store,
-    }
+    # All options but two are settings, and only the context knows which were given.
+    options = {name: value for name, value in context.params.items() if name not in ("config", "json")}
     settings = load_settings(config, **{name: value for name, value in options.items() if _was_given(context, name)})
     _check_faults(settings)
     with ExitStack() as stack:
@@ -81,7 +70,7 @@ def _simulated(settings: Settings, stack: ExitStack) -> dict[Key, Any]:
     from server.machines.simulation import Simulation
 
     simulation = stack.enter_context(closing(Simulation(settings.faults)))  # it loads while this process does
-    from server.machines.faults.fault_routes import BREAKABLE
+    from server.machines.fault_routes import BREAKABLE
     from server.machines.machine_resource import SIMULATE
 
     return {SIMULATE: simulation.machine, BREAKABLE: simulation}

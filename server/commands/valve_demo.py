@@ -80,17 +80,17 @@ def run_valve_demo(
                 path = output / "recordings" / f"{name}.parquet"
                 role = "validate" if name == "validate" else "operation"
                 motion = output / "motions" / f"{name}.csv"
-                recorded.append((role, path, record_played(simulated, acquisition, motion, role, path, shown)))
+                recorded.append((role, path, _record_played(simulated, acquisition, motion, role, path, shown)))
                 done += length
         request = Request(simulated.machine_path, tuple((role, path) for role, path, _ in recorded), output)
         report, files = identified_and_written(
             request, ("c", "csv", "st"), lambda share, text: progress(last + (1.0 - last) * share, text)
         )
-    tests = [self_tested(file) for file in files if file.name.endswith("_selftest.c")]
+    tests = [_self_tested(file) for file in files if file.name.endswith("_selftest.c")]
     return report, Acquired.of(recorded, machine.rate_hz), tests
 
 
-def record_played(
+def _record_played(
     simulated: SimulatedMachine,
     acquisition: AcquisitionProcess,
     motion: Path,
@@ -113,7 +113,7 @@ def record_played(
     return summary
 
 
-def self_tested(source: Path) -> str:
+def _self_tested(source: Path) -> str:
     """Compile and run an exported self-test; return its line for people."""
     compiler = shutil.which("cc")
     if compiler is None:

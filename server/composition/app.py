@@ -1,32 +1,110 @@
-"""The FastAPI application: routes, problem documents, limits, health."""
+"""The FastAPI application: routes, problem documents, limits, health, metrics."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator
 from importlib.metadata import version
 from typing import Any, Literal
 
 from fastapi import FastAPI, Response
 from fastapi.routing import APIRoute
+from prometheus_client import CollectorRegistry, Histogram
+from prometheus_client.core import Metric
+from prometheus_client.exposition import generate_latest
+from prometheus_client.registry import Collector
 from pydantic import BaseModel
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.access.access_desk import Access
 from server.access.gate import OPEN, Gate
 from server.access.rates import Rate, Rates
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.live.revisions import Revisions
-from server.platform.authorization.guard import is_about_every_machine, require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, is_about_every_machine, require
 from server.platform.http import problems
 from server.platform.http.base_path import BasePath
-from server.platform.http.conditional import Conditional
-from server.platform.http.kept_answers import KeptAnswers
-from server.platform.http.metrics import MEDIA_TYPE, Metrics, RequestTimes
+from server.platform.http.kept_answers import Conditional, KeptAnswers
 from server.platform.http.pages import CLOSED, Pages, page_files
 from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHeaders
 from server.platform.http.route_parameters import problems as problem_responses
 from server.platform.resource import Resource, kept_lists
 from server.platform.service import Service
+
+#: Text format 0.0.4, which every Prometheus reads.
+MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+_BUCKETS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+
+
+class _Declared(Collector):
+    """Asks the resources when Prometheus asks."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+
+    def collect(self) -> Iterator[Metric]:
+        """Collect everything that the resources count."""
+        for resource in self._service.resources:
+            if resource.metrics is not None:
+                yield from resource.metrics(self._service)
+
+
+class Metrics:
+    """The registry of one service, which Prometheus reads at ``/metrics``; filled when it is read.
+
+    Names follow Prometheus' conventions: base units, ``_total`` for counters. There is no label with an id in it: every
+    machine and every kind is a series, not every recording.
+    """
+
+    def __init__(self, service: Service) -> None:
+        self._registry = CollectorRegistry()
+        self._registry.register(_Declared(service))
+        self.requests = Histogram(
+            "hilfit_http_request_seconds",
+            "Time from a request's first byte to its response's last one.",
+            ("method", "route", "status"),
+            buckets=_BUCKETS,
+            registry=self._registry,
+        )
+
+    def text(self) -> bytes:
+        """Write everything as Prometheus reads it."""
+        return generate_latest(self._registry)
+
+
+class _RequestTimes:
+    """Measures requests by route; streams are not measured.
+
+    A route is named by the path that its router declares: ids make no series.
+    """
+
+    def __init__(self, app: ASGIApp, metrics: Metrics, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._app = app
+        self._metrics = metrics
+        self._clock = clock
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on and time it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        began = self._clock()
+        status, stream = 500, False
+
+        async def sending(message: Message) -> None:
+            nonlocal status, stream
+            if message["type"] == "http.response.start":
+                status = message["status"]
+                stream = any(value.startswith(b"text/event-stream") for _, value in message["headers"])
+            await send(message)
+
+        try:
+            await self._app(scope, receive, sending)
+        finally:
+            if not stream:
+                route = getattr(scope.get("route"), "path", "none")
+                method = scope["method"] if route != "none" else "none"
+                self._metrics.requests.labels(method, route, str(status)).observe(self._clock() - began)
 
 
 class Health(BaseModel):
@@ -157,7 +235,7 @@ def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
         return Response(metrics.text(), media_type=MEDIA_TYPE)
 
 
-def actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
+def _actions_of(resources: Iterable[Resource]) -> dict[Any, str]:
     """Return the audit log's name of each endpoint's call: ``recordings.start``."""
     return {
         route.endpoint: f"{resource.name}.{route.endpoint.__name__}"
@@ -180,11 +258,11 @@ def _add_layers(app: FastAPI, service: Service, metrics: Metrics) -> None:
     lists = {API + path: names for path, names in kept_lists(service.resources).items()}
     app.add_middleware(KeptAnswers, lists=lists, revisions=service[Revisions].current)
     app.add_middleware(BodyLimit, limit=limit)
-    actions = actions_of(service.resources)
+    actions = _actions_of(service.resources)
     rate = Rate(settings.requests_per_second, max(1, round(4 * settings.requests_per_second)))
     app.add_middleware(Gate, access=access, audit=service[Audit], actions=actions, rate=rate, rates=Rates())
     app.add_middleware(OwnPagesOnly, hosts=settings.public_names, addresses=access.required)
     app.add_middleware(Conditional)
     app.add_middleware(SafeHeaders)
-    app.add_middleware(RequestTimes, metrics=metrics)
+    app.add_middleware(_RequestTimes, metrics=metrics)
     app.add_middleware(BasePath, base=settings.base_path)

@@ -20,8 +20,8 @@ from server.platform import logs
 from server.platform.errors import StartError
 from server.platform.files import private_files
 from server.platform.http.http_limits import BoundedHttp
-from server.platform.parts import Key
 from server.platform.processes.precedence import take_precedence
+from server.platform.resource import Key
 from server.platform.service import Service
 from server.platform.settings import Settings, refuse_open_host
 
@@ -32,7 +32,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class _Server(uvicorn.Server):
-    """Says when it listens, and ends event streams as soon as it is told to stop.
+    """Reports when it listens, and ends event streams as soon as it is ordered to stop.
 
     Open streams would hold it for the whole time of grace.
     """

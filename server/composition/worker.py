@@ -28,8 +28,7 @@ from server.platform.database.engine import Database
 from server.platform.database.patience import Patience
 from server.platform.errors import ServiceStopping, StartError
 from server.platform.files import DataDirectory, held, private_files
-from server.platform.parts import Key, Parts
-from server.platform.resource import providers_of
+from server.platform.resource import Key, Parts, providers_of
 from server.platform.settings import Settings
 
 _log = structlog.stdlib.get_logger(__name__)

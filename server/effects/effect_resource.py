@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter
 
 from daq.messages import Sentence
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.errors import NotFoundError
+from server.platform.http.bodies import finite
 from server.platform.http.route_parameters import problems
 from server.platform.resource import Resource
 
@@ -41,7 +40,7 @@ def _describe(entry: Effect) -> dict[str, Any]:
         "equation": entry.equation,
         "parity": entry.dependence,
         "parameters": [
-            {"name": p.name, "unit": p.unit, "low": _finite(p.low), "high": _finite(p.high)} for p in entry.parameters
+            {"name": p.name, "unit": p.unit, "low": finite(p.low), "high": finite(p.high)} for p in entry.parameters
         ],
         "confounders": list(entry.confounders),
         "experiment": entry.experiment,
@@ -49,10 +48,6 @@ def _describe(entry: Effect) -> dict[str, Any]:
         "source": entry.source,
         "machine_wide": entry.machine_wide,
     }
-
-
-def _finite(bound: float) -> float | None:
-    return bound if math.isfinite(bound) else None
 
 
 router = APIRouter(prefix="/effects", tags=["effects"], route_class=TypedRoute)

@@ -37,7 +37,7 @@ _LITRES_PER_MINUTE = 1e-3 / 60  # m^3/s
 _BAR = 1e5  # Pa
 
 
-def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tuple[Motion, dict[str, Any]]:
+def _design(machine: Machine, options: dict[str, Any], progress: Progress) -> tuple[Motion, dict[str, Any]]:
     """Design the motion and its summary.
 
     Parameters
@@ -96,7 +96,7 @@ def design(machine: Machine, options: dict[str, Any], progress: Progress) -> tup
     }
 
 
-def run(request: Path) -> dict[str, Any]:
+def _run(request: Path) -> dict[str, Any]:
     """Design what ``request`` asks for, unless it is there already; return the result."""
     content = json.loads(request.read_text(encoding="utf-8"))
     output = Path(content["output"])
@@ -107,7 +107,7 @@ def run(request: Path) -> dict[str, Any]:
     def progress(share: float, _condition: float) -> None:
         send(fraction=share, text=Sentence("server.designing_motion"))
 
-    motion, result = design(load_machine(content["machine"]), content["options"], progress)
+    motion, result = _design(load_machine(content["machine"]), content["options"], progress)
     write_motion(output / "motion.csv", motion)
     result |= {"seconds": motion.seconds, "rods": motion.rods, "joints": list(motion.columns)}
     write_whole(result_file, json.dumps(result, allow_nan=False).encode())
@@ -116,7 +116,7 @@ def run(request: Path) -> dict[str, Any]:
 
 def main(arguments: list[str]) -> int:
     """Run as a program; the exit code."""
-    return ended(lambda: run(Path(arguments[0])))
+    return ended(lambda: _run(Path(arguments[0])))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,10 @@ from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Job, Jobs, Result, found_by
 from server.machines.machine_store import Machines
+from server.machines.simulation import SimulatedController
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey
-from server.platform.errors import InvalidError
+from server.platform.errors import ConflictError, InvalidError
 from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 
@@ -116,3 +117,48 @@ class ExcitationKind:
 
     def ended(self, job: Job, state: str, error: str | None) -> None:
         """Pass: nobody waits for it here."""
+
+
+class MotionDelivery:
+    """Sends designed motions to the simulated machine's controller.
+
+    No request reaches an actuator: the controller gets a file, as it would from a person.
+
+    Parameters
+    ----------
+    simulated : name of the simulated machine, None without one
+    """
+
+    def __init__(
+        self,
+        files: DataDirectory,
+        excitations: Excitations,
+        designs: ExcitationKind,
+        simulated: Callable[[], str | None],
+    ) -> None:
+        self._files = files
+        self._excitations = excitations
+        self._designs = designs
+        self._simulated = simulated
+
+    def controller(self, machine: str) -> SimulatedController | None:
+        """Return the simulated machine's controller; None: a real machine."""
+        if machine != self._simulated():
+            return None
+        return SimulatedController(self._files.simulation, self._designs.motion)
+
+    def send(self, excitation: str, name: str) -> None:
+        """Send a designed motion to the simulated machine's controller.
+
+        Raises
+        ------
+        NotFoundError, ConflictError
+            If there is no such motion, or the machine is a real one.
+        """
+        row = self._excitations.get(excitation)
+        if row.result is None:
+            raise ConflictError(Sentence("server.excitation_not_designed_yet", excitation=excitation, job=row.job))
+        controller = self.controller(row.machine)
+        if controller is None:
+            raise ConflictError(Sentence("server.machine_real_download_motion", machine=row.machine))
+        controller.send(name, excitation)

@@ -3,20 +3,72 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
+from daq.whole_files import write_whole
+from fitting.pipeline.stage_names import STAGES, VALVE_WORDS, WORDS, ReportLanguage
+from server.identifications.identification_results import verdict_of
 from server.identifications.identification_store import Fit, Fits, Identifications
-from server.identifications.report_verdict import verdict_of
-from server.identifications.stage_request import StageProgram, StageRequest, words
 from server.jobs.job_kinds import NUMERICAL, JobError, StageRun
 from server.jobs.job_store import Job, Result, found_by
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.processes.children import ChildResult
 from server.recordings.recording_store import Recordings
+
+
+@dataclass(frozen=True)
+class StageProgram:
+    """Stages in order, and the command that runs one: ``[*command, REQUEST.json, STAGE]``.
+
+    By default it is ``python -P -m fitting.pipeline.stage_program --stay``, which never runs in the process that serves
+    HTTP, and stays for the stages that follow.
+    """
+
+    stages: tuple[str, ...]
+    command: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class StageRequest:
+    """The request that every stage of one identification gets: files by their paths, recordings with their roles.
+
+    The report's page is written in every language.
+    """
+
+    machine: Path
+    recordings: tuple[tuple[str, Path], ...]
+    options: dict[str, Any]
+    output: Path
+
+    def write(self) -> Path:
+        """Write it to ``request.json`` in the output directory; returns its path."""
+        content = {
+            "machine": str(self.machine),
+            "recordings": [[role, str(path)] for role, path in self.recordings],
+            "options": self.options,
+            "output": str(self.output),
+            "languages": get_args(ReportLanguage),
+        }
+        path = self.output / "request.json"
+        write_whole(path, json.dumps(content, indent=1).encode())
+        return path
+
+
+def words(stage: str) -> str:
+    """Return what a person reads while ``stage`` runs."""
+    text = (WORDS | VALVE_WORDS).get(stage, stage.replace("_", " "))
+    return text[:1].upper() + text[1:]
+
+
+def fitting_program(stages: tuple[str, ...] = STAGES) -> StageProgram:
+    """List stages of :mod:`fitting`, which is loaded here only for their names."""
+    return StageProgram(stages, (sys.executable, "-P", "-m", "fitting.pipeline.stage_program", "--stay"))
 
 
 class FitKind:

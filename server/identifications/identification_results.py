@@ -1,17 +1,26 @@
-"""Where fits left their files."""
+"""Files of fits, and their verdicts."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
 from daq.messages import Sentence
+from fitting.report import looked
 from server.identifications.identification_store import Fit, Fits, Identifications
 from server.jobs.job_places import kept_place
 from server.jobs.job_store import Jobs
 from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
+
+
+def verdict_of(report: Mapping[str, Any]) -> str:
+    """Return the report's verdict; ``not_looked_for`` if without the loop, where it would mean nothing."""
+    loop = report["loop"]
+    return str(loop["verdict"]) if looked(loop) else "not_looked_for"
+
 
 #: The model's name among the files of an identification.
 MODEL_FILE = "model.json"

@@ -24,9 +24,8 @@ from server.jobs.job_kinds import JobError, JobKind, StageRun
 from server.jobs.job_places import begin, place_name, tidy
 from server.jobs.job_store import FINAL, Job, Jobs, Result, State
 from server.platform.database.patience import PAUSE_S, Value, away
-from server.platform.disk import RESERVE_BYTES, Free
 from server.platform.errors import ServiceStopping, TakenOver
-from server.platform.files import sync_tree
+from server.platform.files import RESERVE_BYTES, Free, sync_tree
 from server.platform.processes.children import LOOK_S, Child, ChildResult
 from server.platform.storage import StorageAwayError
 
@@ -47,7 +46,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 @dataclass
-class StageWork:
+class _StageWork:
     """A stage while it is done.
 
     Attributes
@@ -219,7 +218,7 @@ class Execution:
 
     def _work(self, stage: str, part: tuple[int, int], place: Path, whole: bool) -> ChildResult:
         host, row, key = self._host, self._row, self._host.files.key
-        work = StageWork(
+        work = _StageWork(
             host.jobs,
             self._claim,
             stage,

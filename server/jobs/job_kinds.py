@@ -1,4 +1,4 @@
-"""What a kind of job has to tell the runner."""
+"""Kinds of jobs, as the runner knows them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class JobError(HilfitError):
 
 @dataclass(frozen=True)
 class StageRun:
-    """What a kind is given to run one stage of one job.
+    """Context in which a kind runs one stage of one job.
 
     Attributes
     ----------

@@ -15,9 +15,8 @@ import sqlalchemy as sa
 from daq.messages import Sentence
 from server.jobs.claims import Claim
 from server.platform.database.idempotency import IdempotencyKey, earlier, remember
-from server.platform.database.outbox import put_out
 from server.platform.database.repository import Repository, Value
-from server.platform.database.schema import metadata, store_identity
+from server.platform.database.schema import metadata, put_out, store_identity
 from server.platform.database.stored import BESIDE, HIDDEN, Id, Kept, Stored
 from server.platform.http.bodies import Message
 
@@ -82,7 +81,7 @@ job_files = sa.Table(
 
 @dataclass(frozen=True)
 class Result:
-    """What a job found: a change of one resource, in the transaction that ends the job."""
+    """Result of a job: a change of one resource, in the transaction that ends the job."""
 
     resource: str
     change: sa.Update

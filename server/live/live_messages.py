@@ -6,7 +6,6 @@ and begins with a snapshot. Values are in the channels' units; what is not a num
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy.typing as npt
 import orjson
 
 from daq import Machine, Quality
+from server.platform.http.bodies import finite
 
 #: Name of each quality, by its number in a frame.
 QUALITIES = tuple(quality.name.lower() for quality in Quality)
@@ -59,10 +59,10 @@ def snapshot(seq: int, state: str, channels: Channels | None, row: npt.NDArray[n
         content["utc_ns"] = int(row["utc_ns"][0])
         content["channels"] = {
             name: {
-                "value": _finite(values[index]),
+                "value": finite(values[index]),
                 "unit": channels.units[index],
                 "quality": QUALITIES[int(row["quality"][0, index])],
-                "age_s": _finite(row["ages"][0, index]),
+                "age_s": finite(row["ages"][0, index]),
             }
             for index, name in enumerate(channels.names)
         }
@@ -102,10 +102,6 @@ def frames(seq: int, channels: Channels, rows: npt.NDArray[np.void], missed: int
 def heartbeat(seq: int, state: str) -> str:
     """Send a sign of life, and what the acquisition does."""
     return _text({"type": "heartbeat", "seq": seq, "acquisition": state})
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def _text(content: dict[str, Any]) -> str:

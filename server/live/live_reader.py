@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,9 +16,47 @@ import structlog
 from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
 from server.live import live_messages as messages
-from server.live.live_client import Client
 from server.machines.acquisition import Acquisition
 from server.platform.errors import ServiceError
+
+#: Messages that a client may be behind, about three seconds; then it is dropped, and it connects again.
+BEHIND = 32
+
+
+class Client:
+    """A client; made in its event loop, filled from any thread.
+
+    Parameters
+    ----------
+    behind : messages that it may be behind
+    """
+
+    def __init__(self, behind: int = BEHIND) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._messages: asyncio.Queue[str] = asyncio.Queue(behind)
+        #: Set when the client is too slow, or the service stops: nothing more comes.
+        self.dropped = asyncio.Event()
+
+    def offer(self, message: str) -> None:
+        """Queue a message, from any thread; never waits."""
+        with contextlib.suppress(RuntimeError):  # its loop has ended: so has the client
+            self._loop.call_soon_threadsafe(self._put, message)
+
+    def drop(self) -> None:
+        """Drop the client, from any thread."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self.dropped.set)
+
+    def _put(self, message: str) -> None:
+        try:
+            self._messages.put_nowait(message)
+        except asyncio.QueueFull:
+            self.dropped.set()
+
+    async def next(self) -> str:
+        """Return the next message."""
+        return await self._messages.get()
+
 
 #: Seconds between two messages with samples, and between two heartbeats.
 PERIOD_S, HEARTBEAT_S = 0.1, 2.0
@@ -24,7 +64,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class _Stream:
-    """What one machine's thread knows: the clients, the ring that it reads, the sequence number."""
+    """State of one machine's thread: the clients, the ring that it reads, the sequence number."""
 
     def __init__(self, machine: str, source: Acquisition, clock: Callable[[], float]) -> None:
         self._machine = machine

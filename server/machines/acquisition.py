@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, suppress
@@ -18,6 +17,7 @@ from daq.errors import HilfitError
 from daq.machine.bus_places import is_listed
 from daq.messages import Sentence, message_of, with_their_messages
 from server.platform.errors import ConflictError, UnavailableError
+from server.platform.http.bodies import finite
 
 #: Seconds between two looks at a running acquisition.
 LOOK_S = 0.5
@@ -35,7 +35,7 @@ Launch = Callable[[Machine], AbstractContextManager[AcquisitionProcess]]
 
 @dataclass
 class _State:
-    """What the supervisor's thread shares with the others, under its lock."""
+    """State that the supervisor's thread shares with the others, under its lock."""
 
     state: str = "starting"  # starting, running, waiting, stopped
     error: str | None = None
@@ -51,7 +51,7 @@ class Supervisor:
     Parameters
     ----------
     places : where it may go (:mod:`daq.machine.bus_places`); None: wherever its file says
-    pause : waits that many seconds or until told to stop; True if told to stop (a test passes its own)
+    pause : waits that many seconds or until ordered to stop; True if so (a test passes its own)
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Supervisor:
             ran = False
             try:
                 machine = load_machine(self._machine_file)
-                refuse_elsewhere(machine, self._places)
+                _refuse_elsewhere(machine, self._places)
                 with self._launch(machine) as feed:
                     if self._comes_up(feed):
                         ran = True
@@ -160,7 +160,7 @@ class Supervisor:
                 raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
 
 
-def refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
+def _refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
     """Raise ConflictError if a bus of a machine leads to a place that is not among ``places`` (None: all are)."""
     for bus in machine.buses if places is not None else ():
         place = bus.place
@@ -213,10 +213,13 @@ class Acquisition:
         with self._lock:
             return tuple(self._supervisors)
 
+    def _supervisor(self, name: str) -> Supervisor | None:
+        with self._lock:
+            return self._supervisors.get(name)
+
     def running(self, name: str) -> bool:
         """Test whether frames of that machine come at the moment."""
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         return supervisor is not None and supervisor.running is not None
 
     def check(self, machine_file: Path, own: bool = False) -> None:
@@ -226,12 +229,11 @@ class Acquisition:
         if not machine.buses or silent:
             lacking = Sentence("server.channel_no_source", channel=silent[0]) if silent else Sentence("server.no_buses")
             raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=lacking))
-        refuse_elsewhere(machine, None if own else self._places)
+        _refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
         """Return the state of one machine's acquisition."""
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         return {"state": "off"} if supervisor is None else supervisor.statistics()
 
     def state(self, name: str) -> str:
@@ -248,8 +250,7 @@ class Acquisition:
         UnavailableError
             If its acquisition does not run at the moment.
         """
-        with self._lock:
-            supervisor = self._supervisors.get(name)
+        supervisor = self._supervisor(name)
         if supervisor is None:
             raise ConflictError(
                 Sentence("server.machine_not_being_acquired", name=name),
@@ -284,12 +285,11 @@ class Acquisition:
         channels = {}
         for index, channel in enumerate(machine.channels):
             value = float(machine.conversion(channel).from_si(float(frame.values[index])))
-            age = float(frame.ages[index])
             channels[channel.name] = {
-                "value": value if math.isfinite(value) else None,
+                "value": finite(value),
                 "unit": channel.unit,
                 "quality": Quality(int(frame.quality[index])).name.lower(),
-                "age_s": age if math.isfinite(age) else None,
+                "age_s": finite(frame.ages[index]),
             }
         return {"cycle": frame.cycle, "time": frame.time, "utc_ns": frame.utc_ns, "channels": channels}
 

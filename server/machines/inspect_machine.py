@@ -1,6 +1,6 @@
 """Look at an uploaded machine file in a process of its own (:mod:`server.platform.processes.file_children`).
 
-A text from outside may be hostile; reading it must not cost the process that serves HTTP more than a child. It is told
+A text from outside may be hostile; reading it must not cost the process that serves HTTP more than a child. It takes
 ``SOURCE TARGET``; the validated machine is written to TARGET as JSON.
 """
 

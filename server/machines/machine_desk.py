@@ -13,7 +13,7 @@ from server.machines.machine_uploads import MachineUploads
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import Tags
-from server.platform.parts import PartName
+from server.platform.resource import PartName
 
 #: Id of the recording that is being made of a machine; None without one.
 BEING_RECORDED: PartName[Callable[[str], str | None]] = PartName("which recording is being made of a machine")
@@ -22,7 +22,7 @@ Simulate = Callable[[Path, float], AbstractContextManager[Path]]
 
 
 class MachineDesk:
-    """What is done to machines.
+    """Operations on machines.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ class Simulation:
             os.kill(os.getpid(), signal.SIGTERM)
 
     def order(self, order: str, **details: Any) -> Any:
-        """Order something of it (:mod:`server.machines.faults.simulation_orders`) and wait for the answer.
+        """Order something of it (:mod:`server.machines.simulation_child`) and wait for the answer.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 """Learns what a machine's residual usually is, then watches for a change. Pure: blocks in, state out.
 
-Each statistic of each joint (:mod:`server.monitor.residual_scores`) is a series with one number per block in which the
+Each statistic of each joint (:mod:`server.monitor.followed`) is a series with one number per block in which the
 joint moved. *Learning*: the first ``learn`` of them give its mean, its first-order autocorrelation and the standard
 deviation of what that leaves. *Watching*: new numbers are whitened by that autocorrelation, standardised, and summed
 (:mod:`server.monitor.cusum`).
@@ -37,7 +37,7 @@ def threshold(rules: Rules, statistics: int) -> float:
 
 @dataclass(frozen=True)
 class Usual:
-    """What is usual of one statistic: mean, autocorrelation, standard deviation of the innovations, blocks seen."""
+    """Baseline of one statistic: mean, autocorrelation, standard deviation of the innovations, blocks seen."""
 
     mean: float
     correlation: float

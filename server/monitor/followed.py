@@ -1,4 +1,4 @@
-"""What a monitor follows: joint efforts by the model of the mechanics, or rod speeds by identified valves.
+"""Sources of a monitor: joint efforts by the model of the mechanics, or rod speeds by identified valves.
 
 Both cut the live signals into blocks and give a few statistics of measured minus predicted for each; the watcher sums
 these up, and each adds results of its own.
@@ -23,7 +23,49 @@ from server.identifications.live_model import FloatArray, JointBlock, LiveModel,
 from server.monitor.cusum import Sums
 from server.monitor.drift_watcher import Watcher
 from server.monitor.monitor_order import Rules
-from server.monitor.residual_scores import STATISTICS, effective, scores
+
+STATISTICS = ("offset", "direction", "level")
+#: Share of a block during which a drive has to move for the block to count.
+MOVING_SHARE = 0.5
+
+
+def scores(block: JointBlock) -> Mapping[str, float] | None:
+    """Project a joint's block, in the joint's effort unit, on one direction per kind of change; None at rest.
+
+    A residual's mean alone misses the commonest change of all: more friction pushes one way while the drive goes forth
+    and the other way while it comes back, and the mean over a stroke is zero. So the residual ``e`` of a block is
+    projected on a direction ``w``: ``z = sum(w e) / sqrt(sum(w^2))``, which has the variance of one sample whatever
+    ``w`` is, where ``e`` is white. Directions:
+
+    - ``offset``: 1, a bias of a sensor or a load that is always there;
+    - ``direction``: the sign of the speed, friction;
+    - ``level``: the predicted effort about its mean, a gain, or a load that moves with the arm.
+
+    A direction that the motion does not have (always forth: ``direction`` is ``offset``) is left out.
+    """
+    moving = block.moving
+    if np.count_nonzero(moving) < max(3, MOVING_SHARE * len(moving)):
+        return None
+    e = block.residual[moving]
+    weights = {
+        "offset": np.ones(len(e)),
+        "direction": block.direction[moving],
+        "level": block.predicted[moving] - block.predicted[moving].mean(),
+    }
+    scale = max(float(np.abs(block.predicted[moving]).max()), 1e-12)
+    found = {}
+    for name in STATISTICS:
+        w = weights[name] / scale if name == "level" else weights[name]
+        norm = float(np.linalg.norm(w))
+        if norm > 0.05 * np.sqrt(len(e)):
+            found[name] = float(w @ e) / norm
+    return found
+
+
+def effective(block: JointBlock) -> float:
+    """Compute the RMS of a joint's residual while it moves, in its effort unit; NaN while it rests."""
+    e = block.residual[block.moving]
+    return float(np.sqrt(np.mean(e**2))) if len(e) else float("nan")
 
 
 class Scored(NamedTuple):
@@ -38,7 +80,7 @@ class Scored(NamedTuple):
 
 
 class Followed(Protocol):
-    """What the watching process asks of a model.
+    """Interface of a model to the watching process.
 
     Attributes
     ----------
@@ -61,9 +103,11 @@ class Followed(Protocol):
 
     def of_machine(self) -> dict[str, Any]:
         """Return what else the last blocks show of the machine."""
+        return {}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
         """Return what else they show of a joint, to whoever has just watched the last one."""
+        return {}
 
 
 class Efforts(Followed):
@@ -101,10 +145,6 @@ class Efforts(Followed):
         residual, tip, moving = (np.concatenate(own) for own in zip(*parts, strict=True))
         found = weighed(residual, tip, moving)
         return {"payload": None if found is None else asdict(found)}
-
-    def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
-        """Return nothing: a statistic is all that a block shows."""
-        return {}
 
 
 class Speeds(Followed):
@@ -158,10 +198,6 @@ class Speeds(Followed):
             joint: Scored(own.statistics, own.residual, own.slack(self._errors[joint]))
             for joint, own in self._last.items()
         } or None
-
-    def of_machine(self) -> dict[str, Any]:
-        """Return nothing."""
-        return {}
 
     def of_joint(self, joint: str, watcher: Watcher) -> dict[str, Any]:
         """Find which numbers of its valve have moved, in the blocks since its largest sum began to grow."""

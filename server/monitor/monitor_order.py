@@ -1,4 +1,4 @@
-"""What a monitor process is told. Free of numerical imports: the process that serves HTTP makes it."""
+"""Orders to a monitor process, and its reports of overloads. Free of numerical imports: HTTP shows them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LEARN = 120
 
 @dataclass(frozen=True)
 class Rules:
-    """How the monitor decides.
+    """Settings by which the monitor decides.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Rules:
 
 @dataclass(frozen=True)
 class Order:
-    """What to watch.
+    """Input of the process that watches one machine against a calibration.
 
     Attributes
     ----------
@@ -65,3 +65,30 @@ class Order:
             Path(content["memory"]),
             Rules(**content["rules"]),
         )
+
+
+@dataclass(frozen=True)
+class OverloadNow:
+    """An overload that has not ended: where, measured minus predicted effort there, and that over its band."""
+
+    on: bool  # False: it has ended, and only the time means something
+    time: float  # s of machine time of the newest sample then
+    joint: str
+    residual: float
+    unit: str
+    score: float  # residual over its band
+    threshold: float  # that the score exceeds
+
+
+@dataclass(frozen=True)
+class OverloadJoint:
+    """How near a joint came to an overload within the last second.
+
+    ``residual`` is measured minus predicted effort at its nearest moment; ``share`` is of the threshold, above 1 it is
+    an overload.
+    """
+
+    joint: str
+    residual: float
+    unit: str
+    share: float

@@ -85,7 +85,7 @@ class Monitors:
         self._rules = rules or Rules()
         self._lock = threading.Lock()
         self._watches: dict[tuple[str, Of], _Watch] = {}
-        # Machine -> calibration whose drift was told: a monitor that starts again remembers it, and is not heard twice.
+        # Machine -> calibration whose drift was reported: a monitor that starts again remembers it; once is enough.
         self._asked: dict[str, str] = {}
         self._rounds = Rounds("monitors", LOOK_S, self.look)
 
@@ -222,7 +222,7 @@ class Monitors:
         with self._lock:
             watch.found["overload"] = hit if hit["on"] else None
         if not watch.stop.is_set():
-            self._alarms.report(machine, "overload", as_text(hit) if hit["on"] else "", "critical", hit["on"])
+            self._alarms.report(machine, "overload", _as_text(hit) if hit["on"] else "", "critical", hit["on"])
 
 
 def _because(reason: str | None) -> dict[str, Any]:
@@ -248,7 +248,7 @@ WORDS = {
 }
 
 
-def as_text(hit: Mapping[str, Any]) -> str:
+def _as_text(hit: Mapping[str, Any]) -> str:
     """Describe an overload to an operator."""
     values = {name: hit[name] for name in ("joint", "residual", "unit", "threshold")}
     return Sentence("server.collision_or_overload", **values, times=abs(hit["score"]))

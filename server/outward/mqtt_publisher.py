@@ -11,7 +11,7 @@ topic, below the prefix               payload
 ====================================  ======================================================================
 
 A thread of its own sends one message after another, at least once (QoS 1), in their order. While the broker is away the
-newest :data:`WAITING` wait; whenever it comes back it is told all that stands in the topics again.
+newest :data:`WAITING` wait; whenever it comes back it gets all that is in the topics again.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class MqttPublisher:
         self._client.on_disconnect = self._on_disconnect
         self._lock = threading.Condition()
         self._queue: deque[tuple[str, bytes]] = deque(maxlen=waiting)
-        self._first: deque[tuple[str, bytes]] = deque()  # what a broker that came back is told before
+        self._first: deque[tuple[str, bytes]] = deque()  # what a broker that came back gets before
         self._newest: dict[str, bytes] = {}
         self._connected = self._stopping = False
         self._dropped = 0

@@ -1,4 +1,4 @@
-"""What is said outward: one value, whoever takes it. Its fields are only added to, never renamed."""
+"""Messages to other systems: one value, whoever takes it. Its fields are only added to, never renamed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Literal
 import orjson
 from pydantic import TypeAdapter
 
-from server.alarms.alarm_conditions import Severity
+from server.alarms.alarm_lifecycle import Severity
 
 #: Code and values of the text beside it, to word it in another language.
 MadeOf = dict[str, Any] | None
@@ -18,7 +18,7 @@ Kind = Literal["state", "result", "alarm", "test"]
 
 @dataclass(frozen=True)
 class StateData:
-    """What acquisition of a machine does; ``error``: why it waits."""
+    """State of a machine's acquisition; ``error``: why it waits."""
 
     acquisition: Literal["off", "starting", "running", "waiting", "stopped"]
     error: str | None = None

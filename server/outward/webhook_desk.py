@@ -1,4 +1,4 @@
-"""Webhooks: who gets messages by a signed POST, each at least once, or somebody is told that it was given up."""
+"""Webhooks: who gets messages by a signed POST, each at least once, or an alarm reports that it was given up."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ import structlog
 from daq.messages import Sentence
 from server.alarms.alarm_desk import Alarms
 from server.outward.outward_message import Message, TrialData
-from server.outward.webhook_post import post
-from server.outward.webhook_signing import WebhookSecrets, fingerprint, headers
+from server.outward.webhook_post import WebhookSecrets, fingerprint, headers, post
 from server.outward.webhook_store import Delivery, Event, Webhook, WebhookStore
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
@@ -38,7 +37,7 @@ class Webhooks:
     ----------
     places : the administrator's list (:mod:`server.platform.receiver_places`)
     send : lets a delivery be tried, :meth:`server.platform.processes.errands.Errands.send`
-    tls : whom receivers are believed by
+    tls : authorities that vouch for receivers
     resolve : finds addresses of names
     pauses_s : between two tries
     """

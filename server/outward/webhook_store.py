@@ -21,9 +21,9 @@ KEPT = 500
 
 
 class Webhook(Stored, table="webhooks", noun="webhook"):
-    """Where messages of some types are delivered to.
+    """An address that messages of some types are delivered to.
 
-    ``secret_sha256`` tells whether this computer has its secret.
+    ``secret_sha256`` shows whether this computer has its secret.
     """
 
     id: Id
@@ -54,7 +54,7 @@ class Delivery(Stored, table="webhook_deliveries", label="type"):
 webhooks, webhook_deliveries = Webhook.table, Delivery.table
 
 
-class Deliveries(Repository[Delivery]):
+class _Deliveries(Repository[Delivery]):
     """Repository of deliveries."""
 
     of = Delivery
@@ -67,7 +67,7 @@ class WebhookStore(Repository[Webhook]):
 
     def __init__(self, database: Database) -> None:
         super().__init__(database)
-        self.deliveries = Deliveries(database)
+        self.deliveries = _Deliveries(database)
 
     def add(self, new: Webhook) -> None:
         """Store a new one."""

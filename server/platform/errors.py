@@ -3,7 +3,7 @@
 ::
 
     HilfitError                     (daq.errors) anything raised on purpose
-    └── ServiceError                what a client of the service is told, with its HTTP status
+    └── ServiceError                a refusal for a client of the service, with its HTTP status
         ├── UnauthenticatedError  401 nobody known asks
         ├── ForbiddenError  403 whoever asks may not do this
         ├── NotFoundError  404 no such resource

@@ -94,7 +94,7 @@ class DataDirectory:
             for directory in (self.root, self.machines, self.recordings, self.identifications):
                 directory.mkdir(parents=True, exist_ok=True)
             if self.root.stat().st_mode & 0o077:  # made before its files were private, or by somebody else
-                make_private(self.root)
+                _make_private(self.root)
         except OSError as error:
             raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
         self.storage = DataFolder(self.root) if url is None else SharedStorage(url, self.root, cache_bytes)
@@ -176,7 +176,7 @@ def private_files() -> None:
     os.umask(0o077)
 
 
-def make_private(root: Path) -> None:
+def _make_private(root: Path) -> None:
     """Take all rights of others from a directory and what is in it; links are left alone."""
     for directory, _, names in os.walk(root):
         for path in (Path(directory), *(Path(directory, name) for name in names)):
@@ -252,3 +252,42 @@ def _finish(file: Any, rest: bytes) -> None:
     file.write(rest)
     file.flush()
     os.fsync(file.fileno())
+
+
+#: Free bytes that recordings and uploads leave to the database, beyond what sealing the running ones takes.
+RESERVE_BYTES = 256 * 2**20
+Free = Callable[[], int]
+
+
+def free_bytes(recordings: Path) -> int:
+    """Count free bytes below ``recordings``, after what sealing its journals will take."""
+    sizes = 0
+    for journal in recordings.glob("*.journal"):
+        try:
+            sizes += journal.stat().st_size
+        except FileNotFoundError:  # it was sealed meanwhile
+            continue
+    return shutil.disk_usage(recordings).free - sizes
+
+
+def require_room(free: int, needed: int = 0) -> None:
+    """Refuse what fills the disk.
+
+    Parameters
+    ----------
+    needed : bytes that it will take, as far as that is known
+
+    Raises
+    ------
+    ConflictError
+        If not more than :data:`RESERVE_BYTES` would be free.
+    """
+    if free - needed <= RESERVE_BYTES:
+        raise ConflictError(
+            Sentence(
+                "server.disk_full_mib_free",
+                free=max(free, 0) // 2**20,
+                needed=needed // 2**20,
+                reserve_bytes=RESERVE_BYTES // 2**20,
+            )
+        )

@@ -13,7 +13,7 @@ SECRET_KEYS = frozenset({"authorization", "cookie", "set-cookie", "password", "t
 HIDDEN = "(hidden)"
 
 
-def hide_secrets(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str, Any]:
+def _hide_secrets(_logger: Any, _method: str, event: dict[str, Any]) -> dict[str, Any]:
     """Replace the values of :data:`SECRET_KEYS` in an event."""
     return {key: HIDDEN if key.lower() in SECRET_KEYS else value for key, value in event.items()}
 
@@ -37,7 +37,7 @@ def _shared() -> list[Any]:
         structlog.stdlib.add_log_level,
         structlog.stdlib.add_logger_name,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
-        hide_secrets,
+        _hide_secrets,
     ]
 
 

@@ -13,13 +13,12 @@ from daq.messages import Sentence
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
 from server.platform.database.engine import Database, utc_now
+from server.platform.database.idempotency import Replays
 from server.platform.database.patience import Patience
 from server.platform.errors import UnavailableError
 from server.platform.files import DataDirectory
-from server.platform.http.replays import Replays
-from server.platform.parts import TROUBLES, Key, Parts
 from server.platform.processes.heavy_work import Heavy
-from server.platform.resource import Resource, providers_of, tables_of
+from server.platform.resource import TROUBLES, Key, Parts, Resource, providers_of, tables_of
 from server.platform.settings import Settings
 from server.platform.tls import Certificate, certificate
 

@@ -28,7 +28,7 @@ from server.platform.receiver_places import check_receiver_entry
 
 
 class Settings(BaseSettings):
-    """What a running service was told; immutable.
+    """Settings of a running service; immutable.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class Settings(BaseSettings):
 
     @property
     def approves_own(self) -> bool:
-        """Whether a calibration may be approved by whoever proposed it."""
+        """True if a calibration may be approved by whoever proposed it."""
         return self.access == "loopback" if self.second_person is None else not self.second_person
 
     def database(self, files: DataDirectory) -> str:

@@ -25,7 +25,7 @@ from server.recalibrations.recalibration_comparison import table
 FloatArray = npt.NDArray[np.float64]
 
 
-def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray, ...]:
+def _residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray, ...]:
     """Compute every joint's residual where its drive moves, through the identification filter, N m or N.
 
     Raises
@@ -49,12 +49,12 @@ def residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray,
     return tuple(np.concatenate(part) for part in parts)
 
 
-def rms(residual: FloatArray) -> float:
+def _rms(residual: FloatArray) -> float:
     """Compute the root mean square; 0 where nothing moved."""
     return float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
 
 
-def run(request: Path) -> dict[str, Any]:
+def _run(request: Path) -> dict[str, Any]:
     """Compare what ``request`` names."""
     content = json.loads(request.read_text(encoding="utf-8"))
     active, new = (LiveModel.load(Path(content[name]["model"])) for name in ("active", "new"))
@@ -63,7 +63,7 @@ def run(request: Path) -> dict[str, Any]:
     names = [joint.name for joint in new.machine.joints]
 
     def by_joint(model: LiveModel, recordings: Sequence[Path]) -> dict[str, float]:
-        return dict(zip(names, (rms(each) for each in residuals(model, recordings)), strict=True))
+        return dict(zip(names, (_rms(each) for each in _residuals(model, recordings)), strict=True))
 
     units = {joint.name: joint.effort_unit for joint in new.machine.joints}
     return table(by_joint(active, judged), by_joint(new, judged), by_joint(active, own) if own else {}, units)
@@ -72,7 +72,7 @@ def run(request: Path) -> dict[str, Any]:
 def main(arguments: list[str]) -> int:
     """Run as a program; the exit code."""
     # Whatever was wrong, it is a reason why these two cannot be compared.
-    return 2 if ended(lambda: run(Path(arguments[0]))) else 0
+    return 2 if ended(lambda: _run(Path(arguments[0]))) else 0
 
 
 if __name__ == "__main__":

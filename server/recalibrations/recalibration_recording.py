@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from typing import Any
 
 from daq.messages import Sentence
 from server.jobs.job_kinds import JobError, StageRun
-from server.platform.database.engine import as_stored
+from server.platform.database.engine import later
 from server.platform.errors import ConflictError, UnavailableError
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Recalibration, Recalibrations
@@ -61,7 +61,7 @@ class RecordedStage:
         if asked is None:
             asked = self.machines.now()
             self.store.note(self.this.id, asked=asked)
-        deadline = _later(asked, self.this.plan.deadline_s)
+        deadline = later(asked, timedelta(seconds=self.this.plan.deadline_s))
         wanted = _wanted(self.this, self.machines)
         controller = self.machines.controller(self.this.machine)
         if self.this.plan.motion == "standard" and controller is None:
@@ -186,7 +186,3 @@ def _whole(row: RecordingRow, rows: float) -> bool:
     """Test whether a recording is sealed and has nearly as many rows as it should."""
     counted = row.statistics.get("rows")
     return row.state == "sealed" and counted is not None and counted >= ENOUGH * rows
-
-
-def _later(time: str, seconds: float) -> str:
-    return as_stored(datetime.fromisoformat(time) + timedelta(seconds=seconds))

@@ -9,18 +9,14 @@ from fastapi import APIRouter
 
 from server.alarms.alarm_desk import Alarms
 from server.calibrations.calibration_desk import ByPolicy
-from server.excitations.excitation_job import ExcitationKind
-from server.excitations.motion_delivery import MotionDelivery
+from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.identifications.identification_order import IdentificationOrders
 from server.jobs.job_store import Jobs
-from server.machines.acquisition import Acquisition
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import PartName, Parts
-from server.platform.resource import Resource
+from server.platform.resource import PartName, Parts, Resource
 from server.platform.settings import Settings
 from server.recalibrations.recalibration_job import PROGRAM, RecalibrationKind, Surroundings
 from server.recalibrations.recalibration_site import Site
@@ -49,17 +45,6 @@ COMPARISON: PartName[Sequence[str]] = PartName("the program that compares calibr
 POLICY: PartName[ByPolicy] = PartName("what recalibrations do to calibrations")
 
 
-def _site(parts: Parts) -> Site:
-    return Site(
-        parts[Database],
-        parts[DataDirectory],
-        parts[Acquisition],
-        parts[Sessions],
-        parts[ExcitationKind],
-        parts[MotionDelivery],
-    )
-
-
 def _kind(parts: Parts) -> RecalibrationKind:
     around = Surroundings(
         parts[POLICY],
@@ -81,7 +66,13 @@ RECALIBRATIONS = Resource(
         COMPARISON: lambda parts: PROGRAM,
         POLICY: lambda parts: parts[ByPolicy],
         Recalibrations: lambda parts: Recalibrations(parts[Database]),
-        Site: _site,
+        Site: lambda parts: Site(
+            parts[Database],
+            parts[DataDirectory],
+            parts[Sessions],
+            parts[ExcitationKind],
+            parts[MotionDelivery],
+        ),
         RecalibrationKind: _kind,
     },
     job_kinds=(RecalibrationKind,),

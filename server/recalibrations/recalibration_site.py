@@ -5,11 +5,9 @@ from __future__ import annotations
 from daq import load_machine
 from daq.errors import HilfitError
 from daq.messages import Sentence
-from server.excitations.excitation_job import ExcitationKind
+from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitations
-from server.excitations.motion_delivery import MotionDelivery
 from server.jobs.job_kinds import JobError
-from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.machines.simulation import SimulatedController
 from server.platform.database.engine import Database
@@ -26,14 +24,12 @@ class Site:
         self,
         database: Database,
         files: DataDirectory,
-        acquisition: Acquisition,
         sessions: Sessions,
         excitations: ExcitationKind,
         delivery: MotionDelivery,
     ) -> None:
         self._database = database
         self._files = files
-        self._acquisition = acquisition
         self._sessions = sessions
         self._designs = excitations
         self._delivery = delivery

@@ -26,9 +26,8 @@ from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.patience import Patience
-from server.platform.disk import Free, require_room
 from server.platform.errors import ConflictError, ServiceStopping, UnavailableError
-from server.platform.files import DataDirectory
+from server.platform.files import DataDirectory, Free, require_room
 from server.platform.storage import digest
 from server.recordings.recording_store import RecordingRow, Recordings
 
@@ -43,7 +42,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 @dataclass(frozen=True)
 class RecordOrder:
-    """What one recording needs.
+    """Parameters of one recording.
 
     Attributes
     ----------

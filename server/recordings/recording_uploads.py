@@ -14,14 +14,8 @@ from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
-from server.platform.disk import Free, require_room
-from server.platform.errors import (
-    ConflictError,
-    InvalidError,
-    UnavailableError,
-    UnsupportedFormatError,
-)
-from server.platform.files import DataDirectory
+from server.platform.errors import ConflictError, InvalidError, UnavailableError, UnsupportedFormatError
+from server.platform.files import DataDirectory, Free, require_room
 from server.platform.processes.children import ChildResult
 from server.platform.processes.file_children import FileChildren, refusal
 from server.recordings.formats.exports import Exports

@@ -1,4 +1,4 @@
-"""Gives slots their turn.
+"""Gives slots of schedules their turn, and orders recalibrations by hand or because a residual drifts.
 
 What counts is the store: a slot's row, its job and how far the schedule has come are written in one transaction, so
 whatever is killed when, and however many servers look at the clock, a slot has its turn once. Slots that were missed,
@@ -8,12 +8,14 @@ because the service was off or the machine was still being recalibrated, have it
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 import structlog
 
 from daq.errors import HilfitError
 from daq.messages import Sentence
+from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database, as_stored
 from server.platform.errors import ConflictError
 from server.platform.processes.rounds import Rounds
@@ -32,7 +34,7 @@ _log = structlog.stdlib.get_logger(__name__)
 
 
 class ScheduleClock:
-    """Looks at the clock and orders recalibrations.
+    """Orders recalibrations: by the clock, by hand, and because a residual drifts.
 
     Parameters
     ----------
@@ -90,6 +92,34 @@ class ScheduleClock:
         self._enqueue(new.job)
         _log.info("slot_ordered", schedule=schedule.id, slot=written[-1], job=new.job)
         return new.job
+
+    def order(self, schedule: Schedule, by: Principal | None = None) -> str:
+        """Do now what a schedule does; return the job. ConflictError if the machine is being recalibrated.
+
+        Parameters
+        ----------
+        by : the person who orders it
+        """
+        self._ready(schedule.machine)
+        plan = replace(schedule.plan, ordered_by=None if by is None else (by.id, by.name))
+        now = self._database.now()
+        new = new_recalibration(schedule.machine, schedule.id, schedule.label, plan, now)
+        self._schedules.order(new)
+        self._enqueue(new.job)
+        return new.job
+
+    def order_drifted(self, machine: str, reason: str) -> None:
+        """Do now what the machine's schedule does, because its residual drifts.
+
+        Raises
+        ------
+        ConflictError
+            If no schedule defines how, or the machine is being recalibrated.
+        """
+        schedule = next((own for own in self._schedules.enabled() if own.machine == machine), None)
+        if schedule is None:
+            raise ConflictError(Sentence("server.machine_drifts_no_enabled", machine=machine))
+        _log.info("recalibration_ordered", machine=machine, job=self.order(schedule), reason=reason)
 
 
 def next_slot(schedule: Schedule) -> str | None:

@@ -27,7 +27,7 @@ from server.recordings.formats.conversion_child import units_of
 from server.recordings.inspect_recording import findings_on
 
 
-def write_signals(source: Path, target: Path, machine: Machine) -> None:
+def _write_signals(source: Path, target: Path, machine: Machine) -> None:
     """Write channels in single precision, whether each value was measured in its row, events; uncompressed."""
     table = read_table(source)
     time = np.asarray(table.columns["time"], dtype=np.float64)
@@ -64,7 +64,7 @@ def _utc_ns(table: Table) -> npt.NDArray[np.int64] | None:
     return np.asarray(column, dtype=np.int64)
 
 
-def write_cut(source: Path, target: Path, start: float, end: float) -> None:
+def _write_cut(source: Path, target: Path, start: float, end: float) -> None:
     """Write rows from ``start`` to ``end`` with all columns and metadata; events are left as they are.
 
     Raises
@@ -81,12 +81,12 @@ def write_cut(source: Path, target: Path, start: float, end: float) -> None:
     write_columns(target, Table({n: c[part] for n, c in table.columns.items()}, table.metadata, ""))
 
 
-def do(what: str, source: Path, target: Path, machine_file: Path, shown: str, *rest: str) -> None:
+def _do(what: str, source: Path, target: Path, machine_file: Path, shown: str, *rest: str) -> None:
     """Do one piece of work; InputError if the file is no good."""
     if what == "cut":
-        write_cut(source, target, *map(float, rest))
+        _write_cut(source, target, *map(float, rest))
     elif what == "signals":
-        write_signals(source, target, load_machine(machine_file))
+        _write_signals(source, target, load_machine(machine_file))
     else:
         machine = load_machine(machine_file)
         found = findings_on(machine, read_recording(source, machine, rest[0]), machine_file)
@@ -95,4 +95,4 @@ def do(what: str, source: Path, target: Path, machine_file: Path, shown: str, *r
 
 def main(arguments: Sequence[str]) -> int:
     """Run the process; return the exit code."""
-    return conversion_child.main(arguments, do)
+    return conversion_child.main(arguments, _do)

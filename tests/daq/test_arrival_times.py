@@ -9,9 +9,8 @@ import can
 import pytest
 
 from daq.drivers.base import DriverContext
-from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
-from daq.drivers.can.port import UNCERTAIN_S, CanPort
+from daq.drivers.can.port import UNCERTAIN_S, ArrivalTimes, CanPort
 from daq.frames.clock import NS
 from daq.machine.machine_file import CanBus, CanopenBus
 
@@ -147,7 +146,7 @@ def test_times_that_may_be_wrong_are_known_to_be(step: float) -> None:
 
 @pytest.mark.parametrize("step", [0.01, -0.01])
 def test_a_small_step_is_wrong_for_a_quarter_of_a_second(step: float) -> None:
-    """One that a gateway's lateness could be as well (:data:`daq.drivers.can.arrival.TRANSIT_NS`)."""
+    """One that a gateway's lateness could be as well (:data:`daq.drivers.can.port.TRANSIT_NS`)."""
     thread, random_ = Thread(random.Random(1)), random.Random(2)
     for cycle in range(1, 150):
         at = sorted(cycle * PERIOD + random_.uniform(0, 0.0015) for _ in range(6))

@@ -18,7 +18,7 @@ from daq.acquisition.ring import RingReader
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
-from server.bus_checks.running_check import check_running
+from server.bus_checks.bus_check_resource import check_running
 from server.commands.command_line import build
 from sim_backends import SimulatedMachine, default_machine
 

@@ -13,7 +13,7 @@ from daq.acquisition.cycles import AcquisitionStatistics
 from daq.commissioning.delays import BusDelay, bus_delays
 from daq.frames.frame import row_dtype
 from daq.quality import Quality
-from server.bus_checks.running_check import check_running
+from server.bus_checks.bus_check_resource import check_running
 
 RATE = 50.0
 Array = np.ndarray

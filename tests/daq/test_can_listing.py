@@ -12,7 +12,7 @@ from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.can_database import listed_messages
 from server.can_signals.can_signals_schemas import CanSignal
-from server.can_signals.signal_listing import OfferedBus, offered_signals
+from server.can_signals.signal_child import OfferedBus, offered_signals
 
 pytest.importorskip("cantools")
 

@@ -19,7 +19,7 @@ from daq.drivers import DriverContext, make_driver
 from daq.drivers.can.port import CanPort
 from daq.drivers.canopen.listening import ListeningDriver
 from daq.drivers.conformance import check_driver
-from daq.drivers.pace import INTERVALS
+from daq.drivers.listening import INTERVALS
 
 NS = 1_000_000_000
 

@@ -15,8 +15,8 @@ from typer.testing import CliRunner
 
 from daq import parse_machine
 from daq.commands import cli
+from daq.drivers.canopen.commissioning import Restored, restore_nodes
 from daq.drivers.canopen.driver import CanopenDriver
-from daq.drivers.canopen.restore import Restored, restore_nodes
 from daq.drivers.found_setups import FoundSetup, FoundSetups
 from daq.errors import BusError
 

@@ -19,13 +19,13 @@ from hypothesis import strategies as st
 from daq import Quality
 from daq.drivers import Samples
 from daq.drivers.base import DriverContext
-from daq.drivers.can.arrival import ArrivalTimes
+from daq.drivers.bus_driver import Keeper
 from daq.drivers.can.health import BusHealth
+from daq.drivers.can.port import ArrivalTimes
 from daq.drivers.canopen.driver import COUNTS, CanopenDriver
 from daq.drivers.canopen.mapping import Mapping
 from daq.drivers.canopen.node import Node
 from daq.drivers.canopen.tpdo import UNANSWERED, Cycle, Tpdo
-from daq.drivers.keeper import Keeper
 from daq.frames.events import EventLog
 from daq.machine.machine_file import CanNode
 

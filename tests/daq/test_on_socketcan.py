@@ -24,36 +24,16 @@ from canopen_test_bench import ANGLE, HEAD, ROD, Bench, fresh
 from signals_test_bench import DBC, OIL, TEMPERATURES, signals, written
 from signals_test_bench import HEAD_PRESSURE as SIGNAL
 from socketcand_test_hub import TestHub
-from test_canopen_driver import (
-    test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back as test_a_killed_node,
-)
-from test_canopen_driver import (
-    test_a_late_tpdo_is_late_and_not_fresh as test_a_late_tpdo,
-)
-from test_canopen_driver import (
-    test_a_node_that_boots_in_service_is_commissioned_again as test_a_boot_in_service,
-)
-from test_canopen_driver import (
-    test_commissioning_writes_the_mapping_that_the_channels_need as test_commissioning,
-)
-from test_canopen_driver import (
-    test_frames_bring_raw_values_sampled_at_sync as test_values_at_sync,
-)
-from test_canopen_driver import (
-    test_nothing_but_nmt_sync_and_sdo_to_own_nodes_is_ever_sent as test_what_is_sent,
-)
-from test_canopen_truth import (
-    test_a_storm_of_emergencies_is_counted_to_the_last_one as test_a_storm_of_emergencies,
-)
-from test_canopen_truth import (
-    test_bus_off_is_shown_and_the_bus_is_opened_again as test_bus_off,
-)
-from test_canopen_truth import (
-    test_extended_frames_are_another_protocols as test_extended_frames,
-)
-from test_canopen_truth import (
-    test_tpdos_that_are_periods_late_are_late_and_of_their_own_cycle as test_lagging_tpdos,
-)
+from test_canopen_driver import test_a_killed_node_is_noticed_by_the_watchdog_and_comes_back as test_a_killed_node
+from test_canopen_driver import test_a_late_tpdo_is_late_and_not_fresh as test_a_late_tpdo
+from test_canopen_driver import test_a_node_that_boots_in_service_is_commissioned_again as test_a_boot_in_service
+from test_canopen_driver import test_commissioning_writes_the_mapping_that_the_channels_need as test_commissioning
+from test_canopen_driver import test_frames_bring_raw_values_sampled_at_sync as test_values_at_sync
+from test_canopen_driver import test_nothing_but_nmt_sync_and_sdo_to_own_nodes_is_ever_sent as test_what_is_sent
+from test_canopen_truth import test_a_storm_of_emergencies_is_counted_to_the_last_one as test_a_storm_of_emergencies
+from test_canopen_truth import test_bus_off_is_shown_and_the_bus_is_opened_again as test_bus_off
+from test_canopen_truth import test_extended_frames_are_another_protocols as test_extended_frames
+from test_canopen_truth import test_tpdos_that_are_periods_late_are_late_and_of_their_own_cycle as test_lagging_tpdos
 
 from daq import BusError, Quality, load_machine, parse_machine
 from daq.drivers import DriverContext, Samples, make_driver

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from daq import Quality, parse_machine
 from daq.drivers import make_driver
-from daq.drivers.pace import HALF, Pace
+from daq.drivers.listening import HALF, Pace
 
 NS = 1_000_000_000
 

@@ -27,16 +27,15 @@ from daq.errors import AcquisitionError
 from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.composition.app import create_app
 from server.composition.declarations import RESOURCES
+from server.identifications.identification_job import StageProgram
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.identifications.identification_store import Identification
-from server.identifications.stage_request import StageProgram
 from server.jobs.job_store import Jobs
 from server.machines.machine_resource import LAUNCH
-from server.platform.parts import Key
 from server.platform.processes import children
 from server.platform.processes.file_children import FileChildren
-from server.platform.resource import Resource
+from server.platform.resource import Key, Resource
 from server.platform.service import Service
 from server.platform.settings import Settings
 from server.recordings.recording_resource import RECORDER

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import math
 import socket
 import struct
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -19,7 +21,6 @@ import can
 
 from daq.drivers.base import DriverContext
 from daq.drivers.bus_driver import Port
-from daq.drivers.can.arrival import ArrivalTimes
 from daq.drivers.can.health import BusHealth
 from daq.drivers.can.socketcand import SocketcandBus
 from daq.errors import BusError, first_line
@@ -27,14 +28,91 @@ from daq.frames.clock import NS
 from daq.machine.bus_places import check_can
 from daq.machine.machine_file import CanBus
 
+TRANSIT_NS = 20_000_000  # that a gateway may take to hand on a frame: by so much one of the lines is to be contradicted
+TIGHT_NS, NEAR_NS = 500_000, 300_000  # that a frame may have waited to prove an offset, and to confirm it
+WINDOW_NS, STALE_NS = NS // 5, 2 * NS // 5  # in which a clock that is off by 1000 ppm is off by as little
 IDLE_S = 0.1
-LOOK_NS = 5_000_000  # between two looks whether a frame waits (:mod:`daq.drivers.can.arrival`)
+LOOK_NS = 5_000_000  # between two looks whether a frame waits (:class:`ArrivalTimes`)
 UNCERTAIN_S = 0.2e-3  # the same while times are not sure yet
 LOOK_EVERY = 64  # frames between two looks at the controller's state
 
 
+class ArrivalTimes:
+    """When frames of one interface were on the bus, on our clock: from its time stamps, whatever its clock is.
+
+    A thread that was kept from running takes frames late, all at once. Their time stamps, made by the kernel or a
+    gateway, know better, but belong to a clock that is slewed, is set, and is a little fast or slow: the kernel's of
+    SocketCAN are ``CLOCK_REALTIME``, and no interface of python-can offers ``CLOCK_MONOTONIC``. With ``taken`` on our
+    clock and ``offset`` between the two::
+
+        taken - stamp = offset + how long the frame waited       so  offset <= taken - stamp
+        a frame came after any moment at which none was there    so  offset >= moment - stamp
+
+    A clock that is set contradicts one of the two lines with its first frame. Where they are close to each other
+    (:data:`TIGHT_NS`) a frame proves the offset, and one that is close to what is known confirms it; the estimate is
+    the smallest of those of :data:`WINDOW_NS`, since a gateway may hand on a frame late. What is neither waited,
+    however long. Without a proof or a confirmation for :data:`STALE_NS`, times are not sure, and whoever receives looks
+    more often, until there is one. Frames of one interface never overtake each other.
+
+    Attributes
+    ----------
+    watched : whether somebody says when no frame waited; else each is taken for one that came just now
+    sure_ns : frames that came before it have times that may be wrong by more than a millisecond; infinite: all have
+    uncertain : whether a proof is wanted
+    restarts : clocks that were set
+    """
+
+    def __init__(self) -> None:
+        self._offset = math.inf
+        self._came = self._empty = self._known = 0
+        self._least: deque[tuple[float, int]] = deque()  # offsets and moments of the window, each above the one before
+        self.watched = self.uncertain = False
+        self.sure_ns = 0.0
+        self.restarts = 0
+
+    @property
+    def received_ns(self) -> int:
+        """Moment up to which every frame was taken: the last that came, or at which none waited."""
+        return max(self._came, self._empty)
+
+    def nothing_at(self, now_ns: int) -> None:
+        """Note that no frame waited at monotonic ``now_ns``."""
+        self._empty = now_ns
+
+    def of(self, stamp_s: float, taken_ns: int) -> int:
+        """Return the monotonic ns of a frame's arrival; ``taken_ns`` where the interface gives no stamp (0)."""
+        if not stamp_s > 0:
+            return taken_ns
+        stamp = stamp_s * NS
+        offset = taken_ns - stamp
+        if self._offset < math.inf and not self._empty - TRANSIT_NS <= stamp + self._offset <= taken_ns + TRANSIT_NS:
+            self.restarts += 1
+            self._offset, self._known = math.inf, 0
+            self._least.clear()
+        proven = not self.watched or taken_ns - self._empty <= TIGHT_NS
+        if proven or (self._known and offset <= self._offset + NEAR_NS):
+            self._known = taken_ns
+            while self._least and self._least[-1][0] >= offset:
+                self._least.pop()
+            self._least.append((offset, taken_ns))
+            while self._least[0][1] < taken_ns - WINDOW_NS:
+                self._least.popleft()
+            self._offset = self._least[0][0]
+        else:
+            self._offset = min(self._offset, offset)
+        self._came = min(taken_ns, max(self._came, round(stamp + self._offset)))
+        if self.watched:
+            unknown_ns = taken_ns - self._known if self._known else math.inf
+            self.uncertain = unknown_ns > STALE_NS / 2
+            if unknown_ns > STALE_NS:
+                self.sure_ns = math.inf
+            elif self.sure_ns == math.inf:
+                self.sure_ns = self._came
+        return self._came
+
+
 class CanAccess:
-    """How a port gets at its bus: by the interface. A trace and a replay have ways of their own."""
+    """Opens a port's bus by the interface. A trace and a replay have ways of their own."""
 
     def attach(self, port: CanPort, config: CanBus) -> Any:
         """Make a python-can bus for a port that is being opened; may raise BusError."""
@@ -142,8 +220,8 @@ class CanPort(Port):
     @property
     def lost(self) -> int:
         """Frames that the kernel had no room for; 0 where unknown."""
-        with contextlib.suppress(OSError):  # closed: what it told last
-            self._lost = lost_frames(self._bus)
+        with contextlib.suppress(OSError):  # closed: what it counted last
+            self._lost = _lost_frames(self._bus)
         return self._lost
 
     def dispatch(self, message: can.Message, at_ns: int) -> None:
@@ -255,7 +333,7 @@ def lengthen(bus: Any) -> None:
             queue.setsockopt(socket.SOL_SOCKET, option, QUEUE_BYTES)
 
 
-def lost_frames(bus: Any) -> int:
+def _lost_frames(bus: Any) -> int:
     """Count frames that the kernel had no room for since opening; 0 where unknown.
 
     Raises

@@ -1,5 +1,7 @@
 """Commissioning of one CANopen node: from any state to sending its TPDOs on SYNC, with everything read back.
 
+It is put back to what it was before, too (:mod:`daq.drivers.found_setups`).
+
 The order is the one that makes every later step safe: the listeners are there before the first command, the node is
 stopped from sending before its mapping changes, it is identified before anything is written to it, and what was
 written is read back before it goes operational.
@@ -11,20 +13,25 @@ import contextlib
 import struct
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 from daq import wire
-from daq.drivers.canopen.link import NoAnswerError, Sdo, SdoRefusedError, WrongAnswerError
+from daq.drivers.base import DriverContext
+from daq.drivers.can.health import BusHealth
+from daq.drivers.canopen.leadership import Leadership
+from daq.drivers.canopen.link import CanLink, NoAnswerError, Sdo, SdoRefusedError, WrongAnswerError
 from daq.drivers.canopen.mapping import TPDO_COUNT, Mapping
-from daq.drivers.found_setups import Objects
-from daq.errors import CommissioningError
+from daq.drivers.found_setups import FoundSetup, FoundSetups, Objects
+from daq.errors import AcquisitionError, BusError, CommissioningError
 from daq.machine.buses import object_of
-from daq.machine.machine_file import CanNode
+from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Machine
 from daq.messages import Sentence
 
 OPERATIONAL = 0x01  # NMT commands (CiA 301, 7.3.2.2.1)
 PRE_OPERATIONAL = 0x80
 STOPPED = 0x02
-#: NMT command that brings a node back to the state that its heartbeat told; pre-operational where it told none.
+#: NMT command that brings a node back to the state that its heartbeat showed; pre-operational where it had none.
 LEFT: dict[int | None, int] = {0x05: OPERATIONAL, 0x04: STOPPED}
 PDO_NOT_VALID = 0x8000_0000
 _NO_REMOTE = 0x4000_0000
@@ -78,8 +85,8 @@ def commission(
     pdos = {_pdo(key) for key in changed} - {None}
     if changed:
         _alone(sdo, place)
-        keep(found, wanted, identity_of(sdo))
-        write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
+        keep(found, wanted, _identity_of(sdo))
+        _write_objects(sdo, {k: v for k, v in wanted.items() if k in changed or _pdo(k) in pdos}, place)
     _alone(sdo, place, SECOND_ANSWER_S)
     learn(sdo)
     send_nmt(OPERATIONAL)
@@ -128,7 +135,7 @@ def _identify(sdo: Sdo, node: CanNode, place: str, device_type: int) -> None:
             raise CommissioningError("daq.firmware_differs", place=place, version=version[:40], firmware=node.firmware)
 
 
-def identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
+def _identity_of(sdo: Sdo) -> dict[tuple[int, int], bytes]:
     """Read device type, vendor, product, revision and serial number, as far as the node has them."""
     return _read_there(sdo, [(0x1000, 0), *((0x1018, subindex) for subindex in range(1, 5))])
 
@@ -188,7 +195,7 @@ def _pdo(key: tuple[int, int]) -> int | None:
     return key[0] & 0x1FF if 0x1800 <= key[0] < 0x1C00 else None
 
 
-def write_objects(sdo: Sdo, objects: Objects, place: str) -> None:
+def _write_objects(sdo: Sdo, objects: Objects, place: str) -> None:
     """Write objects in the order that is safe, and read them back.
 
     A TPDO is off while its mapping changes (CiA 301, 7.5.2.36): mapping is changed with the number of entries at 0, is
@@ -265,3 +272,60 @@ def _encode(sdo: Sdo, index: int, subindex: int, data_type: str | None, value: f
     if value != round(value):
         return wire.encode("float64" if size == 8 else "float32", value)
     return int(value).to_bytes(size, "little", signed=value < 0)
+
+
+@dataclass(frozen=True)
+class Restored:
+    """One node, and the line that says why it was not put back (empty if it was)."""
+
+    bus: str
+    node: int
+    failure: str = ""
+
+
+def restore_nodes(machine: Machine, data_directory: Path) -> list[Restored]:
+    """Put back what commissioning changed in the nodes of a machine; nobody may be acquiring from it.
+
+    Raises
+    ------
+    BusError
+        If a bus cannot be opened, or another master leads it; nothing was sent on that one then.
+    """
+    kept = FoundSetups(data_directory, machine.name)
+    done = []
+    for bus in machine.buses:
+        if not isinstance(bus, CanopenBus) or bus.listen_only:
+            continue
+        nodes = sorted(
+            {c.source.node for c in machine.channels if isinstance(c.source, CanSource) and c.source.bus == bus.name}
+        )
+        setups = {node: setup for node in nodes if (setup := kept.read(bus.name, node)) is not None}
+        if setups:
+            done += _bus(bus, setups, kept)
+    return done
+
+
+def _bus(bus: CanopenBus, setups: dict[int, FoundSetup], kept: FoundSetups) -> list[Restored]:
+    context = DriverContext(1.0, 0.0, time.monotonic_ns)
+    leadership = Leadership(bus, context, setups, kept.started(bus.name))
+    link = CanLink(bus, context, BusHealth(), leadership)
+    try:
+        if not link.leadership.lead():
+            raise BusError("daq.led_nothing_sent", bus=bus.name, leadership=link.leadership.masters_seen())
+        done = []
+        for node, setup in setups.items():
+            link.send_nmt(PRE_OPERATIONAL, node)
+            try:
+                sdo, place = link.sdo(node), Sentence("daq.bus_node", bus_name=bus.name, node=node)
+                if _identity_of(sdo) != dict(setup.identity):
+                    raise CommissioningError("daq.not_the_changed_device", place=place)
+                _write_objects(sdo, setup.found, place)
+            except AcquisitionError as error:
+                done.append(Restored(bus.name, node, str(error)))
+                continue
+            link.send_nmt(LEFT.get(setup.state, PRE_OPERATIONAL), node)
+            kept.put_back(bus.name, node)
+            done.append(Restored(bus.name, node))
+        return done
+    finally:
+        link.close()

@@ -1,7 +1,8 @@
 """The CANopen driver: SYNC out, TPDOs in, and nodes that come and go without disturbing the others.
 
 Threads: the caller's (``trigger``, ``collect``), the link's receive thread, and a keeper for each node and for the bus
-(:mod:`daq.drivers.keeper`), which commission nodes that rebooted and rebuild a bus that failed while the cycle goes on.
+(:mod:`daq.drivers.bus_driver`), which commission nodes that rebooted and rebuild a bus that failed while the cycle
+goes on.
 """
 
 from __future__ import annotations
@@ -14,9 +15,8 @@ from dataclasses import replace
 from daq.drivers.base import DeviceStatus, Driver, DriverContext, DriverStatistics, Problem, Samples, nothing
 from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort
-from daq.drivers.canopen.care import VERIFY_CYCLES, NodeCare, Start
+from daq.drivers.canopen.care import VERIFY_CYCLES, Lead, NodeCare, Start
 from daq.drivers.canopen.commissioning import LEFT, PRE_OPERATIONAL
-from daq.drivers.canopen.lead import Lead
 from daq.drivers.canopen.leadership import Leadership, State
 from daq.drivers.canopen.link import CanLink
 from daq.drivers.canopen.listening import Guest, ListeningDriver
@@ -194,7 +194,7 @@ class CanopenDriver(CanDriver):
 
     @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`: another master's, since it was noticed."""
+        """True if the cycle is led by :meth:`next_sync`: another master's, since it was noticed."""
         return self._guest is not None and self._guest.external_sync
 
     def next_sync(self, deadline_ns: int) -> int | None:

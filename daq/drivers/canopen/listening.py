@@ -102,7 +102,7 @@ class ListeningDriver(Listener, CanDriver):
         self._external = bus.sync == "external"
         self._syncs: deque[int] = deque(maxlen=_SYNCS)
         self._sync_came = threading.Condition()
-        self._taken_ns = 0  # the SYNC that next_sync told last
+        self._taken_ns = 0  # the SYNC that next_sync returned last
         self._wrong_rate = ""
         self._fits = False
 
@@ -110,12 +110,12 @@ class ListeningDriver(Listener, CanDriver):
 
     @property
     def follows_sync(self) -> bool:
-        """Whether the machine file wants the cycle to be led by this bus's SYNC."""
+        """True if the machine file wants the cycle to be led by this bus's SYNC."""
         return self._external
 
     @property
     def external_sync(self) -> bool:
-        """Whether the cycle is to be led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
+        """True if the cycle is led by :meth:`next_sync`: it is wanted, and SYNC comes at a rate that fits."""
         if not self._fits and self._external and not self._wrong_rate and len(self._syncs) == _SYNCS:
             with self._sync_came:
                 self._judge_rate()
@@ -279,7 +279,7 @@ class ListeningDriver(Listener, CanDriver):
 
 
 class Guest(ListeningDriver):
-    """Takes over a bus that we led until another master was heard: TPDOs as we commissioned them, nothing is sent.
+    """Takes over a bus that we led until another master was noticed: TPDOs as we commissioned them, nothing is sent.
 
     Of a node whose mapping may be another one nothing is taken any more: one that boots loses ours, and what is
     written to its PDO objects is not ours.

@@ -1,4 +1,4 @@
-"""How a cycle's TPDOs are taken: at once where nothing is out of the ordinary, else node by node.
+"""Taking the TPDOs of a cycle: at once where nothing is out of the ordinary, else node by node.
 
 Where every node runs and lives, and each of its TPDOs answers the SYNC of this cycle in time, as nearly always, looking
 at the nodes one by one would find nothing: the data of all TPDOs are decoded as one, and no channel is handled by
@@ -29,7 +29,7 @@ class Look:
 
     Parameters
     ----------
-    cares : of the nodes, who are told what is to be done
+    cares : of the nodes, which do what is to be done
     counts : of the bus
     count : channels of the driver
     late_ns : after a SYNC, from which on a TPDO is late

@@ -15,12 +15,12 @@ from daq.drivers.canopen.leadership import BOOT_UP, OPERATIONAL, PRE_OPERATIONAL
 from daq.drivers.canopen.link import Handler, Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.canopen.tpdo import Cycle, Tpdo
-from daq.drivers.decimals import Decimals
 from daq.errors import CommissioningError
 from daq.frames.clock import NS
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
 from daq.messages import Sentence
+from daq.wire import Decimals
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
 MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again
@@ -77,7 +77,7 @@ class Node:
         self.watched_ns = 0  # since when its heartbeat has been due
         self.limit_ns = 0.0  # that it may give no sign of life, once it runs
         self.heartbeat_lost = False
-        self.operational = False  # whether it was told to answer SYNCs
+        self.operational = False  # whether it was ordered to answer SYNCs
         self.starting_anew = False
         self.slow = False  # it is late, and nobody miscounted
         self.misses = 0
@@ -86,7 +86,7 @@ class Node:
         self.surplus_run = 0
         self.emergency: int | None = None
         self.emergencies: Counter[int] = Counter()  # by code, since the start; 0 is "error reset"
-        self.errors = 0  # EMCY messages so far that told of an error
+        self.errors = 0  # EMCY messages so far about an error
         self.emergencies_seen = 0
         self.heartbeat_ns = 0
         self.heartbeat_state = -1

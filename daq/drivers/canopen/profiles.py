@@ -1,4 +1,4 @@
-"""What a CANopen device is and measures, by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
+"""Measurements of a CANopen device by its profile: CiA 404 (transducers), 406 (encoders), 410 (inclinometers).
 
 The low half of the device type (0x1000) is the profile's number. A few objects say how a value is scaled; they are
 read by SDO, as is its identity, when the node runs, so that nothing waits for it; nothing is ever written. What they
@@ -118,13 +118,13 @@ LONGEST = 60  # characters of a text
 DeviceObjects = dict[str, int | str]
 
 
-def key(index: int, subindex: int) -> str:
+def _key(index: int, subindex: int) -> str:
     """Write an object as ``0x1018:4``."""
     return f"0x{index:04X}:{subindex}"
 
 
 def ask(sdo: Sdo) -> DeviceObjects:
-    """Ask for objects that the node has, by :func:`key`: numbers, texts of at most 60 characters.
+    """Ask for objects that the node has, by :func:`_key`: numbers, texts of at most 60 characters.
 
     Raises
     ------
@@ -139,10 +139,10 @@ def ask(sdo: Sdo) -> DeviceObjects:
     for index, subindex in TEXTS:
         with contextlib.suppress(SdoRefusedError):
             text = sdo.read(index, subindex).rstrip(b"\0 ").decode("latin-1")
-            found[key(index, subindex)] = "".join(c for c in text if c.isprintable())[:LONGEST]
+            found[_key(index, subindex)] = "".join(c for c in text if c.isprintable())[:LONGEST]
     return found
 
 
 def _ask(sdo: Sdo, place: tuple[int, int], found: DeviceObjects) -> None:
     with contextlib.suppress(SdoRefusedError):
-        found[key(*place)] = sdo.read_unsigned(*place)
+        found[_key(*place)] = sdo.read_unsigned(*place)

@@ -2,7 +2,7 @@
 
 A TPDO does not say which SYNC it answers, and one that is a whole period late arrives when the next one is due: by its
 time alone it looks fresh. But a node sends each synchronous TPDO once per SYNC, and a bus keeps the order of one
-identifier. So every SYNC that a node has been told to answer waits in a queue of each of its TPDOs, and what arrives is
+identifier. So every SYNC that a node is to answer waits in a queue of each of its TPDOs, and what arrives is
 credited to the oldest one (:class:`Tpdo`). A frame that is lost makes the next ones look late, never fresh; the driver
 then starts the node anew (pre-operational and back), after which queue and node agree again.
 """

@@ -1,4 +1,4 @@
-"""What the driver knows of one Modbus unit: the blocks that it is read in, its last answers, how it is doing."""
+"""State of one Modbus unit in the driver: the blocks that it is read in, its last answers, its health."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from statistics import median
 
 from daq import wire
 from daq.drivers.base import Spread
-from daq.drivers.decimals import Decimals
 from daq.drivers.modbus.client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
 from daq.machine.machine_file import Channel, ModbusSource
 from daq.messages import Sentence
+from daq.wire import Decimals
 
 BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
 ROUNDS = 9  # whose median says whether a unit is slow: one answer that was late does not
@@ -171,7 +171,7 @@ class Unit:
 
     @property
     def slow(self) -> bool:
-        """Whether it does not keep up with the cycle."""
+        """True if it does not keep up with the cycle."""
         return self.cycles > 1.0
 
     def slowness(self, rate_hz: float) -> str:

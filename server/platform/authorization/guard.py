@@ -1,4 +1,4 @@
-"""What routes declare: the scope that they need, and who asks.
+"""Declarations of routes: the scope that they need, and the principal of a request.
 
 ::
 
@@ -6,20 +6,24 @@
     def stop(id: str, service: ServiceDep, principal: PrincipalDep) -> ...
 
 Whatever a request names (a machine, or something of a machine) does not exist (404) for a principal that is bound to
-other machines: :mod:`server.platform.authorization.typed_route` sees to that. Routes that list narrow their lists by
+other machines: :class:`TypedRoute` sees to that. Routes that list narrow their lists by
 ``principal.machines``.
 """
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
 from typing import Annotated, Any
 
-from fastapi import Depends, WebSocketException
+from fastapi import Depends, Request, WebSocketException
 from fastapi.concurrency import run_in_threadpool
+from fastapi.routing import APIRoute
 from starlette.requests import HTTPConnection
 
 from daq.messages import Sentence
-from server.platform.authorization.named_things import things_of_path
+from server.platform.authorization.named_things import Thing, names_in, things_of_path
 from server.platform.authorization.principals import LEAST_ROLE, Principal, Scope
 from server.platform.errors import ForbiddenError, ServiceError, UnauthenticatedError
 from server.platform.service import Service
@@ -29,7 +33,7 @@ __all__ = ["Principal", "PrincipalDep", "require", "scope_of"]
 POLICY = 1008
 
 
-def current_principal(connection: HTTPConnection) -> Principal:
+def _current_principal(connection: HTTPConnection) -> Principal:
     """Return who asks.
 
     Raises
@@ -45,7 +49,7 @@ def current_principal(connection: HTTPConnection) -> Principal:
 
 async def _principal(connection: HTTPConnection) -> Principal:
     """Return who asks, as a dependency; a coroutine: for a plain function FastAPI takes a costly thread."""
-    return current_principal(connection)
+    return _current_principal(connection)
 
 
 PrincipalDep = Annotated[Principal, Depends(_principal)]
@@ -62,7 +66,7 @@ def require(scope: Scope, *, every_machine: bool = False) -> Any:
 
     async def guard(connection: HTTPConnection) -> None:
         try:
-            principal = current_principal(connection)
+            principal = _current_principal(connection)
             if not principal.may(scope):
                 raise ForbiddenError(
                     Sentence(
@@ -108,3 +112,62 @@ async def _only_its_machines(connection: HTTPConnection, principal: Principal) -
         things |= {("machines", name) for name in connection.query_params.getlist("machine")}
     if things:
         await run_in_threadpool(service.ownership.refuse_foreign, principal, things)
+
+
+_REQUEST = "hilfit_request"
+
+
+class TypedRoute(APIRoute):
+    """A route that answers 404 where a request names what does not exist for whoever asks.
+
+    A body may be spelt in many ways (``Application/JSON``, ``application/x+json``), and whoever looks at it beforehand
+    has to know all of them. Here nothing is looked at beforehand: the endpoint is called with typed values, and just
+    before that every value whose type names something (:data:`server.platform.authorization.named_things`) is checked
+    against what exists for the principal. (What the path names, which has one spelling, is checked by the guard, so
+    that it is 404 whatever the body is.) All routers use this class; :func:`server.composition.app.create_app` refuses
+    a route of another.
+    """
+
+    def __init__(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        super().__init__(path, endpoint if hasattr(endpoint, "hilfit_typed") else _typed(endpoint), **options)
+
+
+def _typed(endpoint: Callable[..., Any]) -> Callable[..., Any]:
+    """Wrap ``endpoint``: called only if everything that its arguments name exists for the principal."""
+    signature = inspect.signature(endpoint, eval_str=True)
+    own = next((name for name, value in signature.parameters.items() if value.annotation is Request), None)
+    find = names_in(signature)
+
+    def foreign(values: dict[str, Any]) -> tuple[Service, Principal, set[Thing]] | None:
+        """Return what to look up in the store before the endpoint may be called; None if nothing is."""
+        asked: Request = values.pop(_REQUEST) if own is None else values[own]
+        principal = asked.scope.get("hilfit.principal")
+        if not isinstance(principal, Principal) or principal.machines is None:
+            return None  # nobody known: the route is open to all; or all machines exist for it
+        things = find(values)
+        return (asked.app.state.service, principal, things) if things else None
+
+    if inspect.iscoroutinefunction(endpoint):
+
+        @wraps(endpoint)
+        async def call(**values: Any) -> Any:
+            check = foreign(values)
+            if check is not None:
+                service, principal, things = check
+                await run_in_threadpool(service.ownership.refuse_foreign, principal, things)
+            return await endpoint(**values)
+    else:
+
+        @wraps(endpoint)
+        def call(**values: Any) -> Any:
+            check = foreign(values)
+            if check is not None:
+                service, principal, things = check
+                service.ownership.refuse_foreign(principal, things)
+            return endpoint(**values)
+
+    more = [] if own else [inspect.Parameter(_REQUEST, inspect.Parameter.KEYWORD_ONLY, annotation=Request)]
+    parameters = [*signature.parameters.values(), *more]
+    call.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    call.hilfit_typed = True  # type: ignore[attr-defined]
+    return call

@@ -5,7 +5,7 @@
     class Proposal(BaseModel):
         identification: IdentificationId
 
-A route or body that takes such a value need do nothing more: :mod:`server.platform.authorization.typed_route` looks it
+A route or body that takes such a value need do nothing more: :class:`.guard.TypedRoute` looks it
 up before the route is called. A test holds that every field and parameter of text either is of one of these types or is
 listed as naming nothing.
 """

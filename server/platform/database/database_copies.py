@@ -71,7 +71,7 @@ def check_restore(source: Path, url: str) -> None:
     if sqlite:
         _check_sqlite(source)
     else:
-        program("pg_restore")
+        _program("pg_restore")
         _refuse_in_use(url)
 
 
@@ -148,7 +148,7 @@ def _copy_sqlite(source: Path, target: Path) -> None:
         raise sqlite3.DatabaseError(f"the copy is damaged: {broken}")
 
 
-def program(name: str) -> str:
+def _program(name: str) -> str:
     """Locate one of PostgreSQL's programs, the newest that is installed.
 
     Raises
@@ -171,7 +171,7 @@ def _run(name: str, url: str, *arguments: str) -> None:
     place, mark, query = plain.partition("?")
     plain = place + mark + query.replace("+", "%20")  # what a blank is to SQLAlchemy is none to PostgreSQL
     done = subprocess.run(
-        [program(name), f"--dbname={plain}", *arguments],
+        [_program(name), f"--dbname={plain}", *arguments],
         env=environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -77,6 +77,11 @@ def as_stored(moment: datetime) -> str:
     return moment.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
+def later(moment: str, by: timedelta) -> str:
+    """Return a time of the store, so much later."""
+    return as_stored(datetime.fromisoformat(moment) + by)
+
+
 @dataclass(frozen=True)
 class Page(Generic[Item]):
     """Some items of a longer list, and the cursor of the next page (None at the end)."""
@@ -101,7 +106,7 @@ class Database:
     tables : all that there are (:func:`server.platform.resource.tables_of`)
     changed : called after every committed write
     backups : directory that gets a copy of the store before it is migrated; by default ``backups`` beside the file
-    pause : waits a while for a PostgreSQL that cannot be reached yet, told why; None: that is refused at once
+    pause : waits a while for a PostgreSQL that cannot be reached yet, given why; None: that is refused at once
     may_migrate : whether an older store may be changed; else it is waited for, or refused
     site : marker of the site whose store this is; None: whoever opens it does not care
 

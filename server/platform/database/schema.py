@@ -1,9 +1,13 @@
-"""What all tables of the store (SQLAlchemy Core) share, and those that belong to no resource.
+"""Common parts of all tables of the store (SQLAlchemy Core), and the tables that belong to no resource.
 
 The tables of a resource stand in its folder. Times are ISO 8601 in UTC, so text order is time order.
 """
 
 from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from typing import Any, Literal
 
 import sqlalchemy as sa
 
@@ -35,7 +39,8 @@ idempotency_keys = sa.Table(
     sa.Column("created", sa.String, nullable=False),
 )
 
-#: What is still to be said beyond this service (:mod:`server.platform.database.outbox`).
+#: What is still to be sent beyond this service (:mod:`server.outward`), written in the transaction in which it became
+#: true: whoever is killed when, and whichever host wrote it, nothing that is in the store stays unsent.
 outbox = sa.Table(
     "outbox",
     metadata,
@@ -47,3 +52,9 @@ outbox = sa.Table(
 )
 
 PLATFORM_TABLES = (store_version, store_identity, revisions, idempotency_keys, outbox)
+
+
+def put_out(connection: sa.Connection, kind: Literal["alarm", "result"], now: str, content: Mapping[str, Any]) -> None:
+    """Add something to be sent, in the transaction of ``connection``."""
+    values = {"id": f"msg-{secrets.token_hex(12)}", "kind": kind, "time": now, "content": dict(content)}
+    connection.execute(outbox.insert().values(**values))

@@ -1,7 +1,8 @@
-"""What bodies of requests and of answers are made of."""
+"""Building blocks of the bodies of requests and of answers."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, Generic, Self, TypeVar
 
@@ -15,6 +16,11 @@ Flag = Annotated[bool, Field(strict=True)]
 #: Words of a person: no control characters, and none of those that make text read otherwise than it is written.
 PLAIN = r"^[^\u0000-\u001f\u007f-\u009f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]*$"
 Label = Annotated[str, Field(max_length=200, pattern=PLAIN)]
+
+
+def finite(value: float | None) -> float | None:
+    """Return what JSON can hold of a number: None where it is infinite or none."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 class Body(BaseModel):
@@ -38,7 +44,7 @@ def with_messages_of(values: Mapping[str, Any], names: Collection[str]) -> dict[
 
 
 class Shown(BaseModel):
-    """What is shown of something that the service knows: what is called like its fields.
+    """Body that shows an object of the service: the attributes named like its fields.
 
     A field ``<text>_message`` is filled in with what the sentence in ``text`` was made of.
     """

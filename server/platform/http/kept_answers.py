@@ -1,4 +1,4 @@
-"""The ASGI layer that keeps answers to lists until what they list changes.
+"""ASGI layers that spare answers: one keeps those to lists until what they list changes, one leaves out their bodies.
 
 Tablets ask for the same lists again and again. Every write of the store counts a revision of what it changed; as long
 as the counters that a list depends on stand still, its last answer is true, and neither a thread, the store nor
@@ -16,6 +16,7 @@ from typing import Any
 from weakref import WeakValueDictionary
 
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.platform.authorization.principals import Principal
@@ -117,3 +118,41 @@ class KeptAnswers:
         if len(self._kept) > MOST:
             del self._kept[next(iter(self._kept))]
         return kept
+
+
+class Conditional:
+    """Asks for GET where HEAD was meant, and leaves out bodies that nobody needs (RFC 9110, 9.3.2 and 13.1.2)."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass the request on, and its answer back with or without a body."""
+        if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
+            await self._app(scope, receive, send)
+            return
+        head = scope["method"] == "HEAD"
+        known = Headers(scope=scope).get("if-none-match", "")
+        quiet = False
+
+        async def sending(message: Message) -> None:
+            nonlocal quiet
+            if message["type"] == "http.response.start":
+                quiet = head
+                if message["status"] == 200 and _has(known, Headers(raw=message["headers"]).get("etag")):
+                    quiet = True
+                    kept = [pair for pair in message["headers"] if pair[0] not in (b"content-length", b"content-type")]
+                    message = {**message, "status": 304, "headers": kept}
+            elif quiet:
+                message = {**message, "body": b""}
+            await send(message)
+
+        if head:
+            scope["method"] = "GET"  # of this very scope: what the layers around tell of it stays with it
+        await self._app(scope, receive, sending)
+
+
+def _has(known: str, etag: str | None) -> bool:
+    """Test whether a client that knows these tags has it; compared weakly."""
+    tags = [tag.strip().removeprefix("W/") for tag in known.split(",")]
+    return etag is not None and (etag.removeprefix("W/") in tags or tags == ["*"])

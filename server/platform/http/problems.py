@@ -93,7 +93,7 @@ def problem(
     )
 
 
-def methods_of(request: Request) -> list[str]:
+def _methods_of(request: Request) -> list[str]:
     """List all methods for a request's path, whichever route takes them (RFC 9110 section 10.2.1)."""
     found: set[str] = set()
     for method in ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"):
@@ -160,7 +160,7 @@ async def _http_error(request: Request, error: Exception) -> JSONResponse:
         return await _refused(request, error)
     headers = dict(error.headers or {})
     if error.status_code == 405:
-        headers["Allow"] = ", ".join(methods_of(request))
+        headers["Allow"] = ", ".join(_methods_of(request))
     detail = {
         404: Sentence("server.nothing_there", url=request.url.path),
         405: Sentence("server.not_possible_here", scope=request.method),

@@ -26,22 +26,20 @@ IDLE_S = 60.0
 Work = Callable[[Sequence[str]], int]
 
 
-def serve(load: Callable[[str], Work], arguments: Sequence[str], log: str | None = None, idle_s: float = IDLE_S) -> int:
+def main(arguments: Sequence[str], idle_s: float = IDLE_S) -> int:
     """Do the work of every order in a process of its own; returns the exit code.
 
     Parameters
     ----------
-    load : from the first argument of an order, what takes the others, reports on standard output, and
-        returns an exit code
-    arguments : of the first order; further ones come over standard input
-    log : file that takes the standard error of the first one, where it is not this process's
+    arguments : of the first order, a module and what its ``main`` takes; further ones come over standard input
     idle_s : seconds without an order after which this returns
     """
     loaded: dict[str, Work] = {}
+    log: str | None = None  # of the first order: this process's own standard error
     while True:
         what, *rest = arguments
         if what not in loaded:
-            loaded[what] = load(what)
+            loaded[what] = import_module(what).main
             gc.collect()
             gc.freeze()  # pages of what is loaded stay shared with every fork
         code = _in_a_fork(loaded[what], rest, log)
@@ -51,11 +49,6 @@ def serve(load: Callable[[str], Work], arguments: Sequence[str], log: str | None
         if order is None:
             return 0
         arguments, log = order
-
-
-def main(arguments: Sequence[str], idle_s: float = IDLE_S) -> int:
-    """Serve, as :func:`serve`, the ``main`` of modules."""
-    return serve(lambda module: import_module(module).main, arguments, idle_s=idle_s)
 
 
 def _next_order(idle_s: float) -> tuple[list[str], str] | None:

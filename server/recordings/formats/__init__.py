@@ -3,7 +3,7 @@
 Everything that opens a file from outside runs in a child process with bounded memory
 (:mod:`server.recordings.formats.conversion_child`).
 
-- :mod:`server.recordings.formats.recording_statistics`: what a recording holds, channel by channel
+- :mod:`server.recordings.formats.conversion_child`: what a recording holds, channel by channel
 - :mod:`server.recordings.formats.imports`: what service and child agree upon when another tool's file is taken in
 - :mod:`server.recordings.formats.exports`: the service's side: starts the children, names the files
 

@@ -13,7 +13,7 @@ from service_fakes import API
 from server.access.access_desk import Access
 from server.access.pairing import DIGITS, MOST_FAILURES, MOST_OPEN, PairingCodes, pairing_codes, pairing_url
 from server.access.rates import Rate, Rates
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.composition.declarations import TABLES
 from server.platform.authorization.principals import SERVICE
 from server.platform.database.engine import Database

@@ -17,7 +17,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from server.access.access_desk import FAILURES, Access
 from server.access.connections import Connections, Presence, Stream
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.composition.declarations import TABLES
 from server.platform.authorization.principals import SERVICE
 from server.platform.database.engine import Database

@@ -11,11 +11,11 @@ import pytest
 from service_fakes import API, MACHINE, Running
 
 from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_watch import WARNING, Watch, named, stale_channels
+from server.alarms.alarm_resource import WARNING, Watch, named, stale_channels
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database
-from server.platform.disk import RESERVE_BYTES, free_bytes, require_room
 from server.platform.errors import ConflictError, UnavailableError
+from server.platform.files import RESERVE_BYTES, free_bytes, require_room
 from server.recordings.recording_sessions import Sessions
 
 

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from server.alarms import alarm_lifecycle as lifecycle
-from server.alarms.alarm_conditions import KINDS, AlarmKind, DeadBand, Timer, beyond, step
-from server.alarms.alarm_lifecycle import Alarm
+from server.alarms.alarm_lifecycle import KINDS, Alarm, AlarmKind, DeadBand, Timer, beyond, step
 
 NEW = Alarm(
     id="a1",

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from service_fakes import API
 
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.composition.declarations import TABLES
 from server.platform.authorization.principals import LOCAL
 from server.platform.database.engine import Database

@@ -11,10 +11,10 @@ import pytest
 from access_fakes import Guarded, guarded_service
 from service_fakes import API, Running, recording_bytes
 
-from server.audit.audit_log import Audit
-from server.calibrations.calibration_comparison import compare_errors, compare_parameters
+from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import Parameter, content_of
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
+from server.calibrations.calibration_resource import compare_errors, compare_parameters
 from server.identifications.identification_order import IdentificationOrders, Wish
 from server.identifications.identification_results import IdentificationResults
 from server.platform.authorization.principals import LOCAL, SERVICE

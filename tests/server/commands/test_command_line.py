@@ -16,7 +16,7 @@ from service_fakes import MACHINE
 from daq.errors import AcquisitionError, InputError
 from daq.without_mdf4 import PROGRAMS
 from server.access.access_desk import Access
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.commands import command_line as cli
 from server.composition.declarations import TABLES
 from server.platform.database.engine import Database

@@ -10,7 +10,7 @@ import pytest
 from service_fakes import MACHINE
 
 from server.commands import command_line as cli
-from server.commands import doctor_probes as probes
+from server.commands import doctor_command as probes
 
 
 def interface(root: Path, name: str, *, up: bool, kind: str = "280") -> None:

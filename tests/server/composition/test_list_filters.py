@@ -8,7 +8,7 @@ import pytest
 from service_fakes import API, Fakes, Running, running_service
 
 from server.alarms.alarm_desk import Alarms
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 
 pytestmark = pytest.mark.slow
 

@@ -13,12 +13,11 @@ from access_fakes import Guarded, guarded_service
 from fastapi import APIRouter
 from service_fakes import API, Fakes
 
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.backups.backup_archive import Backups
 from server.composition.app import check_declaration, create_app
 from server.composition.declarations import RESOURCES
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.database.schema import metadata
 from server.platform.resource import Resource, kept_lists, providers_of, tables_of
 from server.platform.service import Service
@@ -87,7 +86,7 @@ from fastapi import APIRouter
 from server.jobs.job_runner import JobRunner
 from server.platform.authorization.guard import PrincipalDep, require
 from server.platform.authorization.named_things import MachineName
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute
 from server.platform.http.bodies import Body, Listed
 from server.platform.http.route_parameters import ServiceDep
 from toys.toy_store import Toy, Toys

@@ -11,8 +11,7 @@ from server.composition.declarations import RESOURCES
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory
-from server.platform.parts import TROUBLES
-from server.platform.resource import providers_of
+from server.platform.resource import TROUBLES, providers_of
 from server.platform.service import Service
 from server.platform.settings import Settings
 

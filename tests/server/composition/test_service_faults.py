@@ -9,8 +9,8 @@ import pytest
 from service_fakes import API, MACHINE, Running, wait_for_change
 from starlette.websockets import WebSocketDisconnect
 
-from server.alarms.alarm_conditions import KINDS, AlarmKind
 from server.alarms.alarm_desk import Alarms
+from server.alarms.alarm_lifecycle import KINDS, AlarmKind
 from server.machines.acquisition import Acquisition
 from server.recordings.recording_sessions import Sessions
 

@@ -15,8 +15,8 @@ from daq.messages import message_from_json
 from fitting.loop.session import Options
 from fitting.pipeline.stage_names import ReportLanguage
 from fitting.report.languages import codes
+from server.identifications.identification_resource import IdentificationOptions
 from server.identifications.identification_results import IdentificationResults
-from server.identifications.identification_schemas import IdentificationOptions
 from server.identifications.identification_store import Identification
 from server.platform.processes import children
 from server.platform.processes.children import ChildResult

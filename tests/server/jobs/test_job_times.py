@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from server.composition.declarations import TABLES
+from server.jobs.job_resource import expected_end
 from server.jobs.job_store import Jobs
-from server.jobs.job_times import JobTimes
 from server.platform.database.engine import Database, as_stored
 
 STAGES = ("check", "fit", "report")
@@ -24,7 +24,6 @@ class Bench:
         self.now = START
         self.database = Database(place, TABLES, changed=lambda: None, clock=lambda: self.now)
         self.jobs = Jobs(self.database)
-        self.times = JobTimes(self.database)
         self._count = 0
 
     def order(self, kind: str = "identification", stages: tuple[str, ...] = STAGES) -> str:
@@ -46,7 +45,7 @@ class Bench:
         self.now += timedelta(seconds=seconds)
 
     def remaining(self, id: str) -> float | None:
-        end = self.times.expected_end(self.jobs.get(id))
+        end = expected_end(self.database, self.jobs.get(id))
         return None if end is None else (datetime.fromisoformat(end) - self.now).total_seconds()
 
 
@@ -99,4 +98,4 @@ def test_what_is_expected_is_a_time_as_the_store_writes_it(bench: Bench) -> None
     bench.past(1, 1, 1)
     job = bench.order()
     bench.jobs.progress(job, "check", 0.0, "")
-    assert bench.times.expected_end(bench.jobs.get(job)) == as_stored(bench.now + timedelta(seconds=3))
+    assert expected_end(bench.database, bench.jobs.get(job)) == as_stored(bench.now + timedelta(seconds=3))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from server.platform.processes import warm_child
-from server.platform.processes.warm_child import WarmChild
+from server.jobs import job_host
+from server.jobs.job_host import WarmChild
 
 STAYS = """
 import json, os, sys
@@ -38,7 +38,7 @@ def test_the_next_job_has_the_same_process_and_it_ends_when_there_is_none(
     first, second = (run(warm, used, tmp_path / "log") for _ in range(2))
     assert first == second
     watched = os.pidfd_open(first)
-    monkeypatch.setattr(warm_child, "WARM_S", 0.01)
+    monkeypatch.setattr(job_host, "WARM_S", 0.01)
     with used:  # at work: it is not ended
         warm.cool()
         assert not select.select([watched], [], [], 0.1)[0]

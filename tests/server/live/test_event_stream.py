@@ -110,7 +110,7 @@ def test_over_http_it_is_an_event_stream(running: Running) -> None:
 
 @pytest.mark.slow
 def test_its_lines_are_json(running: Running) -> None:
-    from server.live.event_routes import _lines
+    from server.live.live_resource import _lines
 
     async def run() -> bytes:
         running.service.changes = Changes()

@@ -17,8 +17,7 @@ from daq import Machine, parse_machine
 from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.frames.frame import Frame, row_dtype, row_from_frame
 from server.live import live_messages as messages
-from server.live.live_client import Client
-from server.live.live_reader import HEARTBEAT_S, PERIOD_S, Hub, _Stream
+from server.live.live_reader import HEARTBEAT_S, PERIOD_S, Client, Hub, _Stream
 from server.machines.acquisition import Acquisition
 from server.platform.errors import UnavailableError
 

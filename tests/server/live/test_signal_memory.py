@@ -10,8 +10,7 @@ from test_live_stream import Source, rows, write
 
 from server.platform.errors import InvalidError
 from server.traces.extremes import Extremes, at_most, extremes, runs
-from server.traces.signal_collector import SignalCollector
-from server.traces.signal_memory import SignalMemory
+from server.traces.signal_collector import SignalCollector, SignalMemory
 
 SMALL = ((0.0, 400), (0.1, 200), (1.0, 300))
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from service_fakes import API, MACHINE, Fakes, Running, running_service
 
-from server.machines.faults.fault_routes import BREAKABLE
-from server.machines.faults.simulation_orders import MOST, FaultOrders
+from server.machines.fault_routes import BREAKABLE
 from server.machines.machine_desk import MachineDesk
+from server.machines.simulation_child import MOST, FaultOrders
 from server.platform.errors import InvalidError
 from sim_backends import default_machine
 

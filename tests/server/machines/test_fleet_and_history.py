@@ -15,8 +15,8 @@ from service_fakes import API
 from server.alarms.alarm_desk import Alarms, alarms
 from server.calibrations.calibration_content import content_of
 from server.calibrations.calibration_desk import Calibrations
-from server.fleet.fleet_view import worst_joint
-from server.history.machine_history import MachineHistory
+from server.fleet.fleet_resource import worst_joint
+from server.history.history_resource import gathered
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs, found_by
 from server.monitor.monitor_supervisor import Monitors
@@ -195,7 +195,7 @@ def test_a_calibration_in_use_when_the_time_begins_is_in_it(guarded: Guarded, ca
     """Of what was done before only that, so that a time line shows for how long it has been in use."""
     service = guarded.running.service
     later = datetime.fromisoformat(service.now()) + timedelta(seconds=1)
-    found = service[MachineHistory].gather("lever", as_stored(later)).items
+    found = gathered(service, "lever", as_stored(later)).items
     assert [(one.what, one.subject) for one in found if one.kind == "calibration"] == [("activated", calibrated)]
 
 

@@ -17,8 +17,8 @@ from fitting.residual.laws import Law
 from fitting.residual.terms import Model, Term, fit_model
 from fitting.signals.splines import spline_knots
 from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
+from server.monitor.followed import effective, scores
 from server.monitor.residual_blocks import Windows
-from server.monitor.residual_scores import effective, scores
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,9 @@ from daq.frames.frame import row_dtype
 from fitting.model.arm_model import ArmModel
 from fitting.model.uses.overload import overloads, thresholds
 from server.identifications.live_model import LiveModel, NotLiveError
+from server.monitor.monitor_child import OverloadWatch
+from server.monitor.monitor_order import OverloadNow
 from server.monitor.monitor_supervisor import Monitors, _Watch
-from server.monitor.overload_watch import Hit, OverloadWatch
 
 NAMES = ("joint1.angle", "joint1.torque")
 HIT, LASTS, SIZE = 12.0, 0.4, 30.0
@@ -43,7 +44,7 @@ def test_a_hit_is_found_within_a_tenth_of_a_second_and_ends(model: ArmModel, at_
     table, values = hit_rows()
     watch = OverloadWatch(LiveModel(model), NAMES, 1.0)
     table = table[round(10 * RATE) :]
-    said: list[Hit] = []
+    said: list[OverloadNow] = []
     for start in range(0, len(table), at_once):
         said += watch.push(table[start : start + at_once])
     assert [hit.on for hit in said] == [True, False]

@@ -19,8 +19,7 @@ from server.outward.outward_stream import MessageReader, OutwardStream
 from server.platform.authorization.ownership import Ownership
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
-from server.platform.database.outbox import put_out
-from server.platform.database.schema import outbox
+from server.platform.database.schema import outbox, put_out
 
 
 class Sink:

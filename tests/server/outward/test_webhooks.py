@@ -26,7 +26,7 @@ from server.jobs.job_runner import JobRunner
 from server.outward.outward_resource import PAUSES, RESOLVER
 from server.outward.outward_stream import OutwardStream
 from server.outward.webhook_desk import ERRAND, PAUSES_S, Webhooks
-from server.outward.webhook_signing import headers
+from server.outward.webhook_post import headers
 from server.platform.authorization.principals import Role
 
 #: Tries follow each other at once: three, then it is given up.

@@ -16,6 +16,7 @@ from server.platform.processes.children import Child, ChildResult
 #: What it does is told by the first argument; ``seen`` is what an earlier piece of work would have left.
 PROGRAM = """
 import json, os, sys
+from types import SimpleNamespace
 from server.platform.processes import child_limits, forking_child
 seen = []
 def work(what):
@@ -37,7 +38,8 @@ def work(what):
         import time; time.sleep(60)
     print(json.dumps({"summary": {"pid": os.getpid(), "parent": os.getppid(), "seen": seen, "in": sys.stdin.read()}}))
     return 0
-sys.exit(forking_child.serve(lambda what: lambda rest: work(what), sys.argv[1:], idle_s=%s))
+forking_child.import_module = lambda what: SimpleNamespace(main=lambda rest: work(what))
+sys.exit(forking_child.main(sys.argv[1:], idle_s=%s))
 """
 
 

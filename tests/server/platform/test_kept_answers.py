@@ -10,8 +10,7 @@ from sqlalchemy.exc import OperationalError
 
 from server.composition.declarations import RESOURCES
 from server.platform.authorization.principals import LOCAL, Principal
-from server.platform.http.conditional import Conditional
-from server.platform.http.kept_answers import LARGEST_BYTES, KeptAnswers
+from server.platform.http.kept_answers import LARGEST_BYTES, Conditional, KeptAnswers
 from server.platform.resource import kept_lists
 
 LISTS = {"/api" + path: names for path, names in kept_lists(RESOURCES).items()}

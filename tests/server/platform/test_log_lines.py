@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 import structlog
 
-from server.log_lines.log_memory import LONGEST, LogMemory
+from server.log_lines.log_resource import LONGEST, LogMemory
 from server.platform import logs
 
 LOGGER = "server.tried"

@@ -57,7 +57,7 @@ def test_requests_are_counted_by_route_and_an_id_makes_no_series(running: Runnin
 
 
 def test_two_services_share_nothing(running: Running) -> None:
-    from server.platform.http.metrics import Metrics
+    from server.composition.app import Metrics
 
     running.client.get(f"{API}/recordings")
     assert b"hilfit_http_request_seconds_count" not in Metrics(running.service).text()
@@ -65,6 +65,6 @@ def test_two_services_share_nothing(running: Running) -> None:
 
 @pytest.mark.slow
 def test_lateness_becomes_cumulative_buckets_in_seconds() -> None:
-    from server.machines.acquisition_metrics import _buckets
+    from server.machines.machine_resource import _buckets
 
     assert _buckets({"0.1": 2, "0.5": 1, "inf": 4}) == [("0.0001", 2), ("0.0005", 3), ("+Inf", 7)]

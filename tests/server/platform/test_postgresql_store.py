@@ -16,7 +16,7 @@ from service_fakes import MACHINE
 from test_store_migrations import VERSION_1
 
 from server.access.access_desk import Access
-from server.audit.audit_log import Audit
+from server.audit.audit_resource import Audit
 from server.backups.backup_archive import Backups, restore
 from server.backups.backup_files import BackupContent
 from server.commands.command_line import main

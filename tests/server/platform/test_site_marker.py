@@ -11,8 +11,8 @@ import pytest
 from service_fakes import Fakes
 
 from server.alarms.alarm_desk import Alarms
-from server.alarms.alarm_watch import DAMAGE_LOOK_S, Watch
-from server.audit.audit_log import Audit
+from server.alarms.alarm_resource import DAMAGE_LOOK_S, Watch
+from server.audit.audit_resource import Audit
 from server.backups.backup_archive import Backups, DailyBackups, restore
 from server.backups.backup_files import BackupContent
 from server.composition.declarations import RESOURCES
@@ -20,8 +20,7 @@ from server.platform.database.engine import Database, utc_now
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError, UnavailableError
 from server.platform.files import DataDirectory
-from server.platform.parts import TROUBLES
-from server.platform.resource import tables_of
+from server.platform.resource import TROUBLES, tables_of
 from server.platform.service import Service
 from server.platform.settings import Settings
 

@@ -17,9 +17,8 @@ from daq.messages import Sentence, named
 from server.composition.declarations import TABLES
 from server.identifications.identification_store import Identification, Identifications
 from server.jobs.job_store import Jobs
-from server.machines.machine_reader import MachineReader
 from server.machines.machine_store import Machines
-from server.machines.machine_uploads import MachineUploads
+from server.machines.machine_uploads import MachineReader, MachineUploads
 from server.platform.database import schema
 from server.platform.database.engine import Database
 from server.platform.database.idempotency import IdempotencyKey

@@ -17,7 +17,7 @@ from scipy.io import savemat
 from service_fakes import API, MACHINE, Running
 
 from daq.errors import RecordingError
-from server.machines.machine_reader import MachineReader
+from server.machines.machine_uploads import MachineReader
 from server.platform.errors import InvalidError
 from server.platform.processes.file_children import FileChildren
 from server.recordings.formats.declared_size import refuse_bombs

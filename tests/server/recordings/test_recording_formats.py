@@ -21,8 +21,8 @@ from service_fakes import API, MACHINE, Running, motion, recording_bytes
 from daq import parse_machine, read_recording, write_recording
 from daq.recordings.recording_files import Table, read_table
 from server.platform.processes.file_children import FileChildren
+from server.recordings.formats.conversion_child import statistics
 from server.recordings.formats.exports import Exports
-from server.recordings.formats.recording_statistics import statistics
 
 
 @pytest.fixture(scope="module")

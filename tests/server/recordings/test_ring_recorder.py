@@ -13,8 +13,8 @@ from service_fakes import MACHINE
 from daq import parse_machine
 from daq.acquisition.ring import RingWriter, ring_buffer
 from daq.frames.frame import Frame, row_dtype, row_from_frame
+from server.recordings.recording_resource import RingRecorder
 from server.recordings.recording_sessions import RecordOrder
-from server.recordings.ring_recorder import RingRecorder
 
 
 def test_a_recording_whose_acquisition_ended_says_its_rows(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from service_fakes import API, MACHINE, Fakes, Running, recording_bytes, running_service
 
-from server.platform.disk import RESERVE_BYTES
+from server.platform.files import RESERVE_BYTES
 from server.recordings.recording_resource import FREE
 from server.recordings.recording_sessions import Sessions
 

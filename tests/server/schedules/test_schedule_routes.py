@@ -11,7 +11,7 @@ from service_fakes import API, MACHINE, Running
 
 from server.alarms.alarm_desk import Alarms
 from server.machines.machine_desk import MachineDesk
-from server.platform.http.replays import LIFETIME_S, MOST, Replays
+from server.platform.database.idempotency import LIFETIME_S, MOST, Replays
 from server.schedules.schedule_clock import ScheduleClock
 
 WISH = {"machine": "lever", "cron": "30 2 * * 1", "timezone": "Europe/Vienna"}

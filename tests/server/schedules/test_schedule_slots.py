@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from server.platform.errors import InvalidError
-from server.schedules.cron import Cron
-from server.schedules.schedule_slots import check, due, upcoming
+from server.schedules.schedule_slots import Cron, check, due, upcoming
 
 VIENNA = "Europe/Vienna"
 

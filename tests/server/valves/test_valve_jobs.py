@@ -13,7 +13,7 @@ from service_fakes import API, Running, recording_bytes
 from fitting.valve.export import export_valve, formats
 from fitting.valve.inverse import Direction, ValveModel
 from server.valves.valve_fits import ValveOrders
-from server.valves.valve_routes import ENDINGS, InverseFormat
+from server.valves.valve_resource import ENDINGS, InverseFormat
 
 VALVES = f"{API}/valves"
 

@@ -11,11 +11,10 @@ from daq.messages import Sentence
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_store import Machines
 from server.machines.simulation import Simulation
-from server.platform.authorization.guard import require
-from server.platform.authorization.typed_route import TypedRoute
+from server.platform.authorization.guard import TypedRoute, require
 from server.platform.errors import ConflictError
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.parts import PartName
+from server.platform.resource import PartName
 from server.platform.service import Service
 
 
