@@ -22,8 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
+import scipy
 
 from daq.kinematics.chain import about
 from daq.machine.machine_file import Channel, Machine
@@ -167,12 +166,14 @@ def _delay(motion: _Motion, y: FloatArray, rate_hz: float) -> tuple[float, float
     if np.ptp(moving) <= NOISE_OF_MOTION * noise or np.ptp(y) == 0.0:
         return None
     window = max(5, round(SMOOTH_S * rate_hz) | 1)
-    y = savgol_filter(y, window, 3)
-    derivatives = [savgol_filter(q, window, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)]
+    y = scipy.signal.savgol_filter(y, window, 3)
+    derivatives = [
+        scipy.signal.savgol_filter(q, window, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)
+    ]
     edge = round(LONGEST_S * rate_hz) + window
     inner = np.arange(edge, len(y) - edge)
     delays = np.arange(window - edge, edge - window + 1 / STEPS, 1 / STEPS) / rate_hz
-    splines = CubicSpline(np.arange(len(y)) / rate_hz, motion.columns(*derivatives), axis=0)
+    splines = scipy.interpolate.CubicSpline(np.arange(len(y)) / rate_hz, motion.columns(*derivatives), axis=0)
     blocks = np.array_split(inner, BLOCKS)
     # (D, BLOCKS, p + 1, p + 1): products of columns and target, of which any blocks can be summed
     squares = np.array([[_squares(splines(block / rate_hz - d), y[block]) for block in blocks] for d in delays])

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from scipy.io import savemat
+import scipy
 
 from daq.recordings.recording_files import Table
 
@@ -37,7 +37,7 @@ def write(table: Table, units: dict[str, str], target: Path) -> None:
     for name, texts in cells.items():
         content[name] = np.array(texts, dtype=object)[:, None]
     content["hilfit_metadata"] = np.array(json.dumps(dict(table.metadata)))
-    savemat(str(target), content, appendmat=False, long_field_names=True, do_compression=True)
+    scipy.io.savemat(str(target), content, appendmat=False, long_field_names=True, do_compression=True)
 
 
 def variables(columns: Iterable[str]) -> dict[str, str]:

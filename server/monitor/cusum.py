@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from scipy import optimize
+import scipy
 
 OVERSHOOT = 1.166
 #: The allowance: half of the shift (in standard deviations) that is to be found soonest.
@@ -64,4 +64,4 @@ def threshold_for(numbers: float, allowance: float = ALLOWANCE) -> float:
     if numbers < low:
         raise ValueError(f"an average run of {numbers:g} is below {low:.3g}, that of a threshold of zero")
     high = math.log(4.0 * allowance**2 * numbers + 2.0) / (2.0 * allowance) + 10.0
-    return float(optimize.brentq(lambda h: run_length(h, allowance) - numbers, 0.0, high))
+    return float(scipy.optimize.brentq(lambda h: run_length(h, allowance) - numbers, 0.0, high))

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from server.monitor import cusum
 from server.monitor.cusum import ALLOWANCE, Sums
@@ -54,7 +54,7 @@ class Usual:
         correlation = min(max(correlation, 0.0), 0.8)
         innovations = centred[1:] - correlation * centred[:-1]
         n = len(innovations) - 2
-        worst = math.sqrt(n / float(stats.chi2.ppf(0.025, n)))
+        worst = math.sqrt(n / float(scipy.stats.chi2.ppf(0.025, n)))
         std = float(np.sqrt(innovations @ innovations / n)) * worst
         return cls(float(z.mean()), correlation, max(std, 1e-12), len(z))
 
