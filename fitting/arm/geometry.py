@@ -29,7 +29,7 @@ _SQUARE = 5e-4
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the dynamics need to know of an arm of ``n`` joints.
+    """Geometry of an arm of ``n`` joints, as the dynamics need it.
 
     Attributes
     ----------

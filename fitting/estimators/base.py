@@ -1,4 +1,4 @@
-"""What an estimator is: the seam `hilfit.estimators`.
+"""The estimators' contract: the seam `hilfit.estimators`.
 
 An estimator takes the rows of a linear regression ``b = A theta + e`` and gives parameters with a covariance. Rows
 come in groups (one per joint: joints have different units and noise) and are in time order within a group. An

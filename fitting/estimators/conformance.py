@@ -1,4 +1,4 @@
-"""What every estimator must hold to; call it from a test of your own estimator::
+"""Conformance of estimators; call it from a test of your own estimator::
 
 from fitting.estimators.conformance import check_estimator
 

@@ -1,4 +1,4 @@
-"""What stage 2 knows beside its rows, for estimators that need more than ``A`` and ``b``.
+"""Knowledge of stage 2 beside its rows, for estimators that need more than ``A`` and ``b``.
 
 An estimator that has a method ``within(stage)`` is asked for itself *within* that stage before it fits: it gives back
 an estimator that carries what it took from there. One that has none is used as it is.

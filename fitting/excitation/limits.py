@@ -16,7 +16,7 @@ from fitting.arrays import FloatArray
 
 @dataclass(frozen=True)
 class LimitUse:
-    """How far a motion goes towards one limit.
+    """Share of one limit that a motion uses.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class LimitUse:
 
 @dataclass(frozen=True)
 class HydraulicLimits:
-    """What the supply can do. Any of them may be None.
+    """Limits of the supply; any of them may be None.
 
     Attributes
     ----------

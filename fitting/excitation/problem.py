@@ -31,7 +31,7 @@ _START_AMPLITUDE = 2.0  # sigmoid(2) = 0.88
 
 @dataclass(frozen=True)
 class ExcitationOptions:
-    """How to search.
+    """Options of the search.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ExcitationOptions:
 
 @dataclass(frozen=True)
 class Problem:
-    """What stays the same while searching."""
+    """Constants of one search."""
 
     machine: Machine
     base: BaseParameters
@@ -91,12 +91,12 @@ class Problem:
 
     @property
     def coupled(self) -> bool:
-        """Whether the joints share a limit, so that amplitudes are to be traded."""
+        """True where the joints share a limit, so that amplitudes are to be traded."""
         return self.hydraulic.flow is not None or self.hydraulic.pressure is not None
 
     @property
     def seeks_home(self) -> bool:
-        """Whether the home pose is searched for as well."""
+        """True where the home pose is searched for as well."""
         return self.hydraulic.pressure is not None
 
     def split(self, coefficients: FloatArray) -> tuple[list[FloatArray], FloatArray, FloatArray]:

@@ -57,7 +57,7 @@ class CylinderEstimate:
 
 @dataclass(frozen=True)
 class InSitu:
-    """What stage 1 needs where the load is a nuisance.
+    """Input of stage 1 where the load is a nuisance.
 
     Attributes
     ----------

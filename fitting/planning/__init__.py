@@ -1,1 +1,1 @@
-"""What a motion will show: forecast, detection thresholds, the next experiment."""
+"""Forecasts of a motion: detection limits, and the next experiment."""

@@ -51,7 +51,7 @@ def visible_size(needed: float, parameters: int, power: float) -> float:
 
 @dataclass(frozen=True)
 class Visibility:
-    """How much of one effect a set of recordings shows.
+    """Visibility of one effect in a set of recordings.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What ``hilfit excite`` prints for people."""
+"""Texts that ``hilfit excite`` prints."""
 
 from __future__ import annotations
 

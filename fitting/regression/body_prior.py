@@ -98,7 +98,7 @@ class _Drive(BaseModel):
 
 
 class Report(BaseModel):
-    """What is read of a ``report.json``."""
+    """The part of a ``report.json`` that is read."""
 
     schema_: Literal["hilfit/report/1"] = Field(alias="schema")
     rigid_body: _RigidBody | None = None

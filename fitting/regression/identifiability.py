@@ -37,7 +37,7 @@ _CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter 
 
 @dataclass(frozen=True)
 class ParameterVerdict:
-    """What can be said of one parameter.
+    """Verdict on one parameter.
 
     Attributes
     ----------

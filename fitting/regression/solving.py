@@ -62,7 +62,7 @@ class Fit:
 
     @property
     def whitened(self) -> bool:
-        """Whether its rows were weighed by a noise that they are explained down to."""
+        """True where its rows were weighed by a noise that they are explained down to."""
         return any(own.shape[1] for own in self.orthonormal)
 
     @property

@@ -22,7 +22,7 @@ _EFFORT = ("effort_target", "effort_columns")
 
 
 class _Stored:
-    """What reads arrays of some names from a scratch file when they are asked for."""
+    """Reader of arrays of some names from a scratch file, when they are asked for."""
 
     def __getattr__(self, name: str) -> Any:
         own = self.__dict__

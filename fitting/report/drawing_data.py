@@ -1,4 +1,4 @@
-"""What the report's figures show, computed from the models before and after."""
+"""Data of the report's figures, computed from the models before and after."""
 
 from __future__ import annotations
 

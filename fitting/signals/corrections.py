@@ -1,4 +1,4 @@
-"""What was learnt about positions: applied when recordings are prepared again."""
+"""Corrections of positions: applied when recordings are prepared again."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fitting.signals.preparation import Play, PositionError
 
 @dataclass(frozen=True)
 class Corrections:
-    """What was learnt about positions.
+    """Corrections of positions.
 
     Attributes
     ----------

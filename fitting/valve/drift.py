@@ -43,7 +43,7 @@ SURE = 3.0
 
 @dataclass(frozen=True)
 class Kept:
-    """What is kept of a fit that was handed out, so that it can be asked again.
+    """The part of a fit that is kept, so that it can be tested again.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ class ValveModel:
 
     @property
     def moves(self) -> bool:
-        """Whether it was seen to move its axis in some direction."""
+        """True where it was seen to move its axis in some direction."""
         return any(own.fastest > 0 for own in self.directions)
 
     @property

@@ -1,4 +1,4 @@
-"""What the pressures make of a valve's opening: one law per direction.
+"""Laws of a valve's opening by its pressures: one per direction.
 
 A land lets through ``sqrt(d / d_0)`` of what it does at the reference drop ``d_0``. Which drop decides is not known
 from outside: that of the oil that goes in (``meter_in``), of the oil that leaves (``meter_out``), or none where a

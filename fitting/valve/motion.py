@@ -48,7 +48,7 @@ _POSES = (0.25, 0.75)  # of the travel: where other axes change the load on one
 
 @dataclass(frozen=True)
 class Expected(RodTravel):
-    """What is expected of an axis with a valve.
+    """Expectation of an axis with a valve.
 
     Attributes
     ----------

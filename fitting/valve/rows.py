@@ -83,7 +83,7 @@ class Signals:
 
     @cached_property
     def warm(self) -> bool:
-        """Whether the oil's temperature is known all along."""
+        """True where the oil's temperature is known all along."""
         return bool(np.isfinite(self.temperature).all())
 
 
@@ -126,17 +126,17 @@ class Axis:
 
     @cached_property
     def has_pressures(self) -> bool:
-        """Whether both chambers are measured."""
+        """True where both chambers are measured."""
         return bool(np.isfinite(self.signals.inlet).all())
 
     @cached_property
     def has_supply(self) -> bool:
-        """Whether the supply pressure is known too."""
+        """True where the supply pressure is known too."""
         return self.has_pressures and bool(np.isfinite(self.signals.supply).all())
 
     @cached_property
     def sees_supply(self) -> bool:
-        """Whether the supply pressure is measured, not declared."""
+        """True where the supply pressure is measured, not declared."""
         return self.has_supply and float(np.ptp(self.signals.supply)) > 0.0
 
     @property

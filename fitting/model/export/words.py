@@ -1,4 +1,4 @@
-"""What all exported files say of themselves."""
+"""Headers that all exported files have."""
 
 from __future__ import annotations
 

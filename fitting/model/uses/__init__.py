@@ -1,4 +1,4 @@
-"""What a model is used for, beside predicting.
+"""Uses of a model beside predicting.
 
 =================  =====================================================================
 ``feedforward``    efforts and pressures of a motion file, for the arm's controller

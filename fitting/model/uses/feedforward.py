@@ -35,7 +35,7 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class Feedforward:
-    """What a motion takes, (N, n) each.
+    """Efforts and pressures that a motion takes, (N, n) each.
 
     Attributes
     ----------

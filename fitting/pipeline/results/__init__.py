@@ -1,1 +1,1 @@
-"""What stages hand on, and what the report and the terminal say of it."""
+"""Results of stages, and their content in the report and on the terminal."""

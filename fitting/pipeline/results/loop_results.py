@@ -48,7 +48,7 @@ class AcceptedTerm:
 @stored
 @dataclass(frozen=True)
 class OtherBand:
-    """What the loop finds with another bandwidth of the filter, in words."""
+    """Findings of the loop with another bandwidth of the filter, in words."""
 
     bandwidth_hz: float
     found: tuple[str, ...]
@@ -78,7 +78,7 @@ class Designed:
 @stored
 @dataclass(frozen=True)
 class Attributed:
-    """What the residual was traced to.
+    """Attribution of the residual.
 
     Attributes
     ----------

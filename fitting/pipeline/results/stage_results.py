@@ -223,7 +223,7 @@ RESULTS: Mapping[str, type[Any]] = {
 
 @dataclass(frozen=True)
 class StageResults:
-    """What the stages have found so far, by type: ``results[Residual].noise_floor``.
+    """Results of the stages so far, by type: ``results[Residual].noise_floor``.
 
     Attributes
     ----------

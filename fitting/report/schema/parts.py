@@ -1,4 +1,4 @@
-"""What objects of the report have in common."""
+"""Common parts of the report's objects."""
 
 from __future__ import annotations
 
