@@ -1,4 +1,4 @@
-"""What a value in a frame or a recording is worth."""
+"""Quality of a value in a frame or a recording."""
 
 from __future__ import annotations
 

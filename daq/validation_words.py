@@ -1,4 +1,4 @@
-"""What pydantic finds wrong with a value, in plain words: by the kind of error and its numbers, not by its own text.
+"""Problems that pydantic finds with a value, in plain words: by the kind of error and its numbers, not by its own text.
 
 A sentence stands behind the name of its place, as in ``channels[3].unit: must be a text``.
 """

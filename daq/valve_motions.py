@@ -32,7 +32,7 @@ Does = Literal["go", "hold", "swing"]
 
 @dataclass(frozen=True)
 class ValveAxis:
-    """What the controller has to know of an axis; see the module."""
+    """An axis as the controller has to know it; see the module."""
 
     axis: str
     neutral: float

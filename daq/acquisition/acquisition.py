@@ -149,7 +149,7 @@ class AcquisitionProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether cycles are running."""
+        """True while cycles are running."""
         self._receive()
         return self._running and self._failure is None
 

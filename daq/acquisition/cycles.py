@@ -32,7 +32,7 @@ UTC_JUMP_NS = 50_000_000  # of the computer's clock against the monotonic one; w
 
 @dataclass
 class AcquisitionStatistics:
-    """How acquisition has been doing since it started.
+    """Statistics of acquisition since it started.
 
     Attributes
     ----------

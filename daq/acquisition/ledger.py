@@ -46,7 +46,7 @@ class ChannelLedger:
 
     @property
     def balanced(self) -> bool:
-        """Whether every value is accounted for."""
+        """True where every value is accounted for."""
         return self.produced == self.stored + sum(self.dropped.values())
 
     def as_dict(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class Ledger:
 
     @property
     def balanced(self) -> bool:
-        """Whether every value of every channel is accounted for."""
+        """True where every value of every channel is accounted for."""
         return all(channel.balanced for channel in self.channels.values())
 
     def as_dict(self) -> dict[str, Any]:

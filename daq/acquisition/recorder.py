@@ -40,7 +40,7 @@ Progress = Callable[[int, int | None], None]
 
 @dataclass(frozen=True)
 class RecordingSummary:
-    """What a recorder wrote.
+    """Result of a recorder.
 
     Attributes
     ----------
@@ -190,7 +190,7 @@ class Recorder:
 
     @property
     def active(self) -> bool:
-        """Whether the thread of :meth:`start` is still recording."""
+        """True while the thread of :meth:`start` is recording."""
         return self._thread is not None and not self._ended.is_set()
 
     def stop(self) -> RecordingSummary:

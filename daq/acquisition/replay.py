@@ -36,7 +36,7 @@ _LOOKED_AT = 5000  # frames of each bus by which the cycle's phase is chosen
 
 @dataclass(frozen=True)
 class Replay:
-    """What came of a trace: frames, events (:class:`daq.frames.events.Event`) and the buses' counters."""
+    """Content of a trace: frames, events (:class:`daq.frames.events.Event`) and the buses' counters."""
 
     frames: list[Frame]
     events: list[dict[str, Any]]
@@ -65,7 +65,7 @@ class _Tape(CanAccess):
 
     @property
     def ended(self) -> bool:
-        """Whether there are no more frames."""
+        """True where there are no more frames."""
         return self._next is None
 
     def attach(self, port: CanPort, config: CanBus) -> Any:

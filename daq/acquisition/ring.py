@@ -53,7 +53,7 @@ _ATTACHING = threading.Lock()
 
 @dataclass(frozen=True)
 class Rows:
-    """What one read brought: rows in order, and how many before the first of them are lost for good."""
+    """Result of one read: rows in order, and the number before the first of them that is lost for good."""
 
     rows: npt.NDArray[np.void]
     missed: int
@@ -91,12 +91,12 @@ class _Ring:
 
     @property
     def closed(self) -> bool:
-        """Whether the writer announced that no more will come."""
+        """True once the writer announced that no more will come."""
         return bool(self._header["closed"][0])
 
     @property
     def writer_alive(self) -> bool:
-        """Whether the writer's process is still there (false also before it attached)."""
+        """True while the writer's process is there (false also before it attached)."""
         pid = self.writer_pid
         if pid == 0:
             return False

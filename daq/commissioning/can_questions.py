@@ -1,4 +1,4 @@
-"""What a CANopen node says of itself when it is asked: identity, TPDOs, scaling. Nothing is ever written."""
+"""Questions to a CANopen node: identity, TPDOs, scaling. Nothing is ever written."""
 
 from __future__ import annotations
 

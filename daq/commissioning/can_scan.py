@@ -59,7 +59,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class CanScan:
-    """What was found on a CAN bus.
+    """Findings of a scan of a CAN bus.
 
     Attributes
     ----------

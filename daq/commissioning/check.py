@@ -73,7 +73,7 @@ class ChannelCheck:
 
 @dataclass(frozen=True)
 class MachineCheck:
-    """What ``hilfit bus check`` found; ``findings`` are lines about what is not as it should be."""
+    """Result of ``hilfit bus check``; ``findings`` are lines about what is not as it should be."""
 
     machine: str
     utc: str

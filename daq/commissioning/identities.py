@@ -1,4 +1,4 @@
-"""What a machine file says of a node, against what the node says of itself: identity, units, scaling, mapping."""
+"""Comparison of a node in the machine file with the node itself: identity, units, scaling, mapping."""
 
 from __future__ import annotations
 

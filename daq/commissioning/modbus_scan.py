@@ -41,7 +41,7 @@ class FoundUnit:
 
 @dataclass(frozen=True)
 class ModbusScan:
-    """What was found on a Modbus bus, and lines about it."""
+    """Findings of a scan of a Modbus bus, and lines about them."""
 
     bus: dict[str, Any]
     units_asked: tuple[int, ...]

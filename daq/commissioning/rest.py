@@ -1,4 +1,4 @@
-"""What channels say while the machine stands still: noise, smallest step, value at rest, drift, jitter of their age."""
+"""Channels while the machine stands still: noise, smallest step, value at rest, drift, jitter of their age."""
 
 from __future__ import annotations
 

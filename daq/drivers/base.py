@@ -1,4 +1,4 @@
-"""What a bus driver is. Adding one: a file, a line under ``hilfit.drivers`` in TOML, a call of the conformance check.
+"""Contract of drivers. Adding one: a file, a line under ``hilfit.drivers`` in TOML, a call of the conformance check.
 
 A driver serves one bus of the machine file. Every cycle goes::
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DriverContext:
-    """What a driver knows about the cycle that it works in.
+    """The cycle that a driver works in.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class Problem(str):
 
 @dataclass(frozen=True)
 class Samples:
-    """What one cycle brought, for the ``n`` channels of a driver in its order.
+    """Result of one cycle, for the ``n`` channels of a driver in its order.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class Driver(Protocol):
 
     @property
     def leads(self) -> bool:
-        """Whether it sends SYNC and therefore has to be triggered first."""
+        """True where it sends SYNC and therefore has to be triggered first."""
 
     def start(self) -> tuple[str, ...]:
         """Open the bus and commission its devices, waiting no longer than ``context.start_s`` for all of them.

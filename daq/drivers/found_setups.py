@@ -1,4 +1,4 @@
-"""What CANopen nodes were like before commissioning changed them, kept in the data directory until it is put back.
+"""Set-ups of CANopen nodes before commissioning changed them, kept in the data directory until they are restored.
 
 One JSON file per node, ``found/<machine>/<bus>-<node>.json``: the objects as they were found and as they were written,
 as hexadecimal bytes, little endian. A node that is found as it was left keeps its file; one that somebody else has

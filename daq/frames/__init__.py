@@ -1,1 +1,1 @@
-"""What a cycle is made of: channels in their places, the frame, the clock that leads, events of devices."""
+"""Parts of a cycle: channels in their places, the frame, the clock that leads, events of devices."""

@@ -1,4 +1,4 @@
-"""What paces the cycle: the wall's clock or another master's SYNC for a machine, lockstep for a simulation."""
+"""Pace of the cycle: the wall's clock or another master's SYNC for a machine, lockstep for a simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happened to devices and buses while acquisition ran: when, to which, what, for how long.
+"""Events of devices and buses while acquisition ran: when, to which, what, for how long.
 
 Events travel in the ring's information text, of which a recorder keeps what falls into its recording. So the list that
 is published is short (:data:`PUBLISHED`), each event has a number of its own, and whoever reads too rarely sees by a

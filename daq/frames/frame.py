@@ -15,7 +15,7 @@ __all__ = ["Frame", "Quality", "frame_from_row", "row_dtype", "row_from_frame"]
 
 @dataclass(frozen=True)
 class Frame:
-    """What was measured at one SYNC; ``n`` channels in the order of the channel table.
+    """Measurements of one SYNC; ``n`` channels in the order of the channel table.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What a machine file says: joints, linkages, channels and buses, their checks, and the files of devices it names."""
+"""The machine file: joints, linkages, channels and buses, their checks, and the files of devices it names."""

@@ -1,4 +1,4 @@
-"""Whether the parts of a machine file belong together: names, channels and joints, motors and what they turn."""
+"""Coherence of the parts of a machine file: names, channels and joints, motors and what they turn."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a machine file, each problem one line: file, line, key, and what to do."""
+"""Problems of a machine file, one line each: file, line, key, and what to do."""
 
 from __future__ import annotations
 

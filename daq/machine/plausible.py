@@ -1,4 +1,4 @@
-"""What a machine file says that may be true but hardly is: numbers in other units, slipped decimals, odd proportions.
+"""Values of a machine file that are possible, hardly true: numbers in other units, slipped decimals, odd proportions.
 
 Every range is wider than what is built, so that a sound file gives no warning: cylinders by ISO 6020, 6022 and
 manufacturers' lists (bores 5 to 500 mm, rods of 0.2 to 0.95 of the bore), seals by the speeds they are sold for, arms

@@ -1,4 +1,4 @@
-"""What a channel can measure, and to what each quantity belongs."""
+"""Quantities of channels, and what each belongs to."""
 
 from __future__ import annotations
 

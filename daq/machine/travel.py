@@ -1,4 +1,4 @@
-"""What a joint can do: its range of motion, and how piston and lever arm go along."""
+"""Travel of a joint: its range of motion, and piston and lever arm along it."""
 
 from __future__ import annotations
 

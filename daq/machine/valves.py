@@ -1,4 +1,4 @@
-"""What a machine file says of proportional valves and of the supply in front of them.
+"""Proportional valves in a machine file, and the supply in front of them.
 
 A valve's ``command`` is recorded as it is **sent** to the amplifier, in the amplifier's own unit: nothing converts it.
 ``extends`` is the sign of ``command - neutral`` that lets oil into the head chamber. hilfit reads commands, it never

@@ -37,7 +37,7 @@ _THOUSANDS = re.compile(rb"\d{1,3}(?:,\d{3}){2,}(?!\d)|\d{1,3}(?:\.\d{3})+,\d|\d
 
 @dataclass(frozen=True)
 class _Layout:
-    """How a text is laid out.
+    """Layout of a text.
 
     Attributes
     ----------

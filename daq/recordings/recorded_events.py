@@ -1,4 +1,4 @@
-"""What happened to devices and buses while a recording was made, as the recording tells it."""
+"""Events of devices and buses while a recording was made, as it has them."""
 
 from __future__ import annotations
 

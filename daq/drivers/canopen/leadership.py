@@ -49,7 +49,7 @@ LOOK_S = 0.02
 
 
 class State(Enum):
-    """What may be done on a bus."""
+    """Permissions on a bus."""
 
     LISTENING = "listening"
     LEADING = "leading"

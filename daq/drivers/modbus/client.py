@@ -45,7 +45,7 @@ GATEWAY_EXCEPTIONS = (10, 11)  # of the gateway, not of a unit behind it
 
 @dataclass(frozen=True)
 class Answer:
-    """What came back: registers, or the device's exception code, or a line about why nothing did."""
+    """Answer of a device: registers, or its exception code, or a line about why nothing came."""
 
     registers: tuple[int, ...] = ()
     exception: int | None = None
@@ -53,7 +53,7 @@ class Answer:
 
     @property
     def good(self) -> bool:
-        """Whether it brought registers."""
+        """True where it brought registers."""
         return self.exception is None and self.failure is None
 
 
