@@ -31,7 +31,6 @@ from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
 from daq.whole_files import write_whole
 from sim_backends import backplane
-from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
 from sim_backends.devices.wiring import wire
 from sim_backends.faults.fault_file import FaultScript
 from sim_backends.faults.fault_runner import FaultRunner
@@ -278,14 +277,15 @@ class SimulatedMachine:
             "inbox": str(self.inbox), "status": str(self.status_path),
         }  # fmt: skip
         nodes = {
-            "hub": nodes_hub.fileno(), "nodes": nodes_to_dict(wiring.nodes), "rate_hz": self._machine.rate_hz,
+            "hub": nodes_hub.fileno(), "nodes": [asdict(plan) for plan in wiring.nodes],
+            "rate_hz": self._machine.rate_hz,
         }  # fmt: skip
         modbus = {
             "hub": modbus_hub.fileno(),
             "buses": {
                 bus.name: {
                     "baudrate": bus.baudrate if isinstance(bus, ModbusRtuBus) else None,
-                    "units": units_to_dict(wiring.modbus[bus.name]),
+                    "units": [asdict(plan) for plan in wiring.modbus[bus.name]],
                 }
                 for bus in self._machine.buses
                 if wiring.modbus.get(bus.name)

@@ -128,7 +128,7 @@ _STEP = 2.0e-3  # s
 _SETTLED = 0.5  # s left out at either end
 
 
-def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> FloatArray:
+def _healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> FloatArray:
     """Compute speeds (N, J) in m/s by ``truth``'s meter-in edges, at a run's commands and pressures.
 
     ``v = (Q_in - losses - C dp/dt) / A`` of the chamber that is filled; where the spool is closed, both chambers'
@@ -159,13 +159,13 @@ def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> F
 
 
 def misfit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) -> FloatArray:
-    """Compute per axis (J,) :func:`healthy_speed`'s error below 3 Hz, over the speed's RMS."""
+    """Compute per axis (J,) :func:`_healthy_speed`'s error below 3 Hz, over the speed's RMS."""
     errors, speeds = [], []
     for course in courses:
         rate = 1.0 / (course.time[1] - course.time[0])
         sections = butter(2, BAND / (0.5 * rate), output="sos")
         cut = slice(round(_SETTLED * rate), -round(_SETTLED * rate))
-        error = healthy_speed(machine, truth, course) - course.v
+        error = _healthy_speed(machine, truth, course) - course.v
         errors.append(sosfiltfilt(sections, error, axis=0)[cut])
         speeds.append(sosfiltfilt(sections, course.v, axis=0)[cut])
     error, speed = np.concatenate(errors), np.concatenate(speeds)

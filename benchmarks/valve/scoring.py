@@ -45,7 +45,7 @@ def scored(folder: Path, answer: Answer) -> Line:
             "named": [list(found) for found in axis.effects if not found[0].startswith(CURVE)],
             "laws": list(axis.laws),
             "true": true,
-            "delay": _beside(axis.delay, true_delay(truth, name)),
+            "delay": _beside(axis.delay, truth.valves[name].spool.lateness),
             "edges": {w: _beside(axis.edges[w], true_edge(truth, name, w, axis.largest[w])) for w in axis.edges},
             "flow_limit": axis.flow_limit,
             "command_errors": command_errors(folder, machine, truth, name, axis) if case["made"] == "null" else [],
@@ -54,12 +54,6 @@ def scored(folder: Path, answer: Answer) -> Line:
         "case": folder.name, "kind": case["kind"], "made": case["made"], "at_limit": case["at_limit"],
         "effects": effects, "flow_limit": _finite(truth.supply.flow_limit), "axes": axes, "seconds": answer.seconds,
     }  # fmt: skip
-
-
-def true_delay(truth: ValvePlantTruth, joint: str) -> float:
-    """Sum delay and lag of the spool in s: at 3 Hz they are inseparable."""
-    spool = truth.valves[joint].spool
-    return 0.5 * (spool.delay_extend + spool.delay_retract) + spool.damping / (np.pi * spool.frequency)
 
 
 def true_edge(truth: ValvePlantTruth, joint: str, way: str, largest: float) -> float:

@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
+from sim_backends.arrays import FloatArray
 from sim_backends.machines import ARMS, ArmKind
 from sim_backends.plant.motion import Motion, random_motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
 
-FloatArray = npt.NDArray[np.float64]
 Effects = Sequence[EffectSpec | tuple[str, str | None, float]]
 
 

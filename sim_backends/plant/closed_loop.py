@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.arm import Arm, ArmDesign
 from sim_backends.plant.controller import LOOP_DAMPING, LOOP_FREQUENCY
 from sim_backends.plant.hydraulics import CylinderBank, chamber_pressures
@@ -25,8 +25,6 @@ from sim_backends.plant.linear_filter import ColouredNoise
 from sim_backends.plant.motion import Motion, SplinePath
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality, Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP = 1.0e-3  # s
 #: Half-width of the smoothed Coulomb jump, m/s: what an integrator of this step can hold still.

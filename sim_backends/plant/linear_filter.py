@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 
 class LinearFilter:

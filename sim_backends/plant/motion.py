@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from daq import motion_files
 from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
-
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 SLACK = 1e-3  # of a range, by which the controller follows a motion beyond it
 

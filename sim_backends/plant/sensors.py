@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.truth import SensorQuality
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class SensorChain:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from daq.errors import InputError
 from daq.machine.linkages import ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
-from sim_backends.undeclared import forces, friction, mismatch, mounting, outside, outside_later, sensing
+from sim_backends.undeclared import forces, friction, mismatch, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
 
 UNDECLARED: dict[str, type[UndeclaredEffect]] = {
     effect.id: effect
-    for module in (friction, forces, sensing, mounting, outside, outside_later, mismatch)
+    for module in (friction, forces, sensing, outside, outside_later, mismatch)
     for effect in vars(module).values()
     if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect.__dict__.get("id")
 }

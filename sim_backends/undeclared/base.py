@@ -18,14 +18,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Cylinder, Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.arm import ArmDesign
 from sim_backends.plant.hydraulics import direction
 from sim_backends.plant.truth import Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass
@@ -85,6 +83,9 @@ class UndeclaredEffect:
     needs_cylinder: ClassVar[bool] = True
     needs_three_pin: ClassVar[bool] = False
     needs_rotation: ClassVar[bool] = False  # a sliding joint cannot have it
+    shown_by: ClassVar[tuple[str, ...]] = ()  # of :meth:`variables`, signals of its own joint
+    shown_by_other: ClassVar[tuple[str, ...]] = ()  # and signals of ``other``, a neighbour that it draws
+    other: int
 
     def __init__(self, place: Place, size: float) -> None:
         self.place = place
@@ -119,7 +120,10 @@ class UndeclaredEffect:
 
         Names as in a report: ``piston_position`` of the joint itself, ``joint3.piston_speed`` of another.
         """
-        return ()
+        if not self.shown_by_other:
+            return self.shown_by
+        other = self.place.machine.joints[self.other].name
+        return (*self.shown_by, *(f"{other}.{signal}" for signal in self.shown_by_other))
 
     # Helpers for subclasses
 

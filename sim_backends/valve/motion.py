@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 NEAR = 0.04  # of the travel: how near to its end an axis may come, beside what it goes until it stops
 CAUTION = 0.5  # largest command of a move to a pose

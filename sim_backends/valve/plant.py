@@ -22,13 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.chambers import Chambers, Pumps
 from sim_backends.valve.lands import Lands
 from sim_backends.valve.load import Pose, load_of
 from sim_backends.valve.spools import Spools
 from sim_backends.valve.truth import CylinderOil, ValvePlantTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP = 1.0e-3  # s
 GAMMA = 1.0 - np.sqrt(0.5)

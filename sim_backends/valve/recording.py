@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.cases import write_tables
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality
@@ -19,8 +19,6 @@ from sim_backends.valve.effects import ValveEffectSpec, with_effect
 from sim_backends.valve.motion import Guess, Operator, Phase
 from sim_backends.valve.plant import STEP, ValvePlant
 from sim_backends.valve.truth import ValvePlantTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 COMMAND_STEPS = 1000  # of the amplifier's resolution, over full
 

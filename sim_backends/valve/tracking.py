@@ -11,14 +11,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.motion import Guess
 from sim_backends.valve.plant import STEP, ValvePlant
 from sim_backends.valve.truth import ValvePlantTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 SETTLING = 2.0  # s at the start that do not count
 
@@ -96,14 +94,6 @@ class TrueInverse:
             opening /= (1.0 - (opening / land.saturation) ** 4) ** 0.25
             commands[j] = sign * min(land.edge + (1.0 - land.edge) * opening ** (1.0 / land.exponent), 1.0)
         return commands
-
-
-def lateness(truth: ValvePlantTruth) -> FloatArray:
-    """Compute each axis' delay (J,) in s: delay, lag ``2 damping / w``, half a cycle of 50 Hz."""
-    spools = [valve.spool for valve in truth.valves.values()]
-    return np.array(
-        [0.5 * (s.delay_extend + s.delay_retract) + s.damping / (np.pi * s.frequency) + 0.01 for s in spools]
-    )
 
 
 def linear_inverse(guesses: Sequence[Guess]) -> Inverse:

@@ -7,6 +7,7 @@ An axis has four lands, of which two are open at a time: ``head_in`` and ``rod_o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -54,6 +55,11 @@ class Spool:
     restless: float = 0.0  # standard deviation of what the pilot stage adds to the stroke at random, fraction of full
     restless_time: float = 0.2  # s, its correlation time
     current_loss: float = 0.0  # fraction of the stroke that a coil at working temperature has lost against a cold one
+
+    @property
+    def lateness(self) -> float:
+        """Mean delay and lag ``2 damping / w`` in s: at 3 Hz they are inseparable."""
+        return 0.5 * (self.delay_extend + self.delay_retract) + self.damping / (math.pi * self.frequency)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import sim_backends.machines
 from daq.errors import InputError
 from sim_backends import default_machine
-from sim_backends.devices.node_faults import FaultyLine
+from sim_backends.devices.canopen_nodes import FaultyLine
 from sim_backends.devices.signal_faults import KINDS, SignalFaults
 from sim_backends.faults.fault_file import FAULTS, FaultScript, fault_problems, load_faults, targets
 from sim_backends.faults.fault_runner import FaultRunner, begin, end
@@ -121,7 +121,7 @@ def test_targets_are_the_channels_of_the_device_the_bus_or_the_signal() -> None:
         {"at": 0, "for": 1, "fault": "half_open", "bus": "modbus"},
         {"at": 0, "for": 1, "fault": "freeze", "channel": "joint2.angle"},
     ).faults
-    device, bus, signal = targets(faults, MACHINE)
+    device, bus, signal = (targets(fault, MACHINE) for fault in faults)
     assert device == {"joint1.head_pressure", "joint1.rod_pressure"}
     assert bus == {c.name for c in MACHINE.channels if c.source is not None and c.source.bus == "modbus"}
     assert signal == {"joint2.angle"}
