@@ -35,7 +35,7 @@ from daq.quality import Quality
 from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
-from sim_backends.faults.fault_runner import begin, end
+from sim_backends.faults.fault_runner import apply
 from sim_backends.plant.plant_process import BLOCK
 
 SEED = 11
@@ -116,7 +116,7 @@ def _name(content: dict[str, Any]) -> str:
 
 @dataclass
 class _Case:
-    """What one fault did, each time that it came.
+    """Outcome of one fault, each time that it came.
 
     Attributes
     ----------
@@ -239,9 +239,9 @@ def _one(bench: _Bench, case: _Case, random: np.random.Generator) -> None:
     bench.recovered(time.monotonic_ns())
     bench.read(random.uniform(*PAUSE_S))
     began = time.monotonic_ns()
-    begin(bench.machine, bench.declared, case.fault)
+    apply(bench.machine, bench.declared, case.fault, on=True)
     bench.read(random.uniform(*LASTS_S))
-    end(bench.machine, bench.declared, case.fault)
+    apply(bench.machine, bench.declared, case.fault, on=False)
     ended = time.monotonic_ns()
     case.spans.append((began, ended, bench.recovered(ended)))
 
@@ -410,9 +410,9 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
         shown_at = began
         while (now := time.monotonic()) - began < 60 * minutes:
             name, fault = faults[int(random.integers(len(faults)))]
-            begin(bench.machine, bench.declared, fault)
+            apply(bench.machine, bench.declared, fault, on=True)
             bench.read(random.uniform(*LASTS_S))
-            end(bench.machine, bench.declared, fault)
+            apply(bench.machine, bench.declared, fault, on=False)
             count += 1
             if bench.recovered(time.monotonic_ns()) is None:
                 unrecovered += 1

@@ -25,7 +25,7 @@ Stated = tuple[str, str | None, float]
 
 @dataclass(frozen=True)
 class Findings:
-    """What an identification finds.
+    """Findings of an identification.
 
     Attributes
     ----------

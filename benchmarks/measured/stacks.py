@@ -1,4 +1,4 @@
-"""What all measured machines share: the loop through its stages, and the relative error that publications print."""
+"""Common parts of measured machines: the loop through its stages, and the relative error that publications print."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LOOP = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution
 
 @dataclass(frozen=True)
 class Found:
-    """What the loop found in a machine's recordings, with no help.
+    """Findings of the loop in a machine's recordings, with no help.
 
     Attributes
     ----------

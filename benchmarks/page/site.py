@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -108,7 +108,7 @@ def _months(site: Site, machine: str) -> None:
     """Store five identifications over four months, three of them used, and what was wrong between."""
     clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
     database = Database(site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=_quiet)
-    try:
+    with closing(database):
         desk, audit = Alarms(database), Audit(database)
         calibrations = Calibrations(database, DataDirectory(site.data_dir))
         for number, (days, error, found) in enumerate(
@@ -140,8 +140,6 @@ def _months(site: Site, machine: str) -> None:
         _under_way(database, machine)
         clock.now = datetime.now(UTC)
         desk.report(machine, "residual_grew", "the error of joint2 grew by a fifth; recalibrate", "warning", True)
-    finally:
-        database.close()
 
 
 def _new(database: Database, machine: str, id: str, job: str, label: str) -> Identification:
@@ -196,7 +194,7 @@ ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"
 
 @dataclass(frozen=True)
 class Tablet:
-    """How slow a device and its network are.
+    """Slowness of a device and its network.
 
     Attributes
     ----------

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measured.page import svg
+from benchmarks.measured.page import svg, table
 from benchmarks.paper.runs import (
     PUBLISHED_COUNTS,
     PUBLISHED_STD,
@@ -20,7 +20,7 @@ from benchmarks.paper.runs import (
     claims_of,
     over_floor,
 )
-from benchmarks.targets import Outcome, Show, silent
+from benchmarks.targets import Outcome, Show
 from fitting.arrays import FloatArray
 
 _UNITS = {"m": "kg", "K": "N/m", "f_c": "N", "f_v": "N s/m", "f_s": "N (s/m)^(1/3)"}
@@ -32,20 +32,20 @@ _MOST_FLOORS = 1.2
 _Z95 = 1.96
 
 
-def run(count: int, seed: int, data: Path, page: Path | None, show: Show = silent) -> Outcome:
+def run(count: int, seed: int, data: Path, page: Path | None, show: Show) -> Outcome:
     """Make the runs, and the page where one is wanted."""
     claims = claims_of(count, seed, data, show)
     if page is not None:
-        write(page, claims)
+        _write(page, claims)
     return Outcome(checks(claims), claims.skipped)
 
 
-def write(page: Path, claims: Claims) -> None:
+def _write(page: Path, claims: Claims) -> None:
     """Write the page, and its figures into a folder of the same name beside it."""
     folder = page.with_suffix("")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "cylinders.svg").write_text(cylinders_figure(claims.shown), encoding="utf-8")
-    (folder / "stribeck.svg").write_text(stribeck_figure(claims.stribeck), encoding="utf-8")
+    (folder / "cylinders.svg").write_text(_cylinders_figure(claims.shown), encoding="utf-8")
+    (folder / "stribeck.svg").write_text(_stribeck_figure(claims.stribeck), encoding="utf-8")
     page.write_text(text(claims, folder.name), encoding="utf-8")
 
 
@@ -84,14 +84,13 @@ def _counts(own: ArmRun) -> Iterator[str]:
     yield f"inertia) are {before} for six joints. Stage 1 takes friction and drives; of the rigid body, six parallel horizontal"
     yield f"axes leave {after} combinations, regrouped as below (folding arm {own.seed}, stage 2 with friction frozen)."
     yield ""
-    yield "| base parameter | found | std | truth | off by |"
-    yield "|---|---|---|---|---|"
+    rows = []
     for name, value, std, truth in own.base:
         off = abs(value - truth) / std if std > 0 else float("inf")
-        yield f"| `{name}` | {value:.4g} | {std:.2g} | {truth:.4g} | {off:.1f} std |"
+        rows.append([f"`{name}`", f"{value:.4g}", f"{std:.2g}", f"{truth:.4g}", f"{off:.1f} std"])
+    yield table(["base parameter", "found", "std", "truth", "off by"], rows)
     inside = sum(abs(value - truth) < _Z95 * std for _, value, std, truth in own.base)
     same = own.counts == PUBLISHED_COUNTS and own.rank == after
-    yield ""
     yield f"**Verdict.** {'As published.' if same else 'Not as published.'} The regressor of all rigid-body parameters at random"
     yield f"states has rank {own.rank} by its singular values, a count that does not use the regrouping. {inside} of {after}"
     yield "95 % intervals hold the truth."
@@ -104,10 +103,8 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
     yield ""
     yield "From the recording with the rods off their pins, value ± standard deviation, and the truth in brackets:"
     yield ""
-    yield "| cylinder | " + " | ".join(f"{name} [{_UNITS[name]}]" for name in names) + " | residual std [N] |"
-    yield "|---" * (len(names) + 2) + "|"
-    inside = total = 0
-    worst = {"f_c": 0.0, "K": 0.0, "f_v": 0.0, "f_s": 0.0, "m": 0.0}
+    inside, total, rows = 0, 0, []
+    worst = dict.fromkeys(_UNITS, 0.0)
     for each in own.cylinders:
         cells = []
         deviations = np.sqrt(np.diag(each.covariance))
@@ -116,8 +113,8 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
             inside += abs(value - truth) < _Z95 * std
             total += 1
             worst[name] = max(worst[name], abs(value / truth - 1.0))
-        yield f"| {each.joint} | " + " | ".join(cells) + f" | {each.residual_std:.3g} |"
-    yield ""
+        rows.append([each.joint, *cells, f"{each.residual_std:.3g}"])
+    yield table(["cylinder", *(f"{name} [{_UNITS[name]}]" for name in names), "residual std [N]"], rows)
     yield f"![friction of the six cylinders]({folder}/cylinders.svg)"
     yield ""
     apart = max(_curve_error(each) for each in own.cylinders)
@@ -186,12 +183,9 @@ def _ways(claims: Claims) -> Iterator[str]:
     yield "regression to the two stages with its 95 % interval (negative: the two stages are better). *Unloaded too* gives the"
     yield "one-shot regression the recordings of the free cylinders as well, which is the fair comparison."
     yield ""
-    yield "| machine | condition, two stages | one-shot | error against one-shot | against one-shot, unloaded too | joint refit against one-shot |"
-    yield "|---|---|---|---|---|---|"
+    head = ["machine", "condition, two stages", "one-shot", "error against one-shot", "against one-shot, unloaded too"]
     named = {f"{each.arm} arm {each.seed}": each.compared for each in claims.arms} | dict(claims.measured)
-    for name, compared in named.items():
-        yield _way_row(name, compared)
-    yield ""
+    yield table([*head, "joint refit against one-shot"], [_way_row(*own) for own in named.items()])
     simulated = [each.compared for each in claims.arms]
     yield f"**Verdict.** Simulated arms: {_tally(simulated)} With the unloaded recordings in both: {_tally(simulated, unloaded=True)}"
     if claims.measured:
@@ -200,7 +194,7 @@ def _ways(claims: Claims) -> Iterator[str]:
     yield ""
 
 
-def _way_row(name: str, compared: Mapping[str, Any]) -> str:
+def _way_row(name: str, compared: Mapping[str, Any]) -> list[str]:
     ways, against = compared["contenders"], compared["against"]
     cells = [name]
     for way in ("hierarchical", "one_shot"):
@@ -209,7 +203,7 @@ def _way_row(name: str, compared: Mapping[str, Any]) -> str:
     for way in ("one_shot", "one_shot_with_unloaded"):
         cells.append(_change(against[way]) if way in against else "–")
     joint = 100.0 * (ways["joint_refit"]["overall"] / ways["one_shot"]["overall"] - 1.0)
-    return "| " + " | ".join([*cells, f"{joint:+.1f} %"]) + " |"
+    return [*cells, f"{joint:+.1f} %"]
 
 
 def _change(found: Mapping[str, Any]) -> str:
@@ -261,7 +255,7 @@ def _conclusion(named: Mapping[str, Mapping[str, Any]]) -> str:
 _TRUTH, _BASE, _CORRECTED = "#333333", "#b3541e", "#1f6f8b"
 
 
-def friction_columns(v: FloatArray) -> FloatArray:
+def _friction_columns(v: FloatArray) -> FloatArray:
     """Compute columns (N, 3) of ``f_c``, ``f_v`` and ``f_s`` at piston speeds (N,), m/s."""
     return np.column_stack([np.sign(v), v, np.cbrt(v)])
 
@@ -269,12 +263,12 @@ def friction_columns(v: FloatArray) -> FloatArray:
 def curve(own: CylinderRun, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute stage 1's friction (N,) in N at piston speeds, its standard deviation, and the truth."""
     k = [own.names.index(name) for name in ("f_c", "f_v", "f_s")]
-    B = friction_columns(v)
+    B = _friction_columns(v)
     std = np.sqrt(np.einsum("ni,ij,nj->n", B, own.covariance[np.ix_(k, k)], B))
     return np.asarray(B @ own.theta[k]), np.asarray(std), np.asarray(B @ own.truth[k])
 
 
-def cylinders_figure(own: ArmRun) -> str:
+def _cylinders_figure(own: ArmRun) -> str:
     """Plot friction over piston speed of every cylinder: stage 1, its 95 % band, and the truth."""
 
     def draw(figure: Any) -> None:
@@ -295,7 +289,7 @@ def cylinders_figure(own: ArmRun) -> str:
     return svg(draw, 9.0, 5.0)
 
 
-def stribeck_figure(own: StribeckRun) -> str:
+def _stribeck_figure(own: StribeckRun) -> str:
     """Plot friction with a bump that the base model lacks, before and after the loop."""
 
     def draw(figure: Any) -> None:

@@ -64,9 +64,9 @@ class Host:
                 self.command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True
             )
         self.process, self.starts = process, self.starts + 1
-        threading.Thread(target=self._hear, args=(process,), daemon=True).start()
+        threading.Thread(target=self._read_first_line, args=(process,), daemon=True).start()
 
-    def _hear(self, process: subprocess.Popen[str]) -> None:
+    def _read_first_line(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
         line = process.stdout.readline().strip()
         if line and process is self.process:
@@ -76,7 +76,7 @@ class Host:
 
     @property
     def due(self) -> bool:
-        """Whether its time has come: it has worked for its life, or was doomed from the start."""
+        """True if its time has come: it has worked for its life, or was doomed from the start."""
         now = time.monotonic()
         if self.doom_s is not None and now - self.began > self.doom_s:
             return True
@@ -179,7 +179,7 @@ class Herd:
         try:
             if pid not in self.children()[kind]:
                 return False
-            subject = real_identification(pid)
+            subject = _real_identification(pid)
             signal.pidfd_send_signal(held, signal.SIGKILL)
         except ProcessLookupError:
             return False
@@ -229,7 +229,7 @@ class Herd:
         return counts
 
 
-def real_identification(pid: int) -> str:
+def _real_identification(pid: int) -> str:
     """Return the id of the real identification that a stage works on; empty if it is a light one, or gone."""
     for text in _command(pid).split("\0"):
         if text.endswith("/request.json"):
@@ -309,7 +309,7 @@ def _kill_one(herd: Herd, chance: random.Random) -> bool:
     herd.spared = {pid: herd.spared.get(pid, chance.random() < SPARED) for pid in children["stage"]}
     children["stage"] = [pid for pid, spared in herd.spared.items() if not spared]
     for kind in ("stage", "real stage"):
-        children[kind] = [pid for pid in children[kind] if herd.hits[real_identification(pid)] < REAL_KILLS]
+        children[kind] = [pid for pid in children[kind] if herd.hits[_real_identification(pid)] < REAL_KILLS]
     # Not all at their start: a host that never works does nothing that could go wrong.
     hosts: dict[str, list[Host]] = {"server": [herd.server], "worker": herd.workers}
     up = {kind: [host for host in found if host.due] for kind, found in hosts.items()}

@@ -1,4 +1,4 @@
-"""What a case is made of, how visible its effect is, and cases on disk: apart from what a fit may see, the truth.
+"""Recipes of cases, visibility of their effects, and cases on disk: apart from what a fit may see, the truth.
 
 Every number of a run is a machine; it is recorded twice with the same motions, healthy (``null``) and with one
 undeclared effect (``large``). The three kinds of machines take turns. An effect is visible by what a healthy valve
@@ -20,6 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.attribution.recipe import draw_transducers
 from daq.machine.machine_file import Machine
+from daq.whole_files import write_whole
 from fitting.arrays import FloatArray
 from sim_backends.valve.chambers import Chambers
 from sim_backends.valve.effects import VALVE_EFFECTS, ValveEffectSpec, valve_obstacle
@@ -39,7 +40,7 @@ SIDE_BY_SIDE = 16  # cases that are simulated together
 
 @dataclass(frozen=True)
 class ValveKey:
-    """Which case: its number, its class and the run's seed."""
+    """Key of a case: its number, its class and the run's seed."""
 
     number: int
     made: Literal["null", "large"]
@@ -118,9 +119,7 @@ def _write(place: Path, key: ValveKey, case: ValveCase) -> None:
         "healthy": case.healthy.to_dict(),
     }
     # Written last and in one step: a folder with it is complete.
-    part = place / "case.yaml.part"
-    part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    part.replace(place / "case.yaml")
+    write_whole(place / "case.yaml", yaml.safe_dump(content, sort_keys=False).encode())
 
 
 BAND = 3.0  # Hz

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 _FLOATS = {"float32": "f", "float64": "d"}
@@ -86,10 +86,10 @@ class NodePlan:
     node: int
     kind: str
     objects: tuple[NodeObject, ...]
-    device_type: int | None
-    vendor_id: int | None
-    product_code: int | None
-    settings: Mapping[str, float]
+    device_type: int | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+    settings: Mapping[str, float] = field(default_factory=dict)
     revision_number: int | None = None
     serial_number: int | None = None
     firmware: str | None = None

@@ -32,7 +32,7 @@ Seconds = Annotated[float, Field(gt=0, le=2)]
 
 
 class Fault(FileModel):
-    """What all faults have: when it begins, how long it lasts, and after how long it comes again."""
+    """Times of every fault: when it begins, how long it lasts, and after how long it comes again."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_by_name=True)
 

@@ -1,4 +1,4 @@
-"""What simulated machines are put together from: links of steel, cylinders' linkages in a machine file, channels."""
+"""Parts of simulated machines: links of steel, cylinders' linkages in a machine file, channels."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ PIN_BEARING = 0.4  # rad: where around the axis the carrying pin sits; the law d
 
 @dataclass(frozen=True)
 class ArmDesign:
-    """What the arm is built from. Undeclared effects replace parts of it, so that machine file and plant differ.
+    """Description of the arm. Undeclared effects replace parts of it, so that machine file and plant differ.
 
     ``pin_b`` are radial displacements of driven pins in m; ``tilt`` is the rotation vector in rad by which
     the base really stands turned; ``payload`` is a point mass in kg at the tip that the arm carries from

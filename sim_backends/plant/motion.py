@@ -80,13 +80,7 @@ class SplinePath:
 _USE, _HARMONICS, _SLOWEST_HZ, _RATE_HZ = 0.92, 5, 0.05, 50.0
 
 
-def random_motion(
-    machine: Machine,
-    rng: np.random.Generator,
-    seconds: float,
-    *,
-    rods: Rods = "pinned",
-) -> Motion:
+def random_motion(machine: Machine, rng: np.random.Generator, seconds: float, *, rods: Rods = "pinned") -> Motion:
     """Draw a smooth multi-sine for all joints (or pistons), inside position, speed, acceleration limits.
 
     Each axis is a sum of five sines at random frequencies from some 0.05 Hz up, scaled until 92 % of the tightest limit

@@ -35,7 +35,7 @@ SETTLE_TIME = 2.0  # s at rest before an offline recording starts
 
 @dataclass(frozen=True)
 class StepSizes:
-    """How an acquisition period is divided."""
+    """Division of an acquisition period."""
 
     dt: float  # s, physics step
     per_period: int  # physics steps in a period
@@ -157,7 +157,7 @@ class Plant:
         )
         for effect in self.effects:
             effect.sense(block, readings)
-        return self._channels(block, readings)
+        return self.channels(block, readings)
 
     def step(self, n: int) -> tuple[Block, FloatArray, FloatArray]:
         """Run ``n`` physics steps; the state, the hydraulic forces (n, J) in N and the joint efforts (n, J)."""
@@ -245,8 +245,8 @@ class Plant:
         flow = inflow[:, ~bank.driven].sum(axis=1)
         return hydraulics.supply_pressure(flow, self.design.truth.hydraulics)
 
-    def _channels(self, block: Block, readings: Readings) -> FloatArray:
-        """Return ideal values (n, channels) in the machine file's order."""
+    def channels(self, block: Block, readings: Readings) -> FloatArray:
+        """Return ideal values (n, channels) of readings in a block, in the machine file's order."""
         n = len(block.time)
         out = np.empty((n, len(self._columns)))
         for k, (quantity, j) in enumerate(self._columns):

@@ -49,7 +49,7 @@ OUTSIDE_MISMATCH = tuple(
 
 @dataclass(frozen=True)
 class EffectSpec:
-    """Which effect, where, how large (in the effect's unit); ``joint`` is None for one of the whole base."""
+    """An effect, its place and its size (in the effect's unit); ``joint`` is None for one of the whole base."""
 
     id: str
     joint: str | None

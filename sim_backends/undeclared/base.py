@@ -1,4 +1,4 @@
-"""What an undeclared effect may touch.
+"""Hooks of undeclared effects.
 
 An effect is a piece of physics that the machine file knows nothing about. It says so through one or more hooks of
 :class:`UndeclaredEffect`; each hook is there because some real defect enters at that point of the plant:
@@ -49,7 +49,7 @@ class Block:
 
 @dataclass
 class Readings:
-    """What ideal transducers would read, at every physics step; ``sense`` changes it in place. SI units."""
+    """Readings of ideal transducers, at every physics step; ``sense`` changes it in place. SI units."""
 
     joint_position: FloatArray  # (n, J)
     piston_position: FloatArray
@@ -62,7 +62,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Place:
-    """Where an effect sits: the machine, one of its joints (or the base: ``None``), and the random generator that
+    """Place of an effect: the machine, one of its joints (or the base: ``None``), and the random generator that
     decides its hidden shape (pitch, centre, time constant)."""
 
     machine: Machine

@@ -1,4 +1,4 @@
-"""What bends one of a joint's two position sensors against the other: structure, play, and what no catalogue has.
+"""Effects that bend one of a joint's two position sensors against the other: structure, play, some in no catalogue.
 
 Where a compliance or a play sits decides its lever: along the cylinder (mounts, rod) it is a length per force at the
 piston, about the joint (hub, link) an angle per effort. Which side of the seals it sits on decides whether it feels
@@ -31,7 +31,7 @@ class _Mismatch(UndeclaredEffect):
 
 
 class _ForceDriven(_Mismatch):
-    """What gives way to the force at the piston, felt with the seals' friction or without."""
+    """A part that gives way to the force at the piston, felt with the seals' friction or without."""
 
     about_the_joint: ClassVar[bool] = False
 

@@ -1,4 +1,4 @@
-"""What the cylinders move: equations of motion in closed form, for many machines side by side.
+"""Loads of the cylinders: equations of motion in closed form, for many machines side by side.
 
 Two kinds of machine have them simple enough to be stepped thousands of times per second: parallel revolute axes (an
 arm that folds in one plane, three-pin linkages), and prismatic axes (a gantry, cylinders along the joints). Arrays have

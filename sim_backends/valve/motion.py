@@ -1,4 +1,4 @@
-"""What the simulated controller does with the valves: programmes of phases, one after the other.
+"""Programmes of the simulated controller for its valves: phases, one after the other.
 
 A programme is for one machine; each phase says what every axis is told in every cycle of the controller (50 Hz), from
 where its pistons are. Commands are fractions of full. Whatever a phase says, no axis is driven on towards an end of its
@@ -22,7 +22,7 @@ THERE = 0.02  # of the travel: a pose is reached
 
 @dataclass(frozen=True)
 class Guess:
-    """What the controller's people know of an axis before anything was identified.
+    """Knowledge of an axis that the controller's people have before anything was identified.
 
     ``low`` and ``high`` in m are the travel, ``speed`` in m/s what full command gives, ``edge`` its dead band as a
     fraction of full, ``delay`` in s how late it moves.
@@ -120,7 +120,7 @@ class Operator:
 
     @property
     def done(self) -> bool:
-        """Whether the programme is over; the valves are then closed."""
+        """True if the programme is over; the valves are then closed."""
         return self._number >= len(self._phases)
 
     def __call__(self, x: FloatArray) -> list[float]:

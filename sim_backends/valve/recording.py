@@ -25,7 +25,7 @@ COMMAND_STEPS = 1000  # of the amplifier's resolution, over full
 
 @dataclass(frozen=True)
 class Run:
-    """What is to be recorded: a machine with its truth, what its controller does, and when.
+    """Order of a recording: a machine with its truth, what its controller does, and when.
 
     ``power_on`` is the time in s for which the machine has run before; ``start`` are fractions of the travel; ``noise``
     seeds what is restless.
@@ -42,7 +42,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Course:
-    """What really happened in a run, at every cycle ``k`` of the controller; commands are in force from then on.
+    """True course of a run, at every cycle ``k`` of the controller; commands are in force from then on.
 
     Attributes
     ----------

@@ -19,11 +19,12 @@ from sim_backends.valve.plant import STEP, ValvePlant
 from sim_backends.valve.truth import ValvePlantTruth
 
 SETTLING = 2.0  # s at the start that do not count
+GAIN = 2.0  # 1/s, feedback Kp
 
 
 @dataclass(frozen=True)
 class Pressures:
-    """What is measured in a cycle, Pa: chambers (J,), supply and tank."""
+    """Measurements of a cycle, Pa: chambers (J,), supply and tank."""
 
     head: FloatArray
     rod: FloatArray
@@ -42,20 +43,18 @@ class Control:
     Attributes
     ----------
     inverse : makes commands of speeds
-    gain : feedback Kp in 1/s
     feedforward : whether the path's speed is fed forward
     preview : (J,) s by which it is taken early; None: not at all
     """
 
     inverse: Inverse
-    gain: float = 2.0
     feedforward: bool = True
     preview: FloatArray | None = None
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """How well a path was followed: ``error`` (N, J) m, ``rms`` (J,) m once it has settled, ``command`` (N, J)."""
+    """Errors of a followed path: ``error`` (N, J) m, ``rms`` (J,) m once it has settled, ``command`` (N, J)."""
 
     error: FloatArray
     rms: FloatArray
@@ -139,7 +138,7 @@ def track(
             columns = range(plant.shape[0])
             shifted = np.array([np.interp(time[k] + late[j], time, speed[:, j], right=0.0) for j in columns])
             wanted = np.array([np.interp(time[k], time, path[:, j]) for j in columns])
-            v = shifted * control.feedforward + control.gain * (wanted - state.x[:, p])
+            v = shifted * control.feedforward + GAIN * (wanted - state.x[:, p])
             head, rod = state.pressure[:, :, p] + noise[:, :, p]
             command = control.inverse(v, Pressures(head, rod, float(state.supply[p]), float(state.tank[p])))
             commands[k, :, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""What the valves, the oil and the load of a simulated machine really are; no machine file carries any of it.
+"""True valves, oil and load of a simulated machine; no machine file carries any of it.
 
 Commands and spool strokes are fractions of full: -1 (full speed in), 0 (closed), 1 (full speed out). All else is SI.
 An axis has four lands, of which two are open at a time: ``head_in`` and ``rod_out`` let the rod out, ``rod_in`` and
@@ -36,7 +36,7 @@ class Land:
 
 @dataclass(frozen=True)
 class Spool:
-    """How a command becomes a stroke: delay, hysteresis, stick, then a spring-mass-damper.
+    """Path of a command to a stroke: delay, hysteresis, stick, then a spring-mass-damper.
 
     ``y'' + 2 damping w y' + w^2 y = w^2 x(t)``, ``w = 2 pi frequency``; ``x`` is the command ``delay_extend`` s ago
     where it lets the rod out and ``delay_retract`` s ago where it lets it in, after hysteresis and stick.
