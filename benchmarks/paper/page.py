@@ -64,26 +64,22 @@ def text(claims: Claims, folder: str) -> str:
 
 def _head(claims: Claims) -> Iterator[str]:
     folding = sum(each.arm == "folding" for each in claims.arms)
-    yield "# The claims, made again"
-    yield ""
+    yield "# The claims, made again\n"
     yield "Made by `hilfit bench paper --page docs/paper.md`; every number, figure and verdict is of that run. hilfit began"
     yield "with a paper about a hydraulically driven arm of six joints: cylinders first, then the rigid body with their"
     yield "friction frozen. That arm and its recordings are not at hand. So each of its tables is made again *in kind*, on"
     yield f"{folding} folding and {len(claims.arms) - folding} slewing arms whose truth the simulator knows (60 s at 50 Hz a"
     yield "recording, noise, steps and disturbances), and, where it can be, on machines that somebody measured."
     for line in claims.skipped:
-        yield f"Left out of this run: {line}."
-    yield ""
+        yield f"Left out of this run: {line}.\n"
 
 
 def _counts(own: ArmRun) -> Iterator[str]:
     before, after = own.counts
-    yield f"## {before} parameters to {after}"
-    yield ""
+    yield f"## {before} parameters to {after}\n"
     yield "Thirteen standard parameters a link (mass, three first moments, six of inertia; Coulomb and viscous friction, drive"
     yield f"inertia) are {before} for six joints. Stage 1 takes friction and drives; of the rigid body, six parallel horizontal"
-    yield f"axes leave {after} combinations, regrouped as below (folding arm {own.seed}, stage 2 with friction frozen)."
-    yield ""
+    yield f"axes leave {after} combinations, regrouped as below (folding arm {own.seed}, stage 2 with friction frozen).\n"
     rows = []
     for name, value, std, truth in own.base:
         off = abs(value - truth) / std if std > 0 else float("inf")
@@ -93,16 +89,13 @@ def _counts(own: ArmRun) -> Iterator[str]:
     same = own.counts == PUBLISHED_COUNTS and own.rank == after
     yield f"**Verdict.** {'As published.' if same else 'Not as published.'} The regressor of all rigid-body parameters at random"
     yield f"states has rank {own.rank} by its singular values, a count that does not use the regrouping. {inside} of {after}"
-    yield "95 % intervals hold the truth."
-    yield ""
+    yield "95 % intervals hold the truth.\n"
 
 
 def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
     names = own.cylinders[0].names
-    yield "## Stage 1, cylinder by cylinder"
-    yield ""
-    yield "From the recording with the rods off their pins, value ± standard deviation, and the truth in brackets:"
-    yield ""
+    yield "## Stage 1, cylinder by cylinder\n"
+    yield "From the recording with the rods off their pins, value ± standard deviation, and the truth in brackets:\n"
     inside, total, rows = 0, 0, []
     worst = dict.fromkeys(_UNITS, 0.0)
     for each in own.cylinders:
@@ -115,14 +108,12 @@ def _cylinders(own: ArmRun, folder: str) -> Iterator[str]:
             worst[name] = max(worst[name], abs(value / truth - 1.0))
         rows.append([each.joint, *cells, f"{each.residual_std:.3g}"])
     yield table(["cylinder", *(f"{name} [{_UNITS[name]}]" for name in names), "residual std [N]"], rows)
-    yield f"![friction of the six cylinders]({folder}/cylinders.svg)"
-    yield ""
+    yield f"![friction of the six cylinders]({folder}/cylinders.svg)\n"
     apart = max(_curve_error(each) for each in own.cylinders)
     yield f"**Verdict.** {inside} of {total} 95 % intervals hold the truth ({0.95 * total:.0f} would be right). Coulomb friction is at most"
     yield f"{100 * worst['f_c']:.1f} % off and stiffness {100 * worst['K']:.1f} %. The friction *curve* is at most {100 * apart:.1f} % off; how it is"
     yield f"shared out between `f_v` ({100 * worst['f_v']:.0f} % off at worst) and `f_s` ({100 * worst['f_s']:.0f} %) is told badly, because the two"
-    yield f"are nearly one column at these speeds; nor is the moving mass ({100 * worst['m']:.0f} %), which slow motions hardly show."
-    yield ""
+    yield f"are nearly one column at these speeds; nor is the moving mass ({100 * worst['m']:.0f} %), which slow motions hardly show.\n"
 
 
 def _curve_error(own: CylinderRun) -> float:
@@ -134,11 +125,9 @@ def _curve_error(own: CylinderRun) -> float:
 
 def _errors(claims: Claims) -> Iterator[str]:
     own = claims.shown
-    yield "## Residual by joint"
-    yield ""
+    yield "## Residual by joint\n"
     yield "Standard deviation of measured minus computed joint torque in N m. The published figures are of another arm, and of"
-    yield "the motion that was fitted."
-    yield ""
+    yield "the motion that was fitted.\n"
     yield "| | " + " | ".join(own.joints) + " |"
     yield "|---" * (len(own.joints) + 1) + "|"
     rows: Sequence[tuple[str, Sequence[float]]] = (
@@ -155,34 +144,27 @@ def _errors(claims: Claims) -> Iterator[str]:
     left = "nothing is left above the noise" if over_floor(own) <= _MOST_FLOORS else "something is left above the noise"
     yield f"their sensors. What can be said is that {left}: on a motion that no fit has seen the error is"
     yield f"{over_floor(own):.2f} noise floors over all joints, the floor being what two recordings of one motion do not share. Whether the"
-    yield "published errors are at their arm's floor, the publication does not say: it has one motion, and that was fitted."
-    yield ""
+    yield "published errors are at their arm's floor, the publication does not say: it has one motion, and that was fitted.\n"
 
 
 def _stribeck(claims: Claims, folder: str) -> Iterator[str]:
     own = claims.stribeck
     floor, before, after = own.errors
-    yield "## Stribeck curves"
-    yield ""
+    yield "## Stribeck curves\n"
     yield f"The same kind of arm with {own.size:.0f} N more friction at breakaway in one cylinder, fading with speed by a law that"
-    yield "is not the catalogue's. Stage 1's three terms (Coulomb, viscous, cube root) have no such bump; the loop has to find it."
-    yield ""
-    yield f"![friction with a bump]({folder}/stribeck.svg)"
-    yield ""
+    yield "is not the catalogue's. Stage 1's three terms (Coulomb, viscous, cube root) have no such bump; the loop has to find it.\n"
+    yield f"![friction with a bump]({folder}/stribeck.svg)\n"
     found = "Found" if own.named else "Not found"
     yield f"**Verdict.** {found}: the loop says {own.findings}. The friction curve is {own.before:.1f} N from the truth before and"
     yield f"{own.after:.1f} N after (root mean square over the speeds drawn); the joint's error on `validate` went from {before:.3g} to"
-    yield f"{after:.3g} N m at a noise floor of {floor:.3g}."
-    yield ""
+    yield f"{after:.3g} N m at a noise floor of {floor:.3g}.\n"
 
 
 def _ways(claims: Claims) -> Iterator[str]:
-    yield "## Two stages against one"
-    yield ""
+    yield "## Two stages against one\n"
     yield "Condition number of the worst regression, and error on the motion that no fit has seen, change from the one-shot"
     yield "regression to the two stages with its 95 % interval (negative: the two stages are better). *Unloaded too* gives the"
-    yield "one-shot regression the recordings of the free cylinders as well, which is the fair comparison."
-    yield ""
+    yield "one-shot regression the recordings of the free cylinders as well, which is the fair comparison.\n"
     head = ["machine", "condition, two stages", "one-shot", "error against one-shot", "against one-shot, unloaded too"]
     named = {f"{each.arm} arm {each.seed}": each.compared for each in claims.arms} | dict(claims.measured)
     yield table([*head, "joint refit against one-shot"], [_way_row(*own) for own in named.items()])

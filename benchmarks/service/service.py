@@ -47,7 +47,7 @@ BUSY, BUSY_S = (429, 503), 1.0
 
 @dataclass
 class _Seen:
-    """Measurements of the clients; ``late``: s by which their own event loop woke up too late, whatever was answered."""
+    """Measurements of the clients; ``late``: s by which their own event loop woke up late, whatever was answered."""
 
     seconds: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)

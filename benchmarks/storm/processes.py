@@ -215,17 +215,16 @@ class Herd:
 
     def log_events(self) -> dict[str, int]:
         """Count each event of level error in the hosts' logs, and tracebacks outside of them."""
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         for host in self.hosts:
             for line in host.log.read_text(errors="replace").splitlines() if host.log.is_file() else ():
                 with contextlib.suppress(ValueError, AttributeError):
                     content = json.loads(line)
                     if content.get("level") in ("error", "critical"):
-                        event = " ".join(str(content.get("event")).split())[:80]
-                        counts[event] = counts.get(event, 0) + 1
+                        counts[" ".join(str(content.get("event")).split())[:80]] += 1
                     continue
                 if line.startswith("Traceback"):
-                    counts["traceback"] = counts.get("traceback", 0) + 1
+                    counts["traceback"] += 1
         return counts
 
 
