@@ -107,7 +107,9 @@ class _Past:
 def _months(site: Site, machine: str) -> None:
     """Store five identifications over four months, three of them used, and what was wrong between."""
     clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
-    database = Database(site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=_quiet)
+    database = Database(
+        site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=lambda: None
+    )
     with closing(database):
         desk, audit = Alarms(database), Audit(database)
         calibrations = Calibrations(database, DataDirectory(site.data_dir))
@@ -170,10 +172,6 @@ _WRONG: tuple[tuple[float, float, str, str, Any], ...] = (
     (41.0, 0.2, "overload", "joint1: 340 N m beyond the model", "critical"),
     (12.0, 0.1, "clock_jumped", "the clock of this computer was set by 4 s", "info"),
 )
-
-
-def _quiet() -> None:
-    """Return at once: nobody waits in this process."""
 
 
 def _identification(site: Site, database: Database, machine: str, id: str, report: dict[str, Any]) -> Identification:

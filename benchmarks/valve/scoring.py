@@ -34,7 +34,8 @@ def scored(folder: Path, answer: Answer) -> Line:
     machine, truth = load_machine(folder / "machine.yaml"), load_valve_truth(folder / "truth.yaml")
     case = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
     effects = yaml.safe_load((folder / "truth.yaml").read_text(encoding="utf-8"))["effects"]
-    limited = bool(np.isfinite([truth.supply.flow_limit, truth.supply.power_limit]).any())
+    limit = truth.supply.flow_limit
+    limited = bool(np.isfinite([limit, truth.supply.power_limit]).any())
     axes = {}
     for name, axis in answer.axes.items():
         true = [e["id"] for e in effects if e["joint"] == name] + ["pump_flow_limit"] * limited
@@ -52,7 +53,8 @@ def scored(folder: Path, answer: Answer) -> Line:
         }
     return {
         "case": folder.name, "kind": case["kind"], "made": case["made"], "at_limit": case["at_limit"],
-        "effects": effects, "flow_limit": _finite(truth.supply.flow_limit), "axes": axes, "seconds": answer.seconds,
+        "effects": effects, "flow_limit": limit if np.isfinite(limit) else None, "axes": axes,
+        "seconds": answer.seconds,
     }  # fmt: skip
 
 
@@ -112,10 +114,6 @@ def command_errors(folder: Path, machine: Machine, truth: ValvePlantTruth, joint
 def _beside(bar: Bar, true: float) -> dict[str, Any]:
     value, interval = bar
     return {"value": value, "true": true, "in": None if interval is None else interval[0] <= true <= interval[1]}
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _axes(lines: Sequence[Line], made: str | None = None) -> Iterator[Mapping[str, Any]]:

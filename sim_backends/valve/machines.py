@@ -6,7 +6,7 @@ the supply by what the load needs over the travel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -134,13 +134,11 @@ def one_pump_excavator(seed: int) -> tuple[Machine, ValvePlantTruth]:
         "load_sensing", margin=float(rng.uniform(1.6e6, 2.4e6)), flow_limit=limit, full_flow=1.5 * limit, volume=1.5e-3
     )
     machine, truth = _machine("one-pump-excavator", axes, links, [0.0] * 3, supply, np.inf, ("mA", 8.0, 12.0), rng)
-    level = {name: replace(v, lands=_levelling(v.lands, rng)) for name, v in truth.valves.items()}
-    return machine, replace(truth, valves=level)
-
-
-def _levelling(lands: Mapping[str, Land], rng: np.random.Generator) -> dict[str, Land]:
-    share = float(rng.uniform(0.75, 1.1))
-    return {name: replace(land, saturation=share) for name, land in lands.items()}
+    valves = dict(truth.valves)
+    for name, valve in truth.valves.items():
+        share = float(rng.uniform(0.75, 1.1))
+        valves[name] = replace(valve, lands={n: replace(land, saturation=share) for n, land in valve.lands.items()})
+    return machine, replace(truth, valves=valves)
 
 
 #: Kinds of machines with valves; each is made from a seed.

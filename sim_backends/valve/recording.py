@@ -120,12 +120,10 @@ def run_all(runs: Sequence[Run]) -> list[Course]:
             plant.step(commands)
         commands = commands.copy()
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
-    return [_course(columns, p, length, rate) for p, length in enumerate(lengths)]
-
-
-def _course(columns: Sequence[FloatArray], p: int, length: int, rate: float) -> Course:
-    own = [np.ascontiguousarray(column[:length, ..., p]) for column in columns]
-    return Course(np.arange(length) / rate, *own)
+    return [
+        Course(np.arange(length) / rate, *(np.ascontiguousarray(column[:length, ..., p]) for column in columns))
+        for p, length in enumerate(lengths)
+    ]
 
 
 def recorded(
