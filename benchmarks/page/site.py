@@ -107,12 +107,11 @@ class _Past:
 def _months(site: Site, machine: str) -> None:
     """Store five identifications over four months, three of them used, and what was wrong between."""
     clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
-    database = Database(
-        site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=lambda: None
-    )
+    files = DataDirectory(site.data_dir)
+    database = Database(files.database, TABLES, clock=clock, changed=lambda: None)
     with closing(database):
         desk, audit = Alarms(database), Audit(database)
-        calibrations = Calibrations(database, DataDirectory(site.data_dir))
+        calibrations = Calibrations(database, files)
         for number, (days, error, found) in enumerate(
             [(110, 1.42, False), (83, 1.19, True), (55, 1.31, False), (30, 1.02, True), (4, 1.01, True)]
         ):

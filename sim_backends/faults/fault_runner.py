@@ -110,7 +110,15 @@ class FaultRunner:
 
 
 def apply(machine: Orderable, declared: Machine, fault: Fault, *, on: bool) -> None:
-    """Let a fault begin, or end."""
+    """Let a fault begin, or end.
+
+    Parameters
+    ----------
+    machine : takes the orders
+    declared : its machine file
+    fault : which one
+    on : True begins it
+    """
     match fault:
         case SignalFault():
             _signal(machine, declared, fault, on)

@@ -34,17 +34,11 @@ UNDECLARED: dict[str, type[UndeclaredEffect]] = {
     if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect.__dict__.get("id")
 }
 #: Effects that stand in no catalogue, in the order in which they were written.
-OUTSIDE = tuple(
-    effect
-    for module in (outside, outside_later)
-    for effect, kind in UNDECLARED.items()
-    if kind.__module__ == module.__name__
-)
+OUTSIDE = tuple(e for e, kind in UNDECLARED.items() if kind.__module__ in (outside.__name__, outside_later.__name__))
 #: Shapes that flexibility and play have between two position sensors, and what bends one of those in no catalogue.
-MISMATCH = tuple(e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and kind.called)
-OUTSIDE_MISMATCH = tuple(
-    e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and not kind.called
-)
+_BENDING = {e: kind for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__}
+MISMATCH = tuple(e for e, kind in _BENDING.items() if kind.called)
+OUTSIDE_MISMATCH = tuple(e for e, kind in _BENDING.items() if not kind.called)
 
 
 @dataclass(frozen=True)
