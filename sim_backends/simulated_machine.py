@@ -194,7 +194,7 @@ class SimulatedMachine:
     workdir : path
         Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
     faults : FaultScript, optional
-        Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` says when.
+        Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` records when.
     show : callable
         Takes a line for each of them.
 

@@ -30,7 +30,7 @@ from sim_backends.devices.signal_faults import SignalFaults
 
 BITS = 11  # of a character on the line: start, eight, parity or second stop bit, stop
 PIECES = 4  # that an answer comes in when it trickles
-#: What units say they are; pymodbus keeps one for a process.
+#: Identity of the units; pymodbus keeps one for a process.
 IDENTITY = {"VendorName": "hilfit", "ProductCode": "HF-MB4 transmitter", "MajorMinorRevision": "1.0"}
 Garble = Callable[[int], bool]  # whether the next answer of a unit is garbled
 

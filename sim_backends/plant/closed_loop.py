@@ -1,6 +1,6 @@
 """The simulated arm driven by pressures: forward dynamics, and a position controller that closes the loop.
 
-:class:`sim_backends.plant.plant.Plant` takes the motion as given and says what it takes. Here the chambers push and
+:class:`sim_backends.plant.plant.Plant` takes the motion as given and computes its forces. Here the chambers push and
 the arm moves: MuJoCo's inertia and bias forces, the cylinders' own laws, restless seals. The controller is what the
 makers of such arms fit: proportional, integral and derivative on each piston's position, tuned to one effective mass,
 and, if there is a table, the feedforward of its pressures.

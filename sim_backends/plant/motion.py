@@ -1,4 +1,4 @@
-"""Motions: what the arm's own controller is asked to follow, as motion files say it (:mod:`daq.motion_files`).
+"""Motions: what the arm's own controller is asked to follow, as motion files have it (:mod:`daq.motion_files`).
 
 Joints without a column hold their pose. Between rows the controller interpolates with a quintic spline, so that rows
 every 0.02 to 0.1 s are enough.

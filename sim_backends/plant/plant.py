@@ -1,7 +1,7 @@
 """The simulated machine: arm, cylinders, oil, controller and transducers, advanced in physics steps of 1 ms or less.
 
-The motion is the controller's (:mod:`sim_backends.plant.controller`); MuJoCo says what effort the arm needs for it; the
-cylinders' own laws, disturbances and undeclared effects say what the chambers have to deliver; the valves split that
+The motion is the controller's (:mod:`sim_backends.plant.controller`); MuJoCo computes the effort for it; the
+cylinders' own laws, disturbances and undeclared effects decide what the chambers deliver; the valves split that
 force into two chamber pressures. One :meth:`Plant.advance` handles any number of steps at once: a whole recording
 offline, one acquisition period on the simulated buses.
 """

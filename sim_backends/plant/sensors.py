@@ -1,4 +1,4 @@
-"""From what is there to what a transducer says: noise, steps, saturation."""
+"""From what is there to what a transducer reads: noise, steps, saturation."""
 
 from __future__ import annotations
 

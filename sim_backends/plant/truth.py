@@ -1,6 +1,6 @@
 """Truth of the simulated machine: the plant's own parameters, which no machine file carries.
 
-Only the plant reads these. A machine file says where pins and pressures are; a :class:`Truth` says how heavy the
+Only the plant reads these. A machine file has where pins and pressures are; a :class:`Truth` has how heavy the
 links are and how the cylinders rub. The YAML form is the one beside generated cases (``truth.yaml``).
 """
 

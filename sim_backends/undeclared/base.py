@@ -1,6 +1,6 @@
 """Hooks of undeclared effects.
 
-An effect is a piece of physics that the machine file knows nothing about. It says so through one or more hooks of
+An effect is a piece of physics that the machine file knows nothing about. It enters through one or more hooks of
 :class:`UndeclaredEffect`; each hook is there because some real defect enters at that point of the plant:
 
 ``redesign``      the arm itself differs from its file: a pin, the base, the oil, a payload;

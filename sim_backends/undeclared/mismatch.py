@@ -19,7 +19,7 @@ from sim_backends.undeclared.base import Block, Readings, UndeclaredEffect
 
 
 class _Mismatch(UndeclaredEffect):
-    """The piston's sensor reads more than the joint's position says, by :meth:`gap`."""
+    """The piston's sensor reads more than the joint's position gives, by :meth:`gap`."""
 
     def gap(self, block: Block) -> FloatArray:
         """Compute the added gap (n,), m."""

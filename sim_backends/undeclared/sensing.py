@@ -1,4 +1,4 @@
-"""Transducers and mountings that read something else than is there; arms not built or loaded as their file says."""
+"""Transducers and mountings that read something else than is there; arms not built or loaded as declared."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class Backlash(UndeclaredEffect):
 
 
 class LinkageGeometry(UndeclaredEffect):
-    """A pin that sits elsewhere than the drawing says."""
+    """A pin that sits elsewhere than on the drawing."""
 
     id = "linkage_geometry"
     unit = "m"

@@ -41,7 +41,7 @@ RESTLESS = (1.0e-3, 5.0e-3)
 
 @dataclass(frozen=True)
 class _Axis:
-    """An axis before its load is known: what the machine file says, and its speed at full stroke."""
+    """An axis before its load is known: its joint in the machine file, and its speed at full stroke."""
 
     joint: dict[str, Any]
     speed: float  # m/s

@@ -1,7 +1,7 @@
 """Programmes of the simulated controller for its valves: phases, one after the other.
 
-A programme is for one machine; each phase says what every axis is told in every cycle of the controller (50 Hz), from
-where its pistons are. Commands are fractions of full. Whatever a phase says, no axis is driven on towards an end of its
+A programme is for one machine; each phase gives what every axis is sent in every cycle of the controller (50 Hz), from
+where its pistons are. Commands are fractions of full. Whatever it gives, no axis is driven on towards an end of its
 travel that it is near.
 """
 
@@ -42,7 +42,7 @@ class Guess:
 
 
 class Phase:
-    """One thing that all axes do; ``command`` is asked each cycle until it says None."""
+    """One thing that all axes do; ``command`` is called each cycle until it gives None."""
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
         """Return commands of all axes ``time`` s into the phase, pistons at ``x`` m; None: it is over."""

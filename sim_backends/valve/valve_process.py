@@ -112,7 +112,7 @@ def _step(where: str, line: str, axes: tuple[ValveAxis, ...]) -> Step:
 
 DT = 2.0e-3  # s: half the work of an offline step, to keep up with a machine at four times its speed
 POWER_ON = 900.0  # s for which the machine has run: its oil is warm
-#: What the demonstration's crane has and no file says.
+#: Effects of the demonstration's crane that no file declares.
 DEMO = (ValveEffectSpec("spool_hysteresis", "play", "boom", 0.02),)
 
 
