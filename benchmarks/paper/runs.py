@@ -36,8 +36,6 @@ PUBLISHED_COUNTS = (78, 18)
 #: States at which the rank of the regressor is computed by its singular values.
 _STATES = 2000
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
-#: Largest relative error of Coulomb friction and of stiffness that the sample recordings are held to as well.
-MOST_COULOMB, MOST_STIFFNESS = 0.05, 0.03
 
 
 @dataclass(frozen=True)

@@ -226,4 +226,4 @@ def followed(folder: Path, key: ValveKey, answer: Answer) -> dict[str, Any]:
     }
     tracked = track(machine, truth, path, list(ways.values()), power_on=POWER_ON, pressure_std=PRESSURE_NOISE, rng=rng)
     travel = np.array([guess.high - guess.low for guess in guesses])
-    return {way: float(np.sqrt(((own.rms / travel) ** 2).mean())) for way, own in zip(ways, tracked, strict=True)}
+    return {way: float(np.sqrt(((rms / travel) ** 2).mean())) for way, rms in zip(ways, tracked, strict=True)}

@@ -21,7 +21,6 @@ _DECLARED = (
 class Wiring:
     """All device plans of a machine: nodes of its CANopen bus, units of each of its Modbus buses."""
 
-    can_bus: str
     can_channel: str
     nodes: tuple[NodePlan, ...]
     modbus: Mapping[str, tuple[UnitPlan, ...]]
@@ -65,7 +64,6 @@ def wire(machine: Machine) -> Wiring:
         own: dict[str, Any] = {} if node is None else {key: getattr(node, key) for key in _DECLARED}
         plans.append(NodePlan(number, _kind(objects, own.get("device_type")), tuple(objects), **own))
     return Wiring(
-        can[0].name,
         can[0].channel,
         tuple(plans),
         {bus: tuple(UnitPlan(n, tuple(r)) for n, r in sorted(held.items())) for bus, held in units.items()},

@@ -52,12 +52,11 @@ class CasePlan:
 @dataclass(frozen=True)
 class Case:
     """Recordings of one machine: SI tables by file stem (``unloaded``, ``train-1``, ``train-2``, ``repeat``,
-    ``validate``), their motions, and the truth."""
+    ``validate``), and the truth."""
 
     machine: Machine
     truth: Truth
     undeclared: tuple[EffectSpec, ...]
-    motions: Mapping[str, Motion]
     recordings: Mapping[str, Mapping[str, FloatArray]]
 
 
@@ -87,7 +86,7 @@ def simulate_case(
     plan = plan_case(arm, seed, seconds)
     specs = tuple(check_spec(s if isinstance(s, EffectSpec) else EffectSpec(*s), plan.machine) for s in undeclared)
     recordings = {stem: plan.record(stem, specs, quality)[0] for stem in STEMS}
-    return Case(plan.machine, plan.truth, specs, plan.motions, recordings)
+    return Case(plan.machine, plan.truth, specs, recordings)
 
 
 def write_table(file: Path, machine: Machine, role: str, table: Mapping[str, FloatArray]) -> Path:

@@ -52,15 +52,6 @@ class Control:
     preview: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class Tracked:
-    """Errors of a followed path: ``error`` (N, J) m, ``rms`` (J,) m once it has settled, ``command`` (N, J)."""
-
-    error: FloatArray
-    rms: FloatArray
-    command: FloatArray
-
-
 class TrueInverse:
     """The inverse of the plant's own healthy valves: what the best identification could hand out.
 
@@ -110,8 +101,10 @@ def track(
     power_on: float = 0.0,
     pressure_std: float = 0.0,
     rng: np.random.Generator | None = None,
-) -> list[Tracked]:
+) -> list[FloatArray]:
     """Follow one path by several ways of control, side by side on equal machines.
+
+    Return the RMS error of each way, (J,) m, once it has settled.
 
     Parameters
     ----------
@@ -126,7 +119,7 @@ def track(
     plant.place(np.repeat(path[0][:, None], len(controls), axis=1))
     time = np.arange(len(path)) / rate
     speed = np.gradient(path, time, axis=0)
-    errors, commands = np.empty((len(path), *plant.shape)), np.empty((len(path), *plant.shape))
+    errors, commands = np.empty((len(path), *plant.shape)), np.empty(plant.shape)
     for k in range(len(path)):
         state = plant.state
         errors[k] = path[k][:, None] - state.x
@@ -141,9 +134,9 @@ def track(
             v = shifted * control.feedforward + GAIN * (wanted - state.x[:, p])
             head, rod = state.pressure[:, :, p] + noise[:, :, p]
             command = control.inverse(v, Pressures(head, rod, float(state.supply[p]), float(state.tank[p])))
-            commands[k, :, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)
+            commands[:, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)
         for _ in range(per_cycle):
-            plant.step(commands[k])
+            plant.step(commands)
     counted = errors[round(SETTLING * rate) :]
     rms = np.sqrt((counted**2).mean(axis=0))
-    return [Tracked(errors[:, :, p], rms[:, p], commands[:, :, p]) for p in range(len(controls))]
+    return list(rms.T)

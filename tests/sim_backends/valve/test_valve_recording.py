@@ -140,6 +140,6 @@ def test_with_inverse_and_preview_the_error_is_a_fraction_of_linear_feedforwards
         Control(TrueInverse(machine, truth)),
         Control(TrueInverse(machine, truth), preview=late),
     ]
-    feedback, forward, inverse, preview = (float(np.sqrt((t.rms**2).mean())) for t in track(machine, truth, path, ways))
+    feedback, forward, inverse, preview = (float(np.sqrt((rms**2).mean())) for rms in track(machine, truth, path, ways))
     assert preview < 0.25 * forward < 0.25 * feedback  # the target of an identified inverse
     assert preview < inverse < forward
