@@ -65,9 +65,7 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
     return result
 
 
-def judge(
-    machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float] = (1.0,)
-) -> list[Findings]:
+def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float]) -> list[Findings]:
     """Run the loop on recordings, with at most so many replicas, and put what it found into plain names.
 
     Parameters

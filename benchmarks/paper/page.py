@@ -195,7 +195,7 @@ def _change(found: Mapping[str, Any]) -> str:
     return f"{found['change_percent']:+.1f} % ({low:+.1f} to {high:+.1f})"
 
 
-def _sides(compared: Sequence[Mapping[str, Any]], *, unloaded: bool = False) -> tuple[int, int, int]:
+def _sides(compared: Sequence[Mapping[str, Any]], *, unloaded: bool) -> tuple[int, int, int]:
     """Count where the two stages are better, worse, and the same within the interval."""
     key = "one_shot_with_unloaded" if unloaded else "one_shot"
     intervals = [own["against"][key]["ci95_percent"] for own in compared if key in own["against"]]

@@ -97,7 +97,7 @@ def _none(name: str, what: list[str], of: int) -> Check:
 
 
 def all_checks(
-    database: Database, files: DataDirectory, noted: Acknowledged, workers: Sequence[Path] = ()
+    database: Database, files: DataDirectory, noted: Acknowledged, workers: Sequence[Path]
 ) -> Iterator[Check]:
     """Run every check; ``workers``: data directories of those that have their own."""
     hosts = (files.root, *workers)

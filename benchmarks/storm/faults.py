@@ -183,7 +183,7 @@ class Weather:
     seen : how often each began
     """
 
-    def __init__(self, faults: Sequence[Fault], chance: random.Random, pace: Pace = PACE) -> None:
+    def __init__(self, faults: Sequence[Fault], chance: random.Random, pace: Pace) -> None:
         self.faults = tuple(faults)
         self._chance = chance
         self._lasts, self._calm = pace

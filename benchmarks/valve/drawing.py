@@ -90,7 +90,7 @@ def order_of(key: ValveKey) -> Order:
     return machine, truth, programmes, guesses, effects, quality, key.seed * 1000 + key.number
 
 
-def stored_cases(folder: Path, keys: Sequence[ValveKey], show: Callable[[str], None] = print) -> list[Path]:
+def stored_cases(folder: Path, keys: Sequence[ValveKey], show: Callable[[str], None]) -> list[Path]:
     """Return folders of the cases in the order of ``keys``; make those not there yet, many at a time."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [key for key in keys if not (folder / key.text / "case.yaml").is_file()]
@@ -171,12 +171,12 @@ def misfit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) 
     return np.asarray(np.sqrt((error**2).mean(axis=0) / (speed**2).mean(axis=0)))
 
 
-def floor(case: ValveCase, stem: str = "validate") -> FloatArray:
+def floor(case: ValveCase) -> FloatArray:
     """Compute per axis (J,) the true valve's error at measured pressures against measured speed, below 3 Hz.
 
     Over the speed's root mean square. Positions are those of the channels, speeds their differences.
     """
-    machine, table, course = case.machine, case.tables[stem], case.courses[stem]
+    machine, table, course = case.machine, case.tables["validate"], case.courses["validate"]
     x, pressure = course.x.copy(), course.pressure.copy()
     for j, joint in enumerate(machine.joints):
         assert joint.cylinder is not None

@@ -41,7 +41,7 @@ class FaultyLine:
     garbled : SDO answers are cut to two bytes
     """
 
-    def __init__(self, node: int, emit: Emit, emit_error: Callable[[], None] = lambda: None) -> None:
+    def __init__(self, node: int, emit: Emit, emit_error: Callable[[], None]) -> None:
         self._node = node
         self._emit = emit
         self._emit_error = emit_error

@@ -44,7 +44,7 @@ class Wire(ModbusTcpServer):
     garble : asked before each answer
     """
 
-    def __init__(self, devices: Sequence[SimDevice], garble: Garble, framer: FramerType = FramerType.SOCKET) -> None:
+    def __init__(self, devices: Sequence[SimDevice], garble: Garble, framer: FramerType) -> None:
         super().__init__(
             list(devices), address=("127.0.0.1", 0), ignore_missing_devices=True, framer=framer,
             identity=ModbusDeviceIdentification(info_name=IDENTITY),  # type: ignore[no-untyped-call]

@@ -60,7 +60,7 @@ class Case:
     recordings: Mapping[str, Mapping[str, FloatArray]]
 
 
-def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0) -> CasePlan:
+def plan_case(arm: ArmKind | tuple[Machine, Truth], seed: int, seconds: float = 60.0) -> CasePlan:
     """Plan machine and motions of a case, before anything is recorded."""
     machine, truth = arm if isinstance(arm, tuple) else ARMS[arm](seed)
     rng = np.random.default_rng([seed, 11])
@@ -72,8 +72,8 @@ def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, s
 
 
 def simulate_case(
-    arm: ArmKind | tuple[Machine, Truth] = "folding",
-    seed: int = 0,
+    arm: ArmKind | tuple[Machine, Truth],
+    seed: int,
     undeclared: Effects = (),
     quality: SensorQuality | None = None,
     seconds: float = 60.0,
@@ -110,14 +110,13 @@ def write_tables(
 
 def make_case(
     folder: str | Path,
-    arm: ArmKind | tuple[Machine, Truth] = "folding",
+    arm: ArmKind | tuple[Machine, Truth],
     seed: int = 0,
     undeclared: Effects = (),
-    quality: SensorQuality | None = None,
     seconds: float = 60.0,
 ) -> Case:
     """Simulate as :func:`simulate_case` into ``folder``: ``machine.yaml``, Parquet files, ``truth.yaml``."""
-    case = simulate_case(arm, seed, undeclared, quality, seconds)
+    case = simulate_case(arm, seed, undeclared, seconds=seconds)
     folder = Path(folder)
     write_tables(folder, case.machine, case.recordings)
     effects = [{"name": s.id, "joint": s.joint, "size": s.size} for s in case.undeclared]

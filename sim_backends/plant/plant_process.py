@@ -89,7 +89,7 @@ class _PlantServer:
         hub: socket.socket,
         inbox: Path,
         status: Path,
-        read: Reader = read_motion,
+        read: Reader,
     ) -> None:
         self._machine, self._plant, self._hub, self._read = machine, plant, hub, read
         self._inbox, self._status_path = inbox, status
