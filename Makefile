@@ -75,7 +75,7 @@ picture: $(VENV)/.dev ## the picture on the first screen, made anew
 	$(BIN)/python -m benchmarks.picture docs/_static/before-after.png
 
 readme: $(VENV)/.dev ## the result of the demonstration in README.md, made anew
-	$(BIN)/python -m benchmarks.readme
+	$(BIN)/python -m benchmarks.demonstration
 
 paper: $(VENV)/.dev ## the page of the claims with its figures, made anew
 	$(BIN)/hilfit bench paper --page docs/paper.md

@@ -7,11 +7,12 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, TypeVar
 
 from daq.errors import InputError
+from daq.whole_files import write_whole
 
 Line = dict[str, Any]
 Order = TypeVar("Order")
@@ -29,24 +30,13 @@ def in_processes(work: Callable[[Order], Line], orders: Sequence[Order], workers
     if workers <= 1 or len(orders) <= 1:
         yield from map(work, orders)
         return
-    # Spawned, so that the environment holds before numpy is loaded; few orders at a time, so that Ctrl-C is quick.
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting: set[Future[Line]] = set()
-        rest = iter(orders)
-        try:
-            while True:
-                for order in rest:
-                    waiting.add(pool.submit(work, order))
-                    if len(waiting) >= workers + 1:
-                        break
-                if not waiting:
-                    return
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
-        finally:
-            for future in waiting:
-                future.cancel()
+    # Spawned, so that the environment holds before numpy is loaded; what has not begun is dropped, so Ctrl-C is quick.
+    pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
+    try:
+        for future in as_completed([pool.submit(work, order) for order in orders]):
+            yield future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def append(output: Path | None, line: Line) -> None:
@@ -91,7 +81,5 @@ def resumed(output: Path | None, keys: AbstractSet[str], benchmark: str) -> list
     if output is None or not output.exists():
         return []
     lines = read_lines(output, keys, benchmark)
-    part = output.with_name(output.name + ".part")
-    part.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-    part.replace(output)
+    write_whole(output, "".join(json.dumps(line) + "\n" for line in lines).encode())
     return lines

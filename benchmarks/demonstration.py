@@ -6,11 +6,19 @@ for what two runs differ by. The rate is measured against the motion that
 the simulated controller followed by its own clock, because the time stamps of a lockstep simulation are cycle numbers
 over 50 by construction. The wall time is printed (two minutes on two idle cores is what it is meant to take) and is no
 target: it depends on what else the computer does.
+
+``python -m benchmarks.demonstration`` (``make readme``) runs ``hilfit demo`` and ``hilfit demo --valve`` in temporary
+folders and writes what they print into README.md; a test compares words and numbers.
 """
 
 from __future__ import annotations
 
+import os
+import re
+import subprocess
+import sys
 import tempfile
+import textwrap
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,7 +27,6 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from benchmarks.readme import numbers, printed_result
 from benchmarks.targets import Check, Outcome, fact, figure
 from daq.machine.machine_file import load_machine
 from daq.motion_files import read_motion
@@ -33,9 +40,13 @@ USUAL = (1, 40.0)
 APART = 0.15
 #: N m; smaller errors may differ by that share of this.
 SMALL = 0.3
+README = Path(__file__).parents[1] / "README.md"
+_BLOCK = re.compile(r"(?<=^```\n)acquired .*?(?=^```$)", re.MULTILINE | re.DOTALL)
+_VALVES = re.compile(r"(?<=^```\n) +error over the speed's RMS.*?(?=^```$)", re.MULTILINE | re.DOTALL)
+_WIDTH = 120
 
 
-def cycles_per_machine_second(output: Path) -> float:
+def _cycles_per_machine_second(output: Path) -> float:
     """Compute the rate of the validation recording by the controller's clock.
 
     The recorded angle is laid over the motion file's, ``q(t) = q_file(scale t + shift)``; the scale times the stamped
@@ -61,14 +72,14 @@ def beside_readme(report: Mapping[str, Any]) -> float:
     return float(np.max(np.abs(own - printed) / np.maximum(printed, SMALL)))
 
 
-def demonstration(seed: int = USUAL[0], seconds: float = USUAL[1]) -> Outcome:
+def demonstration(seed: int, seconds: float) -> Outcome:
     """Run the demo into a temporary directory."""
     started = time.perf_counter()
     with tempfile.TemporaryDirectory(prefix="hilfit-demo-") as name:
         output = Path(name)
         report, acquired = run_demo(output, seconds=seconds, seed=seed)
         wall = time.perf_counter() - started
-        rate = cycles_per_machine_second(output)
+        rate = _cycles_per_machine_second(output)
     error = report["errors"]["joint2"]
     before, after = error["before"]["validate"], error["after"]["validate"]
     loop = report["loop"]
@@ -88,3 +99,47 @@ def demonstration(seed: int = USUAL[0], seconds: float = USUAL[1]) -> Outcome:
                    most=APART if (seed, seconds) == USUAL else None),
         )
     )  # fmt: skip
+
+
+def printed_result() -> str:
+    """Return the block of README.md."""
+    (found,) = _BLOCK.findall(README.read_text(encoding="utf-8"))
+    return str(found)
+
+
+def shown_by_the_demo(printed: str) -> str:
+    """Extract from ``hilfit demo``'s output what was acquired, the first table, and the verdict."""
+    lines = printed.splitlines()
+    first = lines[: next(number for number, line in enumerate(lines) if line.startswith("└")) + 1]
+    (verdict,) = (line for line in lines if line.startswith("The model lacked"))
+    return "\n".join(line.rstrip() for line in (*first, *textwrap.wrap(verdict, _WIDTH))) + "\n"
+
+
+def _shown_of_valves(printed: str) -> str:
+    """Extract from ``hilfit demo --valve``'s output errors, findings, and the self-tests."""
+    lines = printed.splitlines()
+    first = next(number for number, line in enumerate(lines) if "error over the speed's RMS" in line)
+    return "\n".join(line.rstrip() for line in lines[first:] if not line.startswith("report:")) + "\n"
+
+
+def numbers(result: str) -> list[float]:
+    """Read each joint's noise floor and errors before and after, in the order of the table."""
+    rows = re.findall(r"^│ \w+ +│ N m +│ ([\d.]+) +│ ([\d.]+) +│ ([\d.]+) +│", result, re.MULTILINE)
+    return [float(number) for row in rows for number in row]
+
+
+def main() -> None:
+    """Run the demonstrations and write their results into README.md."""
+    for more, block, extract in (([], _BLOCK, shown_by_the_demo), (["--valve"], _VALVES, _shown_of_valves)):
+        with tempfile.TemporaryDirectory(prefix="hilfit-readme-") as folder:
+            command = [sys.executable, "-m", "server.commands.command_line", "demo", *more]
+            environment = {**os.environ, "COLUMNS": "80"}
+            done = subprocess.run(command, cwd=folder, stdout=subprocess.PIPE, text=True, check=True, env=environment)
+        result = extract(done.stdout)
+        text = README.read_text(encoding="utf-8")
+        README.write_text(block.sub(lambda _, result=result: result, text), encoding="utf-8")  # type: ignore[misc]
+        print(result, end="")
+
+
+if __name__ == "__main__":
+    main()

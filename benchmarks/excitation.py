@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, figure, silent
+from benchmarks.targets import Arm, Check, Outcome, Show, figure
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
 from fitting.excitation import Excitation, ExcitationOptions, HydraulicLimits, design_motion
@@ -25,11 +25,11 @@ SECONDS, RATIO = 20.0, 1.10
 _BACK_PRESSURE = 7.0e5  # Pa: what the simulated valves keep in a chamber that empties
 
 
-def run(arms: tuple[Arm, ...] = ARMS, seed: int = 0, long_runs: int = 20, show: Show = silent) -> Outcome:
+def run(arms: tuple[Arm, ...], seed: int, long_runs: int, show: Show) -> Outcome:
     """Design a motion for one arm of each kind, and its yardstick."""
     found = []
     for arm in arms:
-        seconds, condition, best, kept = measure(arm, seed, long_runs)
+        seconds, condition, best, kept = _measure(arm, seed, long_runs)
         found.append((seconds, condition / best, kept))
         show(
             f"{arm} arm, seed {seed}: {seconds:.1f} s, cond(W) {condition:.2f}, best of {long_runs} long runs "
@@ -48,14 +48,14 @@ def run(arms: tuple[Arm, ...] = ARMS, seed: int = 0, long_runs: int = 20, show: 
     )
 
 
-def measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, float]:
+def _measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, float]:
     """Measure processor s of the default search, its condition number, the best long run's, the largest share.
 
     The latter is of any limit that the motion uses; it may use ``use`` of each.
     """
     machine, truth = MACHINES[arm](seed)
     base = reduce_parameters(machine)
-    limits = binding_limits(machine, truth)
+    limits = _binding_limits(machine, truth)
     started = time.process_time()
     found = design_motion(machine, base, seed=seed, hydraulic=limits)
     seconds = time.process_time() - started
@@ -68,7 +68,7 @@ def measure(arm: Arm, seed: int, long_runs: int) -> tuple[float, float, float, f
     return seconds, found.condition_number, best, kept
 
 
-def binding_limits(machine: Machine, truth: Truth) -> HydraulicLimits:
+def _binding_limits(machine: Machine, truth: Truth) -> HydraulicLimits:
     """Choose supply flow and chamber pressure that take something from the best motion without them."""
     base = reduce_parameters(machine)
     values = base.from_standard([link.as_list() for link in truth.links])

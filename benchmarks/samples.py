@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.targets import Check, Outcome, Show, fact, figure, silent
+from benchmarks.targets import Check, Outcome, Show, fact, figure
 from sim_backends.plant.cases import STEMS
 
 SAMPLES = Path(__file__).resolve().parents[1].parent / "shared" / "samples"
@@ -44,7 +44,7 @@ MACHINE_WIDE = ("base_tilt", "payload")
 Report = dict[str, Any]
 
 
-def samples(directory: Path = SAMPLES, only: str | None = None, show: Show = silent) -> Outcome:
+def samples(directory: Path, only: str | None, show: Show) -> Outcome:
     """Identify every case of a directory; nothing to check where there is none."""
     found: list[Check] = []
     for case in [only] if only else CASES:
@@ -53,10 +53,10 @@ def samples(directory: Path = SAMPLES, only: str | None = None, show: Show = sil
             show(f"{case}: skipped, it is not in {directory}")
             continue
         started = time.process_time()
-        report = identify_case(place)
+        report = _identify_case(place)
         seconds = time.process_time() - started
         truth = yaml.safe_load((place / "truth.yaml").read_text(encoding="utf-8"))
-        show(f"{case}: {findings_text(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
+        show(f"{case}: {_findings_text(report)}  ({seconds:.1f} s of CPU, bandwidth {report['bandwidth_hz']:.2f} Hz)")
         found += [*checks(case, report, truth), *of_sizes(case, report, truth), *complete(case, report)]
     return Outcome(tuple(found))
 
@@ -69,7 +69,7 @@ def files_of(directory: Path) -> dict[str, list[Path]]:
     return files
 
 
-def identify_case(directory: Path) -> Report:
+def _identify_case(directory: Path) -> Report:
     """Identify one case: its report."""
     from fitting.loop.session import Request
     from fitting.pipeline.stages import identify
@@ -79,7 +79,7 @@ def identify_case(directory: Path) -> Report:
         return identify(Request(directory / "machine.yaml", files, Path(output)))
 
 
-def over_floor(report: Report, when: str, joint: str | None = None) -> float:
+def _over_floor(report: Report, when: str, joint: str | None = None) -> float:
     """Compute validation error over noise floor: of one joint, or the root mean square over all."""
     chosen = [report["errors"][joint]] if joint else list(report["errors"].values())
     return float(np.sqrt(np.mean([(e[when]["validate"] / e["noise_floor"]) ** 2 for e in chosen])))
@@ -91,7 +91,7 @@ def named(report: Mapping[str, Any]) -> list[list[tuple[str, str | None]]]:
     return [[(own["id"], own["joint"]) for own in (effect, *effect["indistinguishable_from"])] for effect in effects]
 
 
-def findings_text(report: Report) -> str:
+def _findings_text(report: Report) -> str:
     """Describe verdict, effects with their sets, and laws."""
     loop = report["loop"]
     parts = [loop["verdict"]]
@@ -105,7 +105,7 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
     loop, sets = report["loop"], named(report)
     # The id is None for what is in no catalogue.
     true = [(e["name"], None if e["name"] in MACHINE_WIDE else e["joint"]) for e in truth["effects"]]
-    before, after = (over_floor(report, when) for when in ("before", "after"))
+    before, after = (_over_floor(report, when) for when in ("before", "after"))
     yield Check(f"{case}: validate over noise floor", after, f"{before:.2f} before, {after:.2f} after")
     if not true:
         yield fact(f"{case}: verdict nothing_missing", loop["verdict"] == "nothing_missing", loop["verdict"])
@@ -123,13 +123,13 @@ def checks(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:
         joint = str(truth["effects"][0]["joint"])
         laws = {(law["joint"], law["variable"]) for law in loop["unexplained"]}
         fits = not sets and bool(laws) and all(j == joint for j, _ in laws) and (joint, "piston_position") in laws
-        yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, findings_text(report))
+        yield fact(f"{case}: a law of the piston position on {joint}, no name", fits, _findings_text(report))
         return
     right = len(sets) == 1 and true[0] in sets[0] and len(sets[0]) <= (1 if case in ALONE else 3)
     how = "alone" if case in ALONE else "alone or in a set of three"
-    yield fact(f"{case}: named, {how}", right and not loop["unexplained"], findings_text(report))
+    yield fact(f"{case}: named, {how}", right and not loop["unexplained"], _findings_text(report))
     if true[0][1] is not None:
-        before, after = (over_floor(report, when, true[0][1]) for when in ("before", "after"))
+        before, after = (_over_floor(report, when, true[0][1]) for when in ("before", "after"))
         shown = f"{before:.2f} before, {after:.2f} after"
         yield figure(f"{case}: {true[0][1]} over its noise floor", after, most=1.2, shown=shown)
 
@@ -149,7 +149,7 @@ def complete(case: str, report: Report) -> Iterator[Check]:
     yield fact(f"{case}: candidates have reasons, limits have sizes", whole, counts)
     if loop["verdict"] == "ambiguous":
         experiment = loop["next_experiment"]
-        yield fact(f"{case}: an experiment separates the set", bool(experiment["separates"]), findings_text(report))
+        yield fact(f"{case}: an experiment separates the set", bool(experiment["separates"]), _findings_text(report))
 
 
 def of_sizes(case: str, report: Report, truth: dict[str, Any]) -> Iterator[Check]:

@@ -1,4 +1,4 @@
-"""How fast and how large an identification is, on simulated recordings of a minute and of hours.
+"""Time and memory of an identification, on simulated recordings of a minute and of hours.
 
 Targets of ``speed``: both stages (``identify --no-loop``) on four recordings of 60 s at most 1.5 s of CPU in a process
 that has loaded the libraries; with the loop at most 30 s of wall time on two cores; at most 500 MB of memory; cost
@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.samples import named
-from benchmarks.targets import Check, Outcome, Show, figure, silent
+from benchmarks.targets import Check, Outcome, Show, figure
 from fitting.arrays import FloatArray
 from sim_backends.plant.cases import Case, CasePlan, plan_case, simulate_case, write_table, write_tables
 from sim_backends.plant.motion import random_motion
@@ -38,7 +38,6 @@ from sim_backends.undeclared import EffectSpec
 
 SHORT = (("unloaded", "unloaded"), ("train", "train-1"), ("repeat", "repeat"), ("validate", "validate"))
 MEMORY = 500.0  # MB
-MINUTES = (10.0, 30.0, 60.0)
 FloatTable = Mapping[str, FloatArray]
 
 # What a child process runs: the request is done once to load everything, and timed the second time.
@@ -70,7 +69,7 @@ print(json.dumps({"wall": wall, "cpu": cpu, "megabytes": float(status["VmHWM"].s
 """
 
 
-def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show = silent) -> Outcome:
+def speed(minutes: Sequence[float], *, loop: bool, show: Show) -> Outcome:
     """Time short recordings with and without the loop, and long ones without it."""
     checks: list[Check] = []
     with tempfile.TemporaryDirectory(prefix="hilfit-speed-") as name:
@@ -81,7 +80,7 @@ def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show =
         four = [(role, files[stem]) for role, stem in SHORT]
 
         def one(what: str, recordings: list[tuple[str, Path]], with_loop: bool, warm: bool) -> dict[str, float]:
-            took = identified(machine, recordings, folder / "out", loop=with_loop, warm=warm)
+            took = _identified(machine, recordings, folder / "out", loop=with_loop, warm=warm)
             show(f"{what}: {took['cpu']:.1f} s of CPU, {took['wall']:.1f} s of wall time, {took['megabytes']:.0f} MB")
             return took
 
@@ -92,7 +91,7 @@ def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show =
             whole = one("the same with the loop", four, True, False)
             checks.append(figure("with the loop, wall time", whole["wall"], "{:.2f} s", most=30.0))
             largest = max(largest, whole["megabytes"])
-        checks.append(memory("four of 60 s", largest))
+        checks.append(_memory("four of 60 s", largest))
         times = []
         for length in minutes:
             file = folder / "long.parquet"
@@ -100,7 +99,7 @@ def speed(minutes: Sequence[float] = MINUTES, *, loop: bool = True, show: Show =
             recordings = [("unloaded", files["unloaded"]), ("train", file), ("validate", files["validate"])]
             took = one(f"training recording of {length:g} minutes, both stages", recordings, False, False)
             times.append(took["cpu"])
-            checks.append(memory(f"{length:g} minutes", took["megabytes"]))
+            checks.append(_memory(f"{length:g} minutes", took["megabytes"]))
         if len(minutes) > 1:
             checks.append(linear(minutes, times))
     return Outcome(tuple(checks))
@@ -126,12 +125,12 @@ def linear(minutes: Sequence[float], times: Sequence[float]) -> Check:
     return figure("cost of the last minutes over the first", ratio, most=1.3, shown=shown)
 
 
-def memory(name: str, value: float) -> Check:
+def _memory(name: str, value: float) -> Check:
     """Compare peak memory with its target, MB."""
     return figure(f"peak memory, {name}", value, "{:.0f} MB", most=MEMORY)
 
 
-def identified(
+def _identified(
     machine: Path, recordings: list[tuple[str, Path]], output: Path, *, loop: bool, warm: bool
 ) -> dict[str, float]:
     """Measure s and peak MB of an identification in a process of its own; results in ``output/timed``."""
@@ -167,9 +166,7 @@ PAYLOAD = EffectSpec("payload", None, 5.0)
 _MOMENT = 120.0
 
 
-def long(
-    minutes: Sequence[float] = MINUTES, effect_minutes: float = 120.0, *, seed: int = 3, show: Show = silent
-) -> Outcome:
+def long(minutes: Sequence[float], effect_minutes: float, *, seed: int, show: Show) -> Outcome:
     """Identify long recordings with the loop."""
     checks: list[Check] = []
     with tempfile.TemporaryDirectory(prefix="hilfit-long-") as name:
@@ -178,20 +175,20 @@ def long(
 
         def one(what: str, train: FloatTable, also: Sequence[EffectSpec]) -> tuple[dict[str, float], dict[str, Any]]:
             tables = {
-                "unloaded": record(plan, plan.motions["unloaded"].duration, also, 1000, unloaded=True),
+                "unloaded": _record(plan, plan.motions["unloaded"].duration, also, 1000, unloaded=True),
                 "train": train,
-                "validate": joined([record(plan, _STRETCH, also, 2000 + k) for k in range(round(_VALIDATE / 10))]),
+                "validate": joined([_record(plan, _STRETCH, also, 2000 + k) for k in range(round(_VALIDATE / 10))]),
             }
             files = write_tables(folder, plan.machine, tables)
-            took = identified(folder / "machine.yaml", files, folder / "out", loop=True, warm=False)
+            took = _identified(folder / "machine.yaml", files, folder / "out", loop=True, warm=False)
             report = json.loads((folder / "out" / "timed" / "report.json").read_text(encoding="utf-8"))
             show(f"{what}: {took['cpu']:.0f} s of CPU, {took['megabytes']:.0f} MB; {_found(report)}")
-            checks.append(memory(what, took["megabytes"]))
+            checks.append(_memory(what, took["megabytes"]))
             return took, report
 
         times = []
         for length in minutes:
-            took, report = one(f"{length:g} minutes with {FRICTION.id}", training(plan, length, FRICTION), [FRICTION])
+            took, report = one(f"{length:g} minutes with {FRICTION.id}", _training(plan, length, FRICTION), [FRICTION])
             times.append(took["cpu"])
             checks += _named(report, f"{length:g} minutes", FRICTION)
         if len(minutes) > 1:
@@ -204,7 +201,7 @@ def long(
     return Outcome(tuple(checks))
 
 
-def record(
+def _record(
     plan: CasePlan, seconds: float, effects: Sequence[EffectSpec], number: int, *, unloaded: bool = False
 ) -> dict[str, FloatArray]:
     """Record a motion of its own, with noise of its own; ``number`` distinguishes them."""
@@ -213,16 +210,16 @@ def record(
     return record_beside_ideal(plan.machine, plan.truth, motion, undeclared=effects, rng=noise, shapes=shapes)[0]
 
 
-def training(plan: CasePlan, minutes: float, *effects: EffectSpec) -> FloatTable:
+def _training(plan: CasePlan, minutes: float, *effects: EffectSpec) -> FloatTable:
     """Make a training recording of so many minutes."""
     count = max(1, round(minutes * 60.0 / _STRETCH))
-    return joined([record(plan, minutes * 60.0 / count, effects, k) for k in range(count)])
+    return joined([_record(plan, minutes * 60.0 / count, effects, k) for k in range(count)])
 
 
 def picked_up(plan: CasePlan, minutes: float) -> FloatTable:
     """Make a training recording in which a payload comes, else one motion: the plant picks up once in each."""
-    before = training(plan, minutes * _PICKED_UP)
-    return joined([before, record(plan, 60.0 * minutes * (1 - _PICKED_UP), [PAYLOAD], 500)])
+    before = _training(plan, minutes * _PICKED_UP)
+    return joined([before, _record(plan, 60.0 * minutes * (1 - _PICKED_UP), [PAYLOAD], 500)])
 
 
 def _found(report: Mapping[str, Any]) -> str:

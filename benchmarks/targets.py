@@ -52,21 +52,14 @@ class Check:
 
     @property
     def met(self) -> bool | None:
-        """Whether the target is met; None without a target or a measurement."""
+        """True if the target is met; None without a target or a measurement."""
         if self.bound is None or self.target is None or self.measured is None:
             return None
         return self.measured >= self.target if self.bound == "at least" else self.measured <= self.target
 
     def as_json(self) -> dict[str, Any]:
         """Return it for ``--json``."""
-        return {
-            "name": self.name,
-            "measured": self.measured,
-            "shown": self.shown,
-            "bound": self.bound,
-            "target": self.target,
-            "met": self.met,
-        }
+        return {key: own for key, own in vars(self).items() if key != "target_shown"} | {"met": self.met}
 
 
 def figure(
@@ -114,7 +107,7 @@ def missed(checks: Sequence[Check]) -> int:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a benchmark gives.
+    """Result of a benchmark.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What every process of a simulated machine does besides its job: take orders on stdin, report on stdout.
+"""Duties of every process of a simulated machine besides its job: take orders on stdin, report on stdout.
 
 The first line on stdin is the configuration, every later one an order (both JSON). A child answers each with one line
 on stdout. It ends when stdin closes, so it never outlives its parent. Nothing is taken from arguments or environment:

@@ -24,14 +24,12 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Literal
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
 from daq.whole_files import write_whole
 from sim_backends import backplane
-from sim_backends.devices.device_plans import nodes_to_dict, units_to_dict
 from sim_backends.devices.wiring import wire
 from sim_backends.faults.fault_file import FaultScript
 from sim_backends.faults.fault_runner import FaultRunner
@@ -196,7 +194,7 @@ class SimulatedMachine:
     workdir : path
         Gets ``machine.yaml``, ``inbox/``, ``accepted/``, ``rejected/``, ``controller.json`` and logs.
     faults : FaultScript, optional
-        Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` says when.
+        Begun and ended at their times, from the first SYNC on; ``workdir/faults.jsonl`` records when.
     show : callable
         Takes a line for each of them.
 
@@ -262,9 +260,7 @@ class SimulatedMachine:
             self._faults.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def _start(self) -> None:
@@ -278,14 +274,15 @@ class SimulatedMachine:
             "inbox": str(self.inbox), "status": str(self.status_path),
         }  # fmt: skip
         nodes = {
-            "hub": nodes_hub.fileno(), "nodes": nodes_to_dict(wiring.nodes), "rate_hz": self._machine.rate_hz,
+            "hub": nodes_hub.fileno(), "nodes": [asdict(plan) for plan in wiring.nodes],
+            "rate_hz": self._machine.rate_hz,
         }  # fmt: skip
         modbus = {
             "hub": modbus_hub.fileno(),
             "buses": {
                 bus.name: {
                     "baudrate": bus.baudrate if isinstance(bus, ModbusRtuBus) else None,
-                    "units": units_to_dict(wiring.modbus[bus.name]),
+                    "units": [asdict(plan) for plan in wiring.modbus[bus.name]],
                 }
                 for bus in self._machine.buses
                 if wiring.modbus.get(bus.name)

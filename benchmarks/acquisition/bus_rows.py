@@ -119,7 +119,7 @@ def _listened(random: np.random.Generator) -> Seen:
     """Restart a gateway that is only listened to; meanwhile the process is as good as idle."""
     seen, gateway = Seen(), _Gateway()
     try:
-        machine = listening(machine_of(f"listened{gateway.port}", gateway.port, NODES))
+        machine = _listening(machine_of(f"listened{gateway.port}", gateway.port, NODES))
         with AcquisitionProcess(machine) as acquisition, RingReader(acquisition.ring_name) as ring:
             _until_fresh(ring)
             time.sleep(random.uniform(0, 0.5))
@@ -170,7 +170,7 @@ BEHIND_S = 0.003  # SYNC
 Entry = tuple[float, int, bytes]  # s from the beginning, identifier, data
 
 
-def listening(machine: Machine, sync: str = "own") -> Machine:
+def _listening(machine: Machine, sync: str = "own") -> Machine:
     """Put the machine on a bus that another master leads; its nodes' values are in one PDO each."""
     (bus,) = machine.buses
     led = bus.model_copy(update={"listen_only": True, "sync": sync})
@@ -183,14 +183,14 @@ def listening(machine: Machine, sync: str = "own") -> Machine:
     return machine.model_copy(update={"channels": tuple(channels), "buses": (led,)})
 
 
-def pdos(moments: NDArray[np.float64]) -> Iterator[Entry]:
+def _pdos(moments: NDArray[np.float64]) -> Iterator[Entry]:
     """Yield the PDOs of each node, whose values are the number of the moment, and a half."""
     for node in range(1, NODES + 1):
         for k, at in enumerate(moments.tolist()):
             yield at, 0x180 + node, struct.pack("<ff", k, k + 0.5)
 
 
-def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
+def _replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
     """Return what comes of a trace."""
     with tempfile.TemporaryDirectory(prefix="hilfit-bench-") as folder:
         path = Path(folder, "trace.log")
@@ -202,17 +202,17 @@ def replayed(machine: Machine, entries: list[Entry]) -> list[Frame]:
         return replay(machine, path).frames
 
 
-def numbers(machine: Machine, frame: Frame) -> NDArray[np.int64]:
+def _numbers(machine: Machine, frame: Frame) -> NDArray[np.int64]:
     """Find which moment each value is of, (n,); -1 for what is no value of ours."""
     values = [machine.conversion(c).from_si(v) for c, v in zip(machine.channels, frame.values, strict=True)]
     return np.floor(np.nan_to_num(np.array(values), nan=-1.0)).astype(np.int64)
 
 
-def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) -> int:
+def _aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) -> int:
     """Count values called fresh that are not of a moment in ``sampled`` (s), or whose age is wrong."""
     wrong = 0
     for frame in frames:
-        number = numbers(machine, frame)
+        number = _numbers(machine, frame)
         known = (number >= 0) & (number < len(sampled))
         claimed = frame.monotonic_ns / 1e9 - BEGIN_S - frame.ages
         off = np.abs(claimed - sampled[np.where(known, number, 0)]) > AGE_S
@@ -220,7 +220,7 @@ def aged(machine: Machine, frames: list[Frame], sampled: NDArray[np.float64]) ->
     return wrong
 
 
-def not_fresh(frames: list[Frame]) -> list[Frame]:
+def _not_fresh(frames: list[Frame]) -> list[Frame]:
     """List those of which a value is not, but for the first second."""
     return [f for f in frames if f.monotonic_ns / 1e9 - BEGIN_S > 1.0 and np.any(f.quality != Quality.FRESH)]
 
@@ -231,44 +231,44 @@ def _grid(random: np.random.Generator) -> NDArray[np.float64]:
 
 def _jittered(random: np.random.Generator) -> Seen:
     """Lead the cycle by another master's SYNC with jitter of up to 20 %."""
-    machine = listening(machine_of("jitter", 1, NODES), "external")
+    machine = _listening(machine_of("jitter", 1, NODES), "external")
     syncs = _grid(random) + random.uniform(-0.2, 0.2, round(SECONDS / PERIOD_S)) * PERIOD_S / 2
-    entries = [(at, 0x080, b"") for at in syncs.tolist()] + list(pdos(syncs + BEHIND_S))
-    frames = replayed(machine, entries)
+    entries = [(at, 0x080, b"") for at in syncs.tolist()] + list(_pdos(syncs + BEHIND_S))
+    frames = _replayed(machine, entries)
     # A cycle is numbered by its SYNC, and that its value is of.
-    apart = [numbers(machine, frame) - frame.cycle for frame in frames]
+    apart = [_numbers(machine, frame) - frame.cycle for frame in frames]
     usual = np.median(apart)
     wrong = sum(int(((f.quality == Quality.FRESH) & (a != usual)).sum()) for f, a in zip(frames, apart, strict=True))
     led = len(frames) >= len(syncs) - 20
-    return Seen(wrong=wrong, marked=len(not_fresh(frames)), failed="" if led else "SYNC did not lead")
+    return Seen(wrong=wrong, marked=len(_not_fresh(frames)), failed="" if led else "SYNC did not lead")
 
 
 def _edges(random: np.random.Generator) -> Seen:
     """Send PDOs at any phase of the replay's grid, with jitter."""
-    machine = listening(machine_of("edges", 1, NODES))
+    machine = _listening(machine_of("edges", 1, NODES))
     moments = _grid(random) + random.uniform(-0.001, 0.001, round(SECONDS / PERIOD_S))
-    frames = replayed(machine, list(pdos(moments)))
-    return Seen(wrong=aged(machine, frames, moments), marked=len(not_fresh(frames)))
+    frames = _replayed(machine, list(_pdos(moments)))
+    return Seen(wrong=_aged(machine, frames, moments), marked=len(_not_fresh(frames)))
 
 
 def _two_senders(random: np.random.Generator) -> Seen:
     """Let a second device begin to send the PDO of node 1."""
-    machine = listening(machine_of("two", 1, NODES))
+    machine = _listening(machine_of("two", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 8.0)
     phase = random.uniform(0.2, 0.8) * PERIOD_S  # where it is not the first one's own moment
     strange = np.array([at + phase for at in moments if at > since])
-    entries = list(pdos(moments)) + [(at, 0x181, struct.pack("<ff", -1000.0, -1000.0)) for at in strange.tolist()]
-    frames = replayed(machine, entries)
-    return Seen(wrong=aged(machine, frames, moments), failed=_refused(frames, float(strange[0])))
+    entries = list(_pdos(moments)) + [(at, 0x181, struct.pack("<ff", -1000.0, -1000.0)) for at in strange.tolist()]
+    frames = _replayed(machine, entries)
+    return Seen(wrong=_aged(machine, frames, moments), failed=_refused(frames, float(strange[0])))
 
 
 def _other_length(random: np.random.Generator) -> Seen:
     """Map the PDO of node 1 anew: 4 bytes."""
-    machine = listening(machine_of("length", 1, NODES))
+    machine = _listening(machine_of("length", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 8.0)
-    entries = [(at, i, data[:4] if at > since and i == 0x181 else data) for at, i, data in pdos(moments)]
-    frames = replayed(machine, entries)
-    return Seen(wrong=aged(machine, frames, moments), failed=_refused(frames, since))
+    entries = [(at, i, data[:4] if at > since and i == 0x181 else data) for at, i, data in _pdos(moments)]
+    frames = _replayed(machine, entries)
+    return Seen(wrong=_aged(machine, frames, moments), failed=_refused(frames, since))
 
 
 def _refused(frames: list[Frame], since: float) -> str:
@@ -281,17 +281,17 @@ def _refused(frames: list[Frame], since: float) -> str:
 
 def _emergency(random: np.random.Generator) -> Seen:
     """Let node 1 report an error and boot; its values are an emergency's between."""
-    machine = listening(machine_of("emergency", 1, NODES))
+    machine = _listening(machine_of("emergency", 1, NODES))
     moments, since = _grid(random), random.uniform(2.0, 5.0)
     boots = since + random.uniform(0.5, 3.0)
-    entries = [*pdos(moments), (since, 0x081, b"\x00\x10\x01\0\0\0\0\0"), (boots, 0x701, b"\0")]
-    frames = replayed(machine, entries)
+    entries = [*_pdos(moments), (since, 0x081, b"\x00\x10\x01\0\0\0\0\0"), (boots, 0x701, b"\0")]
+    frames = _replayed(machine, entries)
     at = np.array([frame.monotonic_ns / 1e9 - BEGIN_S for frame in frames])
     fresh = np.array([bool(np.any(frame.quality[:2] == Quality.FRESH)) for frame in frames])
     between = fresh & (at > since + 2 * PERIOD_S) & (at < boots - 2 * PERIOD_S)
     back = at[fresh & (at > boots)]
     return Seen(
-        wrong=aged(machine, frames, moments) + int(between.sum()),
+        wrong=_aged(machine, frames, moments) + int(between.sum()),
         recovery=float(back[0] - boots) if len(back) else SECONDS,
     )
 
@@ -348,14 +348,14 @@ def run_rows(times: int, seed: int, only: str | None, show: Show) -> Outcome:
 
 
 def _line(name: str, found: Sequence[Seen], took: float) -> str:
-    heard, recovery = (
+    detected, recovery = (
         f"{max(known):.2f} s" if (known := [t for t in times if t is not None]) else "-"
-        for times in ([one.heard for one in found], [one.recovery for one in found])
+        for times in ([one.detected for one in found], [one.recovery for one in found])
     )
     marked = [one.marked for one in found if one.marked is not None]
     excused = sum(one.excused for one in found)
     counts = f"{max(marked)} ({excused})" if marked else "-"
     return (
         f"{name:48s} {sum(one.frames for one in found):4d} {sum(one.wrong for one in found):6d} "
-        f"{counts:>16s} {heard:>13s} {recovery:>16s} {took:5.0f} s"
+        f"{counts:>16s} {detected:>13s} {recovery:>16s} {took:5.0f} s"
     )

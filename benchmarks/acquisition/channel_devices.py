@@ -32,7 +32,7 @@ class _Bus:
         self._nodes = {}
         for number in range(dead + 1, nodes + 1):
             objects = tuple(NodeObject(0x6130, sub, signal) for sub in (1, 2))
-            plan = NodePlan(number, "pressure_transducer", objects, None, None, None, {})
+            plan = NodePlan(number, "pressure_transducer", objects)
             self._nodes[number] = SimulatedNode(plan, self._emit, RATE_HZ)
             self._nodes[number].power_on(time.monotonic())
         self._out.clear()

@@ -1,4 +1,4 @@
-"""How many machines of forty channels one computer acquires, what each costs, and how soon 23 nodes are there.
+"""Number of machines of forty channels that one computer acquires, cost of each, and time until 23 nodes are there.
 
 The devices are CANopen nodes of this package (twenty with two channels each) behind socketcand servers in one process.
 They answer SDO as the simulated machine's do; at a SYNC they send frames that were made before, so that they cost

@@ -35,7 +35,7 @@ from daq.quality import Quality
 from fitting.arrays import BoolArray, FloatArray
 from sim_backends import Plant, SimulatedMachine, default_machine
 from sim_backends.faults.fault_file import SCHEMA, Fault, fault_problems, targets
-from sim_backends.faults.fault_runner import begin, end
+from sim_backends.faults.fault_runner import apply
 from sim_backends.plant.plant_process import BLOCK
 
 SEED = 11
@@ -59,7 +59,7 @@ UNKNOWABLE = ("noise_burst", "bias_step")
 STOPS_ALL = ("bus_off", "half_open")
 
 
-def machine_of_three_buses() -> tuple[Machine, Any]:
+def _machine_of_three_buses() -> tuple[Machine, Any]:
     """Make the folding arm with two of its Modbus units on a serial line, and its truth."""
     machine, truth = default_machine()
     channels = []
@@ -115,8 +115,8 @@ def _name(content: dict[str, Any]) -> str:
 
 
 @dataclass
-class Case:
-    """What one fault did, each time that it came.
+class _Case:
+    """Outcome of one fault, each time that it came.
 
     Attributes
     ----------
@@ -147,12 +147,12 @@ class Case:
         return str(self.fault.model_dump()["fault"])
 
 
-class Bench:
+class _Bench:
     """A running simulated machine, its acquisition, its recorder, and every frame since the start."""
 
     def __init__(self, stack: ExitStack, real_time: bool) -> None:
         directory = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hilfit-bench-")))
-        self.declared, self.truth = machine_of_three_buses()
+        self.declared, self.truth = _machine_of_three_buses()
         machine = SimulatedMachine(self.declared, self.truth, seed=SEED, workdir=directory / "sim")
         self.machine = stack.enter_context(machine)
         how = None if real_time else Simulation(speed=1.0, lockstep=True, patience_s=PATIENCE_LOCKSTEP_S)
@@ -195,7 +195,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) ->
     """Cause every fault so many times and measure what it cost."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
-        bench = Bench(stack, real_time)
+        bench = _Bench(stack, real_time)
         cases = [case for case in _cases(bench.declared) if only is None or only in case.name]
         broken = ""
         try:
@@ -215,7 +215,7 @@ def run(times: int, seed: int, only: str | None, real_time: bool, show: Show) ->
     return Outcome((ran, *outcome.checks), outcome.notes)
 
 
-def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
+def _faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
     """List name and fault of every script, checked against the machine."""
     content = scripts()
     listed = [{"at": 0.0, "for": 1.0, **fault} for _, fault in content]
@@ -225,31 +225,31 @@ def faults_of(machine: Machine) -> tuple[tuple[str, Fault], ...]:
     return tuple((name, fault) for (name, _), fault in zip(content, script.faults, strict=True))
 
 
-def _cases(machine: Machine) -> Iterator[Case]:
-    listed = faults_of(machine)
+def _cases(machine: Machine) -> Iterator[_Case]:
     buses = {c.name: c.source.bus for c in machine.channels if c.source is not None}
-    for (name, fault), costs in zip(listed, targets([fault for _, fault in listed], machine), strict=True):
+    for name, fault in _faults_of(machine):
+        costs = targets(fault, machine)
         if fault.model_dump()["fault"] in STOPS_ALL and name.startswith("CANopen"):
             costs = frozenset(buses)
         mates = frozenset(c for c, bus in buses.items() if bus == SERIAL and SERIAL in {buses[k] for k in costs})
-        yield Case(name, fault, costs, mates - costs)
+        yield _Case(name, fault, costs, mates - costs)
 
 
-def _one(bench: Bench, case: Case, random: np.random.Generator) -> None:
+def _one(bench: _Bench, case: _Case, random: np.random.Generator) -> None:
     bench.recovered(time.monotonic_ns())
     bench.read(random.uniform(*PAUSE_S))
     began = time.monotonic_ns()
-    begin(bench.machine, bench.declared, case.fault)
+    apply(bench.machine, bench.declared, case.fault, on=True)
     bench.read(random.uniform(*LASTS_S))
-    end(bench.machine, bench.declared, case.fault)
+    apply(bench.machine, bench.declared, case.fault, on=False)
     ended = time.monotonic_ns()
     case.spans.append((began, ended, bench.recovered(ended)))
 
 
-def _judge(cases: Sequence[Case], rows: npt.NDArray[np.void], bench: Bench) -> None:
+def _judge(cases: Sequence[_Case], rows: npt.NDArray[np.void], bench: _Bench) -> None:
     """Count, in the time of each fault, what was lost and what was wrong."""
     names = channel_table(bench.declared).names
-    wrong, apart = wrong_values(rows, bench.declared, bench.truth)
+    wrong, apart = _wrong_values(rows, bench.declared, bench.truth)
     lost = ~np.isin(rows["quality"], (Quality.FRESH, Quality.HELD))
     at = rows["monotonic_ns"]
     for case in cases:
@@ -293,7 +293,7 @@ def _wrong_places(
     return found
 
 
-def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
+def _measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     """Compute what the idle plant measures from power-on, (at least ``periods``, n), in its process' blocks.
 
     In other blocks it rounds otherwise, and of ten thousand pressures one then differs by more than it is read with.
@@ -303,14 +303,14 @@ def measured(machine: Machine, truth: Any, periods: int) -> FloatArray:
     return np.asarray(np.concatenate(blocks))
 
 
-def wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+def _wrong_values(rows: npt.NDArray[np.void], machine: Machine, truth: Any) -> tuple[BoolArray, npt.NDArray[np.int64]]:
     """Mark (N, n) values called fresh that are not what the plant measured at the SYNC of their row.
 
     Which SYNC that is, most values of the row show: a cycle sends one, but none while the bus is down. The
     second array has, where a value is wrong, how many SYNCs before (negative) or after it is one (:data:`NO_SYNC`:
     none near).
     """
-    states = measured(machine, truth, int(rows["cycle"][-1]) + 200)
+    states = _measured(machine, truth, int(rows["cycle"][-1]) + 200)
     fresh = rows["quality"] == Quality.FRESH
     found = np.zeros(fresh.shape, dtype=np.bool_)
     apart = np.full(fresh.shape, NO_SYNC, dtype=np.int64)
@@ -342,7 +342,7 @@ def _balance(summary: RecordingSummary) -> Check:
 
 
 def _outcome(
-    cases: Sequence[Case], rows: npt.NDArray[np.void], summary: RecordingSummary, skipped: int, machine: Machine
+    cases: Sequence[_Case], rows: npt.NDArray[np.void], summary: RecordingSummary, skipped: int, machine: Machine
 ) -> Outcome:
     notes = [f"{'fault':32s} values lost: own  others  on its line   wrong  recovery median, worst"]
     for case in cases:
@@ -388,7 +388,7 @@ GROWTH_MB = 8.0  # that pools of the allocator may still fill up by
 _MB = 2.0**20
 
 
-def resident(pid: int) -> float:
+def _resident(pid: int) -> float:
     """Read the resident memory of a process in bytes, without what it shares (proc(5): statm).
 
     The ring is shared: it is resident as far as it was ever written to, which takes its ten minutes of machine time.
@@ -401,8 +401,8 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
     """Cause faults at random for so long."""
     random = np.random.default_rng(seed)
     with ExitStack() as stack:
-        bench = Bench(stack, real_time=False)
-        faults = faults_of(bench.declared)
+        bench = _Bench(stack, real_time=False)
+        faults = _faults_of(bench.declared)
         with RingReader(bench.acquisition.ring_name) as ring:
             acquisition = ring.writer_pid
         bench.read(WARM_UP_S)
@@ -410,16 +410,16 @@ def soak(minutes: float, seed: int, show: Show) -> Outcome:
         shown_at = began
         while (now := time.monotonic()) - began < 60 * minutes:
             name, fault = faults[int(random.integers(len(faults)))]
-            begin(bench.machine, bench.declared, fault)
+            apply(bench.machine, bench.declared, fault, on=True)
             bench.read(random.uniform(*LASTS_S))
-            end(bench.machine, bench.declared, fault)
+            apply(bench.machine, bench.declared, fault, on=False)
             count += 1
             if bench.recovered(time.monotonic_ns()) is None:
                 unrecovered += 1
                 show(f"{name}: not all fresh again after {PATIENCE_S:g} s")
             bench.read(random.uniform(*BETWEEN_S))
             bench.rows.clear()  # a recording of hours is the recorder's business, not this process's
-            memory.append((now - began, resident(acquisition)))
+            memory.append((now - began, _resident(acquisition)))
             if now - shown_at > 60:
                 shown_at = now
                 show(f"{(now - began) / 60:5.0f} min, {count} faults, acquisition has {memory[-1][1] / _MB:.0f} MB")

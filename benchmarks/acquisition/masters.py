@@ -48,7 +48,7 @@ NOT_STORED = (Quality.STALE, Quality.MISSING, Quality.BUS_ERROR, Quality.INVALID
 STEPS_S = (0.05, -0.05, 0.3, -0.3, 1.0, -1.0, 60.0, -60.0)
 
 
-class World(threading.Thread):
+class _World(threading.Thread):
     """All nodes, and another controller."""
 
     def __init__(self, machine: Machine, channel: str) -> None:
@@ -62,13 +62,13 @@ class World(threading.Thread):
         self.leads = False  # whether the other controller sends SYNC
         self.ended = threading.Event()
         self._limits = [channel.range or (-1.0, 1.0) for channel in machine.channels]
-        self.nodes = {plan.node: SimulatedNode(plan, self.say, machine.rate_hz) for plan in wire(machine).nodes}
+        self.nodes = {plan.node: SimulatedNode(plan, self.send, machine.rate_hz) for plan in wire(machine).nodes}
         self._lock = threading.Lock()
         self.latch()
         for node in self.nodes.values():
             node.power_on(time.monotonic())
 
-    def say(self, identifier: int, data: bytes) -> None:
+    def send(self, identifier: int, data: bytes) -> None:
         """Send a frame of a node, or of the other controller; its stamp is the gateway's clock."""
         stamp = time.time() + self.jump_s + self.rate * time.monotonic()
         self.bus.send(can.Message(timestamp=stamp, arbitration_id=identifier, data=data, is_extended_id=False))
@@ -105,10 +105,10 @@ class World(threading.Thread):
         """Send a frame of the other controller, which the nodes receive as well."""
         with self._lock:
             now = time.monotonic_ns()
-            self.say(identifier, data)
-            self._heard(identifier, data, now)
+            self.send(identifier, data)
+            self._received(identifier, data, now)
 
-    def _heard(self, identifier: int, data: bytes, at_ns: int) -> None:
+    def _received(self, identifier: int, data: bytes, at_ns: int) -> None:
         if identifier == 0x080:
             self.sync(at_ns)
             return
@@ -124,7 +124,7 @@ class World(threading.Thread):
             with self._lock:
                 if message is not None:
                     own = message.arbitration_id == 0x080
-                    self._heard(message.arbitration_id, bytes(message.data), self.ours.popleft() if own else 0)
+                    self._received(message.arbitration_id, bytes(message.data), self.ours.popleft() if own else 0)
                 for node in self.nodes.values():
                     node.on_time(time.monotonic())
             if self.leads and time.monotonic() >= due:
@@ -136,7 +136,7 @@ class World(threading.Thread):
 class _Counted(CanAccess):
     """Counts every frame that leaves the driver."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: _World) -> None:
         self.guest: Callable[[], bool] = lambda: False  # whether another master was detected
         self.sent = self.afterwards = 0
         self._world = world
@@ -158,12 +158,12 @@ class _Counted(CanAccess):
 
 @dataclass
 class Seen:
-    """What one time of a row did; None where it is not asked.
+    """Outcome of one time of a row; None where it is not asked.
 
     Attributes
     ----------
     frames : of ours, after the other master's first was taken from the interface
-    heard : s from that frame until it was taken
+    detected : s from that frame until it was taken
     wrong : values called fresh that are of no SYNC near, or whose age is wrong by more than :data:`AGE_S`
     marked : cycles that were not all fresh although the computer kept up
     excused : those with which it did not, of 60, and what followed from that
@@ -173,7 +173,7 @@ class Seen:
     """
 
     frames: int = 0
-    heard: float | None = None
+    detected: float | None = None
     wrong: int = 0
     marked: int | None = None
     excused: int = 0
@@ -194,10 +194,10 @@ class _Clock(RealClock):
         return tick
 
 
-class Run:
+class _Started:
     """One start of acquisition on a bus of its own; ``prepare`` is done to the world before."""
 
-    def __init__(self, prepare: Callable[[World], None] = lambda world: None) -> None:
+    def __init__(self, prepare: Callable[[_World], None] = lambda world: None) -> None:
         declared, _ = default_machine()
         channel = uuid.uuid4().hex
         (bus,) = (bus for bus in declared.buses if isinstance(bus, CanopenBus))
@@ -205,7 +205,7 @@ class Run:
         bus = bus.model_copy(update=place)
         channels = tuple(c for c in declared.channels if isinstance(c.source, CanSource))
         self.machine = declared.model_copy(update={"channels": channels, "buses": (bus,), "simulation": None})
-        self.world = World(self.machine, channel)
+        self.world = _World(self.machine, channel)
         prepare(self.world)
         self.world.start()
         self.access = _Counted(self.world)
@@ -286,10 +286,10 @@ class Run:
         return seen
 
 
-def _sends(*frames: tuple[int, bytes], leads: bool = True) -> Callable[[Run], None]:
+def _sends(*frames: tuple[int, bytes], leads: bool = True) -> Callable[[_Started], None]:
     """Send frames of another master, which then leads by its SYNC or not."""
 
-    def act(run: Run) -> None:
+    def act(run: _Started) -> None:
         for identifier, data in frames:
             run.world.master(identifier, data)
         run.world.leads = leads
@@ -297,21 +297,21 @@ def _sends(*frames: tuple[int, bytes], leads: bool = True) -> Callable[[Run], No
     return act
 
 
-def _asks(run: Run) -> None:
+def _asks(run: _Started) -> None:
     _sends((0x600 + next(iter(run.world.nodes)), b"\x40\x00\x10\x00\0\0\0\0"))(run)
 
 
-def _rebuilt(run: Run) -> None:
+def _rebuilt(run: _Started) -> None:
     assert run.driver.port is not None
     run.driver.port.fail(can.CanOperationError("the interface was reset"))
     _sends((0x080, b""))(run)
 
 
-def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
+def _led(act: Callable[[_Started], None], goes_on: bool) -> Row:
     """Lead while another master acts; see whether values come on by its SYNC."""
 
     def once(random: np.random.Generator) -> Seen:
-        run, seen = Run(), Seen()
+        run, seen = _Started(), Seen()
         run.start()
         run.until_fresh()
         run.once(int(random.integers(1, 30)))
@@ -320,7 +320,7 @@ def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
         began = time.monotonic()
         while not run.access.guest() and time.monotonic() - began < PATIENCE_S:
             run.once()
-        seen.heard = time.monotonic() - began
+        seen.detected = time.monotonic() - began
         if goes_on:
             seen.recovery = run.until_fresh()
         run.once(60)
@@ -330,11 +330,11 @@ def _led(act: Callable[[Run], None], goes_on: bool) -> Row:
     return once
 
 
-def _there_before(act: Callable[[World], None]) -> Row:
+def _there_before(act: Callable[[_World], None]) -> Row:
     """Start where another master is already."""
 
     def once(random: np.random.Generator) -> Seen:
-        run, seen = Run(act), Seen(failed="it was started all the same")
+        run, seen = _Started(act), Seen(failed="it was started all the same")
         with contextlib.suppress(BusError):
             run.start()
         if run.driver.failure:
@@ -345,22 +345,22 @@ def _there_before(act: Callable[[World], None]) -> Row:
     return once
 
 
-def _sends_sync(world: World) -> None:
+def _sends_sync(world: _World) -> None:
     world.leads = True
 
 
-def _sends_events(world: World) -> None:
+def _sends_events(world: _World) -> None:
     """Keep nodes operational with heartbeats, and nobody sends SYNC."""
     for node in world.nodes.values():
         node.set_data(0x1017, 0, b"\x64\0")
         node.on_nmt(0x01, time.monotonic())
 
 
-def _clock(change: Callable[[World], None], before: bool = False) -> Row:
+def _clock(change: Callable[[_World], None], before: bool = False) -> Row:
     """Set the gateway's clock, or let it run otherwise from the start."""
 
     def once(random: np.random.Generator) -> Seen:
-        run, seen = Run(change if before else lambda world: None), Seen()
+        run, seen = _Started(change if before else lambda world: None), Seen()
         run.start()
         run.until_fresh()
         run.once(int(random.integers(60, 100)))
@@ -376,14 +376,14 @@ def _clock(change: Callable[[World], None], before: bool = False) -> Row:
 
 
 def _set(step: float) -> Row:
-    def change(world: World) -> None:
+    def change(world: _World) -> None:
         world.jump_s += step
 
     return _clock(change)
 
 
 def _runs(rate: float, before: bool) -> Row:
-    def change(world: World) -> None:
+    def change(world: _World) -> None:
         world.jump_s -= rate * time.monotonic()
         world.rate = rate
 
@@ -392,7 +392,7 @@ def _runs(rate: float, before: bool) -> Row:
 
 def _late_sync(random: np.random.Generator) -> Seen:
     """Keep us from running between the tick and our SYNC."""
-    run, seen = Run(), Seen()
+    run, seen = _Started(), Seen()
     run.start()
     run.until_fresh()
     for _ in range(5):
@@ -407,7 +407,7 @@ def _node(change: Callable[[SimulatedNode], None]) -> Row:
     """Make one node unlike the others; it has to be commissioned, and to bring values, all the same."""
 
     def once(random: np.random.Generator) -> Seen:
-        run, seen = Run(lambda world: change(world.nodes[int(random.choice(list(world.nodes)))])), Seen()
+        run, seen = _Started(lambda world: change(world.nodes[int(random.choice(list(world.nodes)))])), Seen()
         seen.failed = "; ".join(run.start())
         seen.recovery = run.until_fresh()
         run.once(60)

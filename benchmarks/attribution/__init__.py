@@ -1,4 +1,4 @@
-"""How often the residual loop is right, on machines, effects and sizes that it has never seen.
+"""Rate at which the residual loop is right, on machines, effects and sizes that it has never seen.
 
 =================  ==================================================================================================
 ``recipe``         what a case is made of, drawn from its class, number and seed

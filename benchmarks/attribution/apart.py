@@ -1,4 +1,4 @@
-"""How far the true effect is from nothing and from other names of the catalogue: what this data can separate at all.
+"""Distance of the true effect from nothing and from other names of the catalogue: what data can separate at all.
 
 The noise is what a fit is left with at the *true* parameters on an undisturbed model: noise of the efforts, and what
 noise of the positions makes of the regressors. Its spectrum is taken from all fitted recordings without the effect.
@@ -53,7 +53,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Apart:
-    """What can be separated in a case.
+    """Separability of a case.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Apart:
     rivals: tuple[Rival, ...]
 
 
-def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
+def apart(case: BenchCase, selection: Selection) -> Apart | None:
     """Compute how far the true effect is from nothing, and from other names.
 
     None for cases with no effect, with two, and for those that only bend an encoder.
@@ -73,7 +73,7 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
     if len(case.effects) != 1 or case.effects[0].id in KINEMATIC:
         return None
     (true,) = case.effects
-    _, plan, quality = opened(case.key, selection or Selection())
+    _, plan, quality = opened(case.key, selection)
     recorded = {stem: plan.record(stem, (), quality)[0] for stem in STEMS}
     session = Session(case.machine, recordings_of(case.machine, recorded))
     quiet = undisturbed(quality) if true.id in OF_THE_SIGNAL else quality
@@ -99,7 +99,7 @@ def apart(case: BenchCase, selection: Selection | None = None) -> Apart | None:
     return Apart(float(np.sqrt(total)), tuple(sorted(found, key=lambda rival: rival.beyond)))
 
 
-def stored_apart(folder: Path | None, case: BenchCase, selection: Selection | None = None) -> Apart | None:
+def stored_apart(folder: Path | None, case: BenchCase, selection: Selection) -> Apart | None:
     """Read or compute a case's separability; kept beside a cached case until it is deleted there."""
     file = None if folder is None else place_of(folder, case.key, selection) / "apart.json"
     if file is not None and file.is_file():

@@ -25,7 +25,7 @@ Stated = tuple[str, str | None, float]
 
 @dataclass(frozen=True)
 class Findings:
-    """What an identification finds.
+    """Findings of an identification.
 
     Attributes
     ----------
@@ -65,9 +65,7 @@ def recordings_of(machine: Machine, tables: Mapping[str, Mapping[str, FloatArray
     return result
 
 
-def judge(
-    machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float] = (1.0,)
-) -> list[Findings]:
+def judge(machine: Machine, recordings: Sequence[Recording], bootstrap: int, bands: Sequence[float]) -> list[Findings]:
     """Run the loop on recordings, with at most so many replicas, and put what it found into plain names.
 
     Parameters

@@ -31,6 +31,7 @@ from benchmarks.attribution.sight import FITTED, Sight, delayed
 from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.recordings.recording import write_recording
 from daq.recordings.recording_files import read_table
+from daq.whole_files import write_whole
 from fitting.arrays import FloatArray
 from sim_backends.plant.cases import STEMS, CasePlan, plan_case
 from sim_backends.plant.plant import Plant
@@ -106,7 +107,7 @@ def opened(key: CaseKey, selection: Selection) -> tuple[np.random.Generator, Cas
     return rng, plan, draw_quality(rng, FULL_SCALE[arm])
 
 
-def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
+def make_case(key: CaseKey, selection: Selection) -> BenchCase:
     """Simulate a case; the same key and selection give the same numbers.
 
     Raises
@@ -114,7 +115,6 @@ def make_case(key: CaseKey, selection: Selection | None = None) -> BenchCase:
     RuntimeError
         If no draw reaches its size (a selection may ask for what this arm cannot show).
     """
-    selection = selection or Selection()
     rng, plan, quality = opened(key, selection)
     stems = STEMS if key.kind == "null" else FITTED
     bare = {stem: plan.record(stem, (), quality) for stem in stems}
@@ -223,23 +223,23 @@ class _Workbench:
         return self.sight.broadband(ideal) if effect == "supply_ripple" else self.sight.force(ideal, bare)
 
 
-def stored_case(folder: Path, key: CaseKey, selection: Selection | None = None) -> BenchCase:
+def stored_case(folder: Path, key: CaseKey, selection: Selection) -> BenchCase:
     """Read the case from ``folder``, or make and keep it there."""
     place = place_of(folder, key, selection)
     description = place / "case.json"
     if description.is_file():
         content = json.loads(description.read_text(encoding="utf-8"))
-        if content["recipe"] == (selection or Selection()).recipe:
+        if content["recipe"] == selection.recipe:
             return _read(place, key, content)
     case = make_case(key, selection)
     shutil.rmtree(place, ignore_errors=True)
-    _write(place, case, (selection or Selection()).recipe)
+    _write(place, case, selection.recipe)
     return case
 
 
-def place_of(folder: Path, key: CaseKey, selection: Selection | None) -> Path:
+def place_of(folder: Path, key: CaseKey, selection: Selection) -> Path:
     """Return the folder of a case."""
-    return folder / f"seed{key.seed}-{key.kind}-{key.number:04d}{(selection or Selection()).text}"
+    return folder / f"seed{key.seed}-{key.kind}-{key.number:04d}{selection.text}"
 
 
 def _write(place: Path, case: BenchCase, recipe: int) -> None:
@@ -256,9 +256,7 @@ def _write(place: Path, case: BenchCase, recipe: int) -> None:
         "redrawn": [asdict(r) for r in case.redrawn],
     }
     # Written last and in one step: a folder with it is complete.
-    part = place / "case.json.part"
-    part.write_text(json.dumps(content, indent=1), encoding="utf-8")
-    part.replace(place / "case.json")
+    write_whole(place / "case.json", json.dumps(content, indent=1).encode())
 
 
 def _read(place: Path, key: CaseKey, content: dict[str, object]) -> BenchCase:

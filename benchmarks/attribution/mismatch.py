@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from benchmarks.attribution.judging import Findings, recordings_of
 from benchmarks.attribution.making import TrueEffect
 from benchmarks.attribution.recipe import FULL_SCALE, SIGNED, TARGETS, draw_quality
-from benchmarks.attribution.sight import beyond, zeros_of
+from benchmarks.attribution.sight import beyond, gap_std, zeros_of
 from benchmarks.attribution.verdicts import verdict
 from benchmarks.cases import Line
 from benchmarks.targets import Check, rate
@@ -72,7 +72,7 @@ PER_ARM = 6
 
 
 @dataclass(frozen=True)
-class GapCase:
+class _GapCase:
     """A case: what the fit may see, and what it may not."""
 
     machine: Machine
@@ -82,7 +82,7 @@ class GapCase:
 
 
 @lru_cache(maxsize=3)
-def motion_blocks(arm: ArmKind, seed: int, fault: str | None) -> tuple[CasePlan, Plant, dict[str, Block]]:
+def _motion_blocks(arm: ArmKind, seed: int, fault: str | None) -> tuple[CasePlan, Plant, dict[str, Block]]:
     """Compute an arm's motions and forces at its recordings' rate; ``fault``: of the effort on the second joint."""
     plan = plan_case(arm, seed)
     quality = draw_quality(np.random.default_rng([seed, 20]), FULL_SCALE[arm])
@@ -121,7 +121,7 @@ def _recorded(plant: Plant, plan: CasePlan, stem: str) -> Block:
     return Block(dt=1.0 / plan.machine.rate_hz, pinned=parts[0].pinned, **rows)
 
 
-def make_case(kind: str, number: int, seed: int) -> GapCase:
+def _make_case(kind: str, number: int, seed: int) -> _GapCase:
     """Make a case of a class; :data:`PER_ARM` of them in a row share the motions of one arm."""
     rng = np.random.default_rng([78, seed, CLASSES.index(kind), number])
     group = number // PER_ARM
@@ -130,18 +130,16 @@ def make_case(kind: str, number: int, seed: int) -> GapCase:
     if kind == "sound" and number % 3 == 2:  # one fault an arm: motions are simulated once for each
         rng.choice(list(EFFORT_FAULTS))  # once drawn from all: cases of a seed stay the same
         fault = list(EFFORT_FAULTS)[group % len(EFFORT_FAULTS)]
-    plan, plant, blocks = motion_blocks(arm, arm_seed, fault)
+    plan, plant, blocks = _motion_blocks(arm, arm_seed, fault)
     quality = draw_quality(rng, FULL_SCALE[arm])
     if kind == "sound":
-        turn, step = (
-            2 * float(np.pi) / 2 ** int(rng.integers(12, 21)),
-            float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4])),
-        )
+        turn = 2 * float(np.pi) / 2 ** int(rng.integers(12, 21))
+        step = float(rng.choice([1e-6, 5e-6, 2e-5, 5e-5, 1e-4]))
         quality = replace(quality, encoder_resolution=turn, piston_resolution=step)
     specs = _specs(kind, rng, plan, blocks, quality)
     delay = float(rng.choice([0.0, 0.0, rng.uniform(-0.01, 0.01)])) if kind == "sound" else 0.0
     tables = _tables(plan, plant, blocks, [s for s, _ in specs], quality, rng, delay)
-    note = "" if fault is None else fault
+    note = fault or ""
     if kind == "sound" and number % 10 == 4:
         tables, note = _half_parked(plan.machine, tables, rng, quality), note + " parked"
     if kind == "sound" and number % 10 == 7:
@@ -152,7 +150,7 @@ def make_case(kind: str, number: int, seed: int) -> GapCase:
                 if name != "time":
                     table[name] = np.where(lost, np.nan, table[name])
     effects = tuple(_true(plan, spec, seen, n, len(specs)) for n, (spec, seen) in enumerate(specs))
-    return GapCase(plan.machine, tables, effects, f"{arm}{note} {1e3 * delay:.1f}ms")
+    return _GapCase(plan.machine, tables, effects, f"{arm}{note} {1e3 * delay:.1f}ms")
 
 
 def _specs(
@@ -193,8 +191,7 @@ def _scaled(
     """Scale the effect to move the sensors by ``target`` noise widths; None where that is no such defect."""
     joint = [j.name for j in plan.machine.joints].index(str(unit.joint))
     lever = np.concatenate([blocks[stem].lever[:, joint] for stem in ("train-1", "train-2")])
-    angle = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * float(np.mean(lever**2))
-    width = float(np.sqrt(quality.piston_std**2 + quality.piston_resolution**2 / 12 + angle))
+    width = gap_std(quality, lever)
     size = 1e-3 if unit.id in GEOMETRY else 1.0
     for _ in range(3):
         spec = replace(unit, size=unit.size * size)
@@ -277,27 +274,13 @@ def _tables(
     rng: np.random.Generator, delay: float,
 ) -> Tables:  # fmt: skip
     chain = SensorChain(plan.machine, quality, rng.spawn(1)[0])
-    names, tables = [j.name for j in plan.machine.joints], {}
+    tables = {}
     for stem, block in blocks.items():
         readings = _readings(plan, block, specs)
         if delay:
             late = np.clip(block.time - delay, block.time[0], block.time[-1])
             readings.joint_position = np.asarray(CubicSpline(block.time, readings.joint_position)(late))
-        constant = {
-            "oil_temperature": block.temperature,
-            "supply_pressure": readings.supply_pressure,
-            "tank_pressure": np.full(len(block.time), plan.truth.hydraulics.tank),
-            "base_roll": np.full(len(block.time), plant.design.tilt[0]),
-            "base_pitch": np.full(len(block.time), plant.design.tilt[1]),
-        }
-        ideal = np.stack(
-            [
-                constant[c.quantity] if c.joint is None else getattr(readings, c.quantity)[:, names.index(c.joint)]
-                for c in plan.machine.channels
-            ],
-            axis=1,
-        )
-        values = chain(ideal)
+        values = chain(plant.channels(block, readings))
         rows = np.arange(len(values)) / plan.machine.rate_hz
         tables[stem] = {"time": rows} | {c.name: values[:, k] for k, c in enumerate(plan.machine.channels)}
     return tables
@@ -327,7 +310,7 @@ def _true(plan: CasePlan, spec: EffectSpec, seen: float, number: int, count: int
     return TrueEffect(kind.called or spec.id, spec.joint, spec.size, seen, spec.joint, own.variables())
 
 
-def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
+def _check_gaps(case: _GapCase) -> tuple[dict[str, GapPosterior], float]:
     """Check every joint's gap by the fit; measure its processor time after the base model's fit, s."""
     session = Session(case.machine, recordings_of(case.machine, case.tables), Options(bootstrap=0))
     assert session.base_model  # fitted before the time runs
@@ -336,7 +319,7 @@ def check_gaps(case: GapCase) -> tuple[dict[str, GapPosterior], float]:
     return found, time.process_time() - started
 
 
-def findings_of(found: Mapping[str, GapPosterior]) -> Findings:
+def _findings_of(found: Mapping[str, GapPosterior]) -> Findings:
     """Return the findings in plain names."""
     sets, laws, stated = [], [], []
     joints = list(found)
@@ -365,16 +348,16 @@ def run(counts: Mapping[str, int], seed: int) -> Iterator[Line]:
     for group in range(max(-(-count // PER_ARM) for count in counts.values())):
         for kind, count in counts.items():
             for number in range(group * PER_ARM, min((group + 1) * PER_ARM, count)):
-                yield run_case(kind, number, seed)
+                yield _run_case(kind, number, seed)
 
 
-def run_case(kind: str, number: int, seed: int) -> Line:
+def _run_case(kind: str, number: int, seed: int) -> Line:
     """Run one case: made, checked, compared."""
     started = time.process_time()
-    case = make_case(kind, number, seed)
+    case = _make_case(kind, number, seed)
     made = time.process_time()
-    found, seconds = check_gaps(case)
-    findings = findings_of(found)
+    found, seconds = _check_gaps(case)
+    findings = _findings_of(found)
     outcome = verdict({"sound": "null", "outside": "outside"}.get(kind, "pairs"), case.effects, findings)
     return {
         "kind": kind,

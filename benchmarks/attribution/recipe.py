@@ -1,4 +1,4 @@
-"""What a case is made of: everything is drawn from the case's class, number and seed, and from nothing else."""
+"""Recipes of cases: everything is drawn from the case's class, number and seed, and from nothing else."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SIGNED = (
 
 @dataclass(frozen=True)
 class Recipe:
-    """What cases are drawn from: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
+    """Pools of cases: kinds of arms, effects outside the catalogue, and effects that bend position sensors.
 
     Their order counts. ``zeros`` of position sensors, the piston's and the joint's, look like play on one side: it is
     as large as what is beyond them. ``positions``: the size of an effect counts all noise of inertia, too.
@@ -66,7 +66,7 @@ RECIPE = max(RECIPES)
 
 @dataclass(frozen=True)
 class CaseKey:
-    """Which case: its class, its number in the class, and the seed of the run."""
+    """Key of a case: its class, its number in the class, and the seed of the run."""
 
     kind: str
     number: int
@@ -80,7 +80,7 @@ class CaseKey:
 
 @dataclass(frozen=True)
 class Selection:
-    """What a run is restricted to.
+    """Restrictions of a run.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def generator(key: CaseKey) -> np.random.Generator:
 FULL_SCALE: dict[ArmKind, float] = {"folding": 25.0e6, "slewing": 25.0e6, "excavator": 40.0e6, "telescope": 40.0e6}
 
 
-def between(rng: np.random.Generator, low: float, high: float) -> float:
+def _between(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a number, log-uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
@@ -128,11 +128,11 @@ def draw_transducers(rng: np.random.Generator, full_scale: float) -> SensorQuali
     bits, piston encoders steps of 1 to 10 micrometres.
     """
     return SensorQuality(
-        encoder_std=between(rng, 5e-6, 3e-5),
+        encoder_std=_between(rng, 5e-6, 3e-5),
         encoder_resolution=2 * float(np.pi) / 2 ** int(rng.integers(17, 21)),
-        piston_std=between(rng, 1.5e-6, 8e-6),
+        piston_std=_between(rng, 1.5e-6, 8e-6),
         piston_resolution=float(rng.choice([1e-6, 2e-6, 5e-6, 1e-5])),
-        pressure_std=between(rng, 500.0, 5000.0) * (full_scale / 25.0e6),
+        pressure_std=_between(rng, 500.0, 5000.0) * (full_scale / 25.0e6),
         pressure_resolution=full_scale / 2 ** int(rng.integers(14, 17)),
     )
 
@@ -144,11 +144,11 @@ def draw_quality(rng: np.random.Generator, full_scale: float = 25.0e6) -> Sensor
     """
     return replace(
         draw_transducers(rng, full_scale),
-        disturbance=between(rng, 0.03, 0.3),
-        disturbance_time=between(rng, 0.05, 0.6),
-        knock_rate=between(rng, 0.0005, 0.02),
-        knock_size=between(rng, 0.3, 1.5),
-        tracking=between(rng, 1e-5, 2e-4),
+        disturbance=_between(rng, 0.03, 0.3),
+        disturbance_time=_between(rng, 0.05, 0.6),
+        knock_rate=_between(rng, 0.0005, 0.02),
+        knock_size=_between(rng, 0.3, 1.5),
+        tracking=_between(rng, 1e-5, 2e-4),
     )
 
 

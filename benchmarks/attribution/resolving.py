@@ -78,10 +78,10 @@ def keys(seed: int) -> Iterator[tuple[CaseKey, str]]:
 def ambiguous(seed: int, seconds: float, bootstrap: int, most: int) -> Iterator[Line | None]:
     """Run at most so many cases in turn: the result of each, or None where nothing was ambiguous."""
     for key, effect in islice(keys(seed), most):
-        yield resolved(key, Selection(only=effect, seconds=seconds), bootstrap)
+        yield _resolved(key, Selection(only=effect, seconds=seconds), bootstrap)
 
 
-def resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
+def _resolved(key: CaseKey, selection: Selection, bootstrap: int) -> Line | None:
     """Run one case; None if nothing in it is ambiguous (or nothing was found)."""
     line: Line = {"case": key.text, "seed": key.seed, "effect": selection.only}
     try:

@@ -15,7 +15,8 @@ uses the fit's filters, noise estimates or decisions; the rigid body's columns c
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 from scipy import linalg, signal
@@ -68,8 +69,14 @@ def beyond(columns: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0])
 
 
+def gap_std(quality: SensorQuality, lever: FloatArray) -> float:
+    """Compute the noise of a sample of the gap between both position sensors, m, at levers (n,)."""
+    angle = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * float(np.mean(lever**2))
+    return float(np.sqrt(quality.piston_std**2 + quality.piston_resolution**2 / 12 + angle))
+
+
 class Sight:
-    """What can be seen on one machine with one motion and one measurement chain.
+    """Visibility of effects on one machine with one motion and one measurement chain.
 
     Parameters
     ----------
@@ -169,9 +176,7 @@ class Sight:
     def _gap_noise(self, quality: SensorQuality, joint: int) -> float:
         described = self._machine.joints[joint]
         assert described.cylinder is not None
-        r = lever_arm(described.cylinder.linkage, np.linspace(*described.limits.position, 101))
-        angle = (quality.encoder_std**2 + quality.encoder_resolution**2 / 12) * float(np.mean(r**2))
-        return float(np.sqrt(quality.piston_std**2 + quality.piston_resolution**2 / 12 + angle))
+        return gap_std(quality, lever_arm(described.cylinder.linkage, np.linspace(*described.limits.position, 101)))
 
     # Filter, whitening, projection
 
@@ -185,8 +190,8 @@ class Sight:
         factor = self._whitening[stem != "unloaded"][joint](len(reduced))
         return np.asarray(linalg.solve_triangular(factor, reduced, lower=True))
 
-    def _whitener(self, covariance: FloatArray) -> _Cholesky:
-        """Factor the reduced noise's covariance (Cholesky), from the full-rate autocovariance."""
+    def _whitener(self, covariance: FloatArray) -> Callable[[int], FloatArray]:
+        """Return the reduced noise's lower Cholesky factor by length of the series, from its autocovariance (lags,)."""
         kernel = np.correlate(self._filter, self._filter, mode="full")  # lags -(L-1) .. L-1
         symmetric = np.concatenate([covariance[:0:-1], covariance])
         reduced = signal.fftconvolve(symmetric, kernel, mode="same")[len(covariance) - 1 :: self._step]
@@ -195,7 +200,15 @@ class Sight:
         response = np.abs(signal.freqz(self._filter, worN=2 * np.pi * frequency)[1]) ** 2
         floor = _FLOOR * float(np.median(_density(covariance, frequency) * response)) / self._step
         reduced[0] += floor
-        return _Cholesky(reduced)
+
+        @cache
+        def factor(length: int) -> FloatArray:
+            column = np.zeros(length)
+            known = min(length, len(reduced))
+            column[:known] = reduced[:known]
+            return np.asarray(linalg.cholesky(linalg.toeplitz(column), lower=True))
+
+        return factor
 
     def _base_columns(self, bare: Mapping[str, Table]) -> list[FloatArray]:
         """Compute per joint an orthonormal basis of the whitened base columns over all fitted recordings."""
@@ -228,22 +241,6 @@ class Sight:
         basis = basis[:, pivots > 1e-9 * pivots[0]]
         ends = np.cumsum([len(part) for part in stacked])[:-1]
         return list(np.split(basis, ends))
-
-
-class _Cholesky:
-    """Cholesky factors of a stationary covariance, by length of the series."""
-
-    def __init__(self, autocovariance: FloatArray) -> None:
-        self._autocovariance = autocovariance
-        self._factors: dict[int, FloatArray] = {}
-
-    def __call__(self, length: int) -> FloatArray:
-        if length not in self._factors:
-            column = np.zeros(length)
-            known = min(length, len(self._autocovariance))
-            column[:known] = self._autocovariance[:known]
-            self._factors[length] = linalg.cholesky(linalg.toeplitz(column), lower=True)
-        return self._factors[length]
 
 
 def noise_covariance(machine: Machine, truth: Truth, quality: SensorQuality, joint: int, lags: int) -> FloatArray:

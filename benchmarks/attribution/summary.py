@@ -82,7 +82,7 @@ def checks(lines: Sequence[Line]) -> list[Check]:
         rate("fit failed", count(done, "error"), len(done), "at most", 0.0),
     ]
     found += _bands(done)
-    found += calibration(done)
+    found += _calibration(done)
     found += coverage(done)
     found += [*_seconds(done, bootstrap=False), *_seconds(done, bootstrap=True)]
     return [check for check in found if check.shown != "no cases"]
@@ -160,7 +160,7 @@ def _variable(name: str) -> str:
 def _named_for_sure(line: Line) -> bool:
     """Test whether a name was given half the probability or more; one without a probability was."""
     names = {(name, joint) for members in line["said"]["sets"] for name, joint in members}
-    stated = alternatives(line["said"])
+    stated = _alternatives(line["said"])
     known = [p for own in stated for name, joint, p in own if (name, joint) in names]
     return not known or max(known) >= 0.5
 
@@ -217,7 +217,7 @@ def coverage(lines: Sequence[Line]) -> list[Check]:
     return found
 
 
-def confusion(lines: Sequence[Line]) -> list[str]:
+def _confusion(lines: Sequence[Line]) -> list[str]:
     """Count results by class."""
     kinds = [kind for kind in KINDS if any(line["kind"] == kind for line in lines)]
     results = [r for r in (*RESULTS, "made", "not made") if any(line["result"] == r for line in lines)]
@@ -231,7 +231,7 @@ def confusion(lines: Sequence[Line]) -> list[str]:
     return rows
 
 
-def by_effect(lines: Sequence[Line]) -> list[str]:
+def _by_effect(lines: Sequence[Line]) -> list[str]:
     """Count results by true effect (single effects only)."""
     table: dict[str, Counter[str]] = {}
     for line in lines:
@@ -281,13 +281,13 @@ def redrawn(lines: Sequence[Line]) -> list[str]:
     return [f"{effect} {n}" for effect, n in counts.most_common()]
 
 
-def truth_text(line: Line) -> str:
+def _truth_text(line: Line) -> str:
     """Describe the true effects of a case in a few words."""
     parts = [f"{e['id']}@{e['reported'] or 'machine'} ({e['seen']:.1f})" for e in line.get("effects", ())]
     return " + ".join(parts) or "-"
 
 
-def findings_text(line: Line) -> str:
+def _findings_text(line: Line) -> str:
     """Describe what was found, in a few words."""
     findings = line.get("said")
     if findings is None:
@@ -302,17 +302,17 @@ def case_text(line: Line) -> str:
     surplus = "+surplus" if line.get("surplus") else ""
     seconds = line.get("seconds", line.get("make_seconds", 0.0))
     head = f"{line['kind']}:{line['number']:<4d} {line.get('arm', ''):12s} {line['result'] + surplus:16s}"
-    return f"{head} {seconds:5.1f} s  {truth_text(line)}  ->  {findings_text(line)}"
+    return f"{head} {seconds:5.1f} s  {_truth_text(line)}  ->  {_findings_text(line)}"
 
 
 def text(lines: Sequence[Line]) -> list[str]:
     """Write everything but the single cases, for people."""
-    rows = ["", *confusion(lines)]
+    rows = ["", *_confusion(lines)]
     wrong = [line for line in lines if line.get("wrong_alone") or line["result"] in ("accused", "wrong set", "error")]
     if wrong:
         rows += ["", "wrong names, sets without the truth, accusations and failures:"]
         rows += [f"  {case_text(line)}" for line in wrong]
-    effects = by_effect(lines)
+    effects = _by_effect(lines)
     if effects:
         rows += ["", "by effect:", *(f"  {row}" for row in effects)]
     for words, measured in (("noise of the efforts", False), ("noise that a fit is left with", True)):
@@ -328,7 +328,7 @@ def text(lines: Sequence[Line]) -> list[str]:
         ]
     if any("said" in line for line in lines):
         rows += ["", "stated probabilities, and how often they were right:"]
-        rows += [f"  {row}" for row in reliability_table(lines)]
+        rows += [f"  {row}" for row in _reliability_table(lines)]
     pairs = inseparable(lines)
     if pairs:
         rows += ["", f"pairs that the data cannot tell apart (less than {TELLABLE:g} between them):"]
@@ -343,7 +343,7 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
     """List cases of both runs that came out differently."""
 
     def outcome(line: Line) -> tuple[Any, ...]:
-        return line["result"], line.get("surplus", 0), findings_text(line)
+        return line["result"], line.get("surplus", 0), _findings_text(line)
 
     before = {(line["kind"], line["number"], line["seed"]): line for line in old}
     rows, changes, both = [], Counter[str](), 0
@@ -353,9 +353,10 @@ def compared(old: Sequence[Line], new: Sequence[Line]) -> list[str]:
             continue  # another recipe makes another case of the same key
         both += 1
         if outcome(earlier) != outcome(line):
-            rows.append(f"  {line['kind']}:{line['number']} {truth_text(line)}")
-            rows += [f"    {word} {which['result']}{'+surplus' if which.get('surplus') else ''}: {findings_text(which)}"
-                     for word, which in (("was", earlier), ("is ", line))]  # fmt: skip
+            rows.append(f"  {line['kind']}:{line['number']} {_truth_text(line)}")
+            for word, which in (("was", earlier), ("is ", line)):
+                surplus = "+surplus" if which.get("surplus") else ""
+                rows.append(f"    {word} {which['result']}{surplus}: {_findings_text(which)}")
         if earlier["result"] != line["result"]:
             changes[f"{line['kind']}: {earlier['result']} -> {line['result']}"] += 1
     head = [f"compared on {both} cases; {len(rows) // 3} say something else than before"]
@@ -390,12 +391,12 @@ def statements(lines: Iterable[Line]) -> list[Statement]:
         if not findings["sets"] and not findings["laws"]:
             nothing = findings.get("nothing")
             found.append((1.0 if nothing is None else float(nothing), not line["effects"]))
-        for own in alternatives(findings):
+        for own in _alternatives(findings):
             found += [(p, _right(line, name, joint)) for name, joint, p in own]
     return found
 
 
-def alternatives(findings: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
+def _alternatives(findings: dict[str, Any]) -> list[list[tuple[str, str | None, float]]]:
     """List alternatives per finding, with probabilities; where there are none, the first, for certain."""
     stated = findings.get("stated") or []
     if stated and isinstance(stated[0][0], list):
@@ -445,7 +446,7 @@ def brier(given: Sequence[Statement]) -> float:
     return float(np.mean([(p - right) ** 2 for p, right in given])) if given else float("nan")
 
 
-def reliability_table(lines: Sequence[Line]) -> list[str]:
+def _reliability_table(lines: Sequence[Line]) -> list[str]:
     """Write the diagram as a table."""
     rows = [f"{'stated':>8s} {'right':>8s} {'90 % interval':>16s} {'statements':>11s}"]
     for b in diagram(statements(lines)):
@@ -475,7 +476,7 @@ def draw_reliability(lines: Sequence[Line], target: Path) -> None:
     picture.savefig(target, dpi=110)
 
 
-def calibration(lines: Sequence[Line]) -> list[Check]:
+def _calibration(lines: Sequence[Line]) -> list[Check]:
     """Check the expected calibration error against its target, and the Brier score."""
     given = statements(lines)
     if not given:

@@ -1,4 +1,4 @@
-"""What was found, and intervals of parameters, beside what is true."""
+"""Findings, and intervals of parameters, beside the truth."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ RESULTS = ("right", "in set", "unexplained", "silent", "elsewhere", "partly", "w
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a case came out.
+    """Result of a case.
 
     Attributes
     ----------

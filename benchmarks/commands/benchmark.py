@@ -1,4 +1,4 @@
-"""What every command below ``hilfit bench`` is made of: options of its own, ``--json``, and what came of it."""
+"""Parts of every command below ``hilfit bench``: options of its own, ``--json``, and what came of it."""
 
 from __future__ import annotations
 
@@ -56,15 +56,9 @@ def benchmark(run: Callable[..., Outcome]) -> Callable[..., Outcome]:
     return run
 
 
-def known(option: str, value: str | None, names: Sequence[str], what: str) -> None:
-    """Refuse a value that is none of some names, or part of none."""
-    if value is not None and not any(value in name for name in names):
-        raise InputError(f"{option} {value}: {what} {', '.join(names)}")
-
-
-def chosen(option: str, value: str | None, names: Sequence[str], what: str) -> None:
-    """Refuse a value that is none of some names."""
-    if value is not None and value not in names:
+def chosen(option: str, value: str | None, names: Sequence[str], what: str, *, part: bool = False) -> None:
+    """Refuse a value that is none of some names; with ``part``, that is part of none."""
+    if value is not None and not any(value in name if part else value == name for name in names):
         raise InputError(f"{option} {value}: {what} {', '.join(names)}")
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.cases import one_blas_thread
-from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen, known, rising
+from benchmarks.commands.benchmark import Cache, OnlyMake, Results, Seed, benchmark, chosen, rising
 from benchmarks.commands.benchmark import directory as existing
 from benchmarks.targets import ARMS, Arm, Outcome, Show
 
@@ -144,7 +144,7 @@ def mistakes(
     from benchmarks.mistakes import MISTAKES
     from benchmarks.mistakes.running import run
 
-    known("--only", only, list(MISTAKES), "is in no mistake's name; there are")
+    chosen("--only", only, list(MISTAKES), "is in no mistake's name; there are", part=True)
     return run(cases, sound, seed, only, show, DATA)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from benchmarks.commands.benchmark import benchmark, chosen, known, rising
+from benchmarks.commands.benchmark import benchmark, chosen, rising
 from benchmarks.targets import Outcome, Show, together
 from daq.errors import InputError
 
@@ -29,7 +29,7 @@ def faults(
     from benchmarks.acquisition.faults import run, scripts
 
     ours, theirs = [name for name, _ in scripts()], names()
-    known("--only", only, (*ours, *theirs), "is in no fault's name; there are")
+    chosen("--only", only, (*ours, *theirs), "is in no fault's name; there are", part=True)
     parts = []
     if only is None or any(only in name for name in ours):
         parts.append(run(times, seed, only, real_time, show))

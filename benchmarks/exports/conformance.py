@@ -49,7 +49,7 @@ NEEDS: dict[str, tuple[Callable[[], bool], str]] = {
     "python": (lambda: True, ""),
     "st": (lambda: True, ""),
     "c": (lambda: shutil.which("cc") is not None, "there is no C compiler (apt-get install gcc)"),
-    "matlab": (lambda: octave() is not None, "there is no GNU Octave (apt-get install octave)"),
+    "matlab": (lambda: _octave() is not None, "there is no GNU Octave (apt-get install octave)"),
     "fmu": (
         lambda: find_spec("fmpy") is not None and shutil.which("cc") is not None,
         "fmpy or a C compiler is missing (pip install fmpy, apt-get install gcc)",
@@ -60,7 +60,7 @@ _MOMENTS, _STEPS = 200, 150
 _FORWARD_S = 0.2
 
 
-def octave() -> str | None:
+def _octave() -> str | None:
     """Find GNU Octave, None where it is not installed."""
     return shutil.which("octave-cli") or shutil.which("octave")
 
@@ -206,7 +206,7 @@ class Conformance:
 
     def matlab(self) -> Answers:
         """Run the function file under GNU Octave."""
-        judge, n = octave(), self.joints
+        judge, n = _octave(), self.joints
         assert judge is not None
         export_model(self.model, "matlab", self.folder / f"{self.name}.m")
         for file, rows in (("moments", self.moments), ("moved", self.moved)):

@@ -30,7 +30,7 @@ _LIMITS = {"instructions": 168_000, "bytes": 64_000}
 
 @dataclass(frozen=True)
 class _Ran:
-    """What a run printed: instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
+    """Output of a run: instructions of a call, bytes of stack, efforts (n,) of the last call, heap, bytes in all."""
 
     instructions: int
     stack: int

@@ -30,9 +30,8 @@ import sim_backends
 from benchmarks.exports.conformance import NEEDS, STRICT, Conformance, compiled, handed_over
 from benchmarks.exports.conformance import run as run_command
 from benchmarks.exports.cortex import cortex
-from benchmarks.measured import DATA, sets
-from benchmarks.samples import SAMPLES
-from benchmarks.targets import Check, Outcome, Show, figure, silent
+from benchmarks.measured import sets
+from benchmarks.targets import Check, Outcome, Show, figure
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import Recording, read_recording
@@ -56,11 +55,11 @@ from fitting.signals.splines import spline_knots
 
 Trial = tuple[Machine, list[Recording]]
 
-_TWISTED = (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0)
+TWISTED = (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0)
 #: Made-up arms: twists, and effects with their shapes and values.
 MADE: dict[str, tuple[Sequence[float] | None, tuple[tuple[str, int | None, dict[str, float], float], ...]]] = {
     "six parallel axes": (None, (("position_dependent_friction", 1, {}, 1200.0),)),
-    "six axes, twisted": (_TWISTED, (("position_dependent_friction", 1, {}, 1200.0),)),
+    "six axes, twisted": (TWISTED, (("position_dependent_friction", 1, {}, 1200.0),)),
     "presliding": (None, (("presliding_hysteresis", 1, {"x_s": 4e-4}, 300.0),)),
     "film": (None, (("lubricant_film_lag", 2, {"tau": 0.12, "n": 1 / 3}, 500.0),)),
     "liquid": (None, (("carried_liquid", 3, {"frequency": 0.8, "zeta": 0.02}, 4.0),)),
@@ -100,24 +99,24 @@ double many(const double *rows, int count, int times)
 """
 
 
-def run(samples: Path = SAMPLES, data: Path = DATA, show: Show = silent) -> Outcome:
+def run(samples: Path, data: Path, show: Show) -> Outcome:
     """Run all checks."""
     checks: list[Check] = []
     notes: list[str] = []
     for name, (twists, effects) in MADE.items():
         show(name)
-        model = made_up(twists, effects)
-        checks += [*conforms(name, model), *cortex(name, model), *(_exports(name, model) if "six" in name else ())]
+        model = _made_up(twists, effects)
+        checks += [*_conforms(name, model), *cortex(name, model), *(_exports(name, model) if "six" in name else ())]
     trials, missing = _trials(samples, data)
     notes += [f"{name}: no data in {folder}, skipped" for name, folder in missing]
     for name, trial in trials.items():
         show(name)
-        model = model_of(name, trial)
-        checks += [*_band(name, trial, model), *conforms(name, model), *_moves(name, model)]
+        model = _model_of(name, trial)
+        checks += [*_band(name, trial, model), *_conforms(name, model), *_moves(name, model)]
     return Outcome(tuple(checks), tuple(notes))
 
 
-def conforms(name: str, model: ArmModel) -> list[Check]:
+def _conforms(name: str, model: ArmModel) -> list[Check]:
     """Check every format that can be run against the model: the largest difference of all answers."""
     checks = []
     for to, (possible, why) in NEEDS.items():
@@ -144,7 +143,7 @@ def _forward(name: str, model: ArmModel) -> Check:
     return Check(what, max(found.values()), f"{shown} of what each goes through", "at most", 1e-4, "1e-04")
 
 
-def made_up(
+def _made_up(
     twists: Sequence[float] | None, effects: Sequence[tuple[str, int | None, dict[str, float], float]]
 ) -> ArmModel:
     """Make the demonstration's arm, with twist angles in rad if given, numbers of its size and effects."""
@@ -199,7 +198,7 @@ def _exports(name: str, model: ArmModel) -> list[Check]:
         ours = _compiled(model, folder)
         if ours is not None:
             checks.append(Check(f"{name}: size of the C's object code", ours[1], f"{ours[1] / 1000:.1f} kB"))
-        checks += tables(name, model, folder / "csv")
+        checks += _tables(name, model, folder / "csv")
         if find_spec("cvxpy") is not None:
             checks += _engines(name, model, folder, (q, qd, qdd), links, None if ours is None else ours[0])
     return checks
@@ -233,7 +232,7 @@ def _engines(
         share = float(np.max(np.abs(found - links)) / np.max(np.abs(links)))
         checks.append(figure(f"{name}: {what} against the links", share, "{:.1e}", most=1e-6))
 
-    pinocchio, mujoco = _module("pinocchio"), _module("mujoco")
+    pinocchio, mujoco = installed("pinocchio"), installed("mujoco")
     if mujoco is not None:
         export_model(model, "mjcf", folder / "arm.xml")
         plant = mujoco.MjModel.from_xml_path(str(folder / "arm.xml"))
@@ -284,7 +283,8 @@ def _time(
     return Check(f"{name}: time of the C over Pinocchio's RNEA", ratio, shown, "at most", 0.5, "half")
 
 
-def _module(name: str) -> ModuleType | None:
+def installed(name: str) -> ModuleType | None:
+    """Import a module, None where it is not installed."""
     return importlib.import_module(name) if find_spec(name) is not None else None
 
 
@@ -313,7 +313,7 @@ def _trials(samples: Path, data: Path) -> tuple[dict[str, Trial], list[tuple[str
     return found, missing
 
 
-def model_of(name: str, trial: Trial) -> ArmModel:
+def _model_of(name: str, trial: Trial) -> ArmModel:
     """Return the model of a trial, with the effects that are there or the law in their place."""
     session = Session(*trial, Options(loop=False))
     terms = [Term(effect(own), joint, shape) for own, joint, shape in CASES.get(name, ())]
@@ -380,7 +380,7 @@ def _moves(name: str, model: ArmModel) -> list[Check]:
 _TABLE_POINTS = 4000
 
 
-def tables(name: str, model: ArmModel, folder: Path) -> list[Check]:
+def _tables(name: str, model: ArmModel, folder: Path) -> list[Check]:
     """Check drives' friction by table between rows: share of the largest value, and of the stated error."""
     done = export_model(model, "csv", folder)
     with (folder / "tables.csv").open(encoding="utf-8") as file:

@@ -7,15 +7,14 @@ Pinocchio comes with the extra ``bench``; without it only our time is shown.
 
 from __future__ import annotations
 
-import importlib
-import time
+import timeit
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
+from benchmarks.exports.model import TWISTED, installed
 from benchmarks.targets import Check, Outcome
 from daq.machine.machine_file import Machine
 from fitting.arm.base_parameters import base_regressor, reduce_parameters
@@ -23,13 +22,13 @@ from fitting.arm.dynamics import rigid_body_regressor
 from fitting.arm.geometry import Geometry, geometry_of
 from fitting.arrays import FloatArray
 
-TWISTS = {"six parallel axes": (0.0,) * 6, "six axes, twisted": (np.pi / 2, 0.0, np.pi / 2, -np.pi / 2, np.pi / 2, 0.0)}
+TWISTS = {"six parallel axes": (0.0,) * 6, "six axes, twisted": TWISTED}
 
 
-def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None = None) -> Outcome:
+def regressor(samples: int, repeats: int, machine: Machine | None) -> Outcome:
     """Time both arms, or a machine of one's own."""
-    peer = importlib.import_module("pinocchio") if find_spec("pinocchio") is not None else None
-    arms = {name: articulated_arm(twists) for name, twists in TWISTS.items()}
+    peer = installed("pinocchio")
+    arms = {name: _articulated_arm(twists) for name, twists in TWISTS.items()}
     if machine is not None:
         arms = {machine.name: geometry_of(machine)}
     rng = np.random.default_rng(0)
@@ -37,19 +36,19 @@ def regressor(samples: int = 10_000, repeats: int = 15, machine: Machine | None 
     for name, geometry in arms.items():
         base = reduce_parameters(geometry)
         motion = rng.uniform(-1, 1, (3, samples, geometry.joints))
-        needed = best_time(partial(base_regressor, geometry, base, *motion), repeats)
-        whole = best_time(partial(rigid_body_regressor, geometry, *motion), repeats)
+        needed = min(timeit.repeat(partial(base_regressor, geometry, base, *motion), number=1, repeat=repeats))
+        whole = min(timeit.repeat(partial(rigid_body_regressor, geometry, *motion), number=1, repeat=repeats))
         shown = f"{1e3 * needed:.1f} ms for {len(base)} columns ({1e3 * whole:.1f} ms for all {10 * geometry.joints})"
         found.append(Check(f"{name}: {samples} samples", needed, shown))
         ratio, text = None, "Pinocchio is not installed (pip install 'hilfit[bench]')"
         if peer is not None:
-            theirs = best_time(pinocchio_loop(peer, geometry, motion), max(3, repeats // 3))
+            theirs = min(timeit.repeat(_pinocchio_loop(peer, geometry, motion), number=1, repeat=max(3, repeats // 3)))
             ratio, text = needed / theirs, f"{needed / theirs:.2f} of {1e3 * theirs:.1f} ms"
         found.append(Check(f"{name}: of the Pinocchio loop's time", ratio, text, "at most", 1 / 3, "a third"))
     return Outcome(tuple(found))
 
 
-def articulated_arm(twists: tuple[float, ...]) -> Geometry:
+def _articulated_arm(twists: tuple[float, ...]) -> Geometry:
     """Make an arm of revolute joints with the given twist angles (rad) and unequal link lengths."""
     n, flat = len(twists), not np.any(twists)
     return Geometry(
@@ -66,17 +65,7 @@ def articulated_arm(twists: tuple[float, ...]) -> Geometry:
     )
 
 
-def best_time(run: Callable[[], object], repeats: int) -> float:
-    """Time ``repeats`` runs, shortest in s: the work itself, without what else the computer did."""
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def pinocchio_loop(pinocchio: Any, geometry: Geometry, motion: FloatArray) -> Callable[[], FloatArray]:
+def _pinocchio_loop(pinocchio: Any, geometry: Geometry, motion: FloatArray) -> Callable[[], FloatArray]:
     """Build the usual loop, filling an array of shape (N, n, 10 n)."""
     model = pinocchio.Model()
     parent = 0

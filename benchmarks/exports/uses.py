@@ -1,4 +1,4 @@
-"""What a model is used for, on the simulated machine: loops are closed, hits are hits, nothing is computed twice.
+"""Uses of a model, on the simulated machine: loops are closed, hits are hits, nothing is computed twice.
 
 One identification of the simulated folding arm hands over the model. Then, on motions that it has not seen:
 
@@ -28,7 +28,7 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import chi2
 
 from benchmarks.exports.conformance import compiled, handed_over
-from benchmarks.targets import Check, Outcome, Show, figure, silent
+from benchmarks.targets import Check, Outcome, Show, figure
 from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
 from daq.recordings.recording import Recording
@@ -114,7 +114,7 @@ class _Bench(_Arm):
     tails: tuple[Tail, ...]
 
 
-def run(seed: int = 1, hours: float = 24.0, show: Show = silent) -> Outcome:
+def run(seed: int, hours: float, show: Show) -> Outcome:
     """Run all checks."""
     show("identification")
     bench = _identified(seed)

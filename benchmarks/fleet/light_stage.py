@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "storm"))
 from stages import REPORT, STAGES  # type: ignore[import-not-found]
 
 
-def orders() -> Iterator[tuple[str, str]]:
+def _orders() -> Iterator[tuple[str, str]]:
     """Yield request and stage of every order: the first of the command line, the others from standard input."""
     yield sys.argv[1], sys.argv[2]
     for line in sys.stdin:
@@ -19,7 +19,7 @@ def orders() -> Iterator[tuple[str, str]]:
         yield request, stage
 
 
-for request, stage in orders():
+for request, stage in _orders():
     output = Path(json.loads(Path(request).read_text())["output"])
     if stage == STAGES[-1]:
         (output / "report.json").write_text(json.dumps(REPORT))

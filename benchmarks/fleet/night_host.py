@@ -43,14 +43,14 @@ PLACES = ("can:*:*", "tcp:127.0.0.0/8:*")
 
 @dataclass(frozen=True)
 class NightOrder:
-    """What a host is told: its data directory, machine seconds per second, and where simulated recordings are."""
+    """The order of a host: its data directory, machine seconds per second, and where simulated recordings are."""
 
     data_dir: str
     speed: float
     recordings: str
 
 
-class StillFeed:
+class _StillFeed:
     """An acquisition whose ring buffer stands still."""
 
     alive = True
@@ -67,13 +67,13 @@ class StillFeed:
 
 
 @contextmanager
-def launch(machine: Machine) -> Iterator[StillFeed]:
+def _launch(machine: Machine) -> Iterator[_StillFeed]:
     """Acquire a machine."""
     with ring_buffer(row_dtype(len(machine.channels)), ROWS) as name:
-        yield StillFeed(name)
+        yield _StillFeed(name)
 
 
-class QuickRecorder:
+class _QuickRecorder:
     """Records at speed; see the module."""
 
     def __init__(self, speed: float, recordings: Path) -> None:
@@ -98,7 +98,7 @@ def made_file(directory: Path, machine: str, role: str, seconds: float) -> Path:
     return directory / f"{machine.rpartition('-')[2]}-{role}-{seconds:.0f}.parquet"
 
 
-def main(order_file: Path, worker: str | None) -> None:
+def _main(order_file: Path, worker: str | None) -> None:
     """Run until ordered to stop."""
     order = NightOrder(**json.loads(order_file.read_text(encoding="utf-8")))
     tomorrow = order_file.with_name("tomorrow")
@@ -114,8 +114,8 @@ def main(order_file: Path, worker: str | None) -> None:
     command = (sys.executable, "-I", "-S", str(Path(__file__).with_name("light_stage.py")))
     if worker is None:
         parts: dict[Key, Any] = {
-            LAUNCH: launch,
-            RECORDER: QuickRecorder(order.speed, Path(order.recordings)),
+            LAUNCH: _launch,
+            RECORDER: _QuickRecorder(order.speed, Path(order.recordings)),
             CLOCK: clock,
         }
         serve(settings, show, parts)
@@ -126,4 +126,4 @@ def main(order_file: Path, worker: str | None) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None)
+    _main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None)

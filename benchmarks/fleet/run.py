@@ -24,6 +24,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ from benchmarks.fleet.night_host import NightOrder, made_file
 from benchmarks.fleet.site import START_S, Site, kill_now_and_then, new_site
 from benchmarks.service.hosts import COMMAND, ONE_CORE, end, order_of, ordered, wait_for_jobs, wait_until
 from benchmarks.service.start import cpu_s
-from benchmarks.storm.checks import COUNTED, count_results
+from benchmarks.storm.checks import COUNTED, comparable, count_results
 from benchmarks.targets import Check, Outcome, Show, fact, figure
 from daq import Machine
 from daq.machine.machine_file import machine_to_yaml
@@ -101,8 +102,8 @@ def _measured(site: Site, client: httpx2.Client, jobs: int, cut: float, every: f
     own, stages = ((now - then) / MANY for then, now in zip(before, site.processor(), strict=True))
     site.show(f"on another host: {away:.2f} s each; two do {two / one:.2f} of what one does")
     asked, kills = _troubled(site, client, order, jobs, cut, every)
-    reference = _comparable(_report(client, first))
-    same = sum(_comparable(_report(client, job)) == reference for job in asked)
+    reference = comparable(_report(client, first))
+    same = sum(comparable(_report(client, job)) == reference for job in asked)
     done = sum(_state(client, job) == "done" for job in asked)
     listed = {row["id"] for row in client.get("/workers").json()["items"]}
     extra, shown = away - beside, f"{away - beside:.2f} ({away:.2f} there, {beside:.2f} here)"
@@ -177,12 +178,6 @@ def _report(client: httpx2.Client, made: dict[str, str]) -> Any:
     return client.get(f"/identifications/{made['id']}/report.json").raise_for_status().json()
 
 
-def _comparable(report: Any) -> Any:
-    """Strip a report of its time, and files of their folders: where they lie differs from host to host."""
-    data = [part | {"file": Path(part["file"]).name} for part in report["data"]]
-    return report | {"created": None, "data": data}
-
-
 #: Machine seconds per second, and of a recording in the night that is run; what they are at a site.
 SPEED, QUICK_S, SITE_S = 10.0, 30.0, 300.0
 #: Cores that a site has, and hours that its night may take.
@@ -226,7 +221,7 @@ def night(machines: int, arms: int, every: float, show: Show) -> Outcome:
     each_s = sum(parts.values())
     shown = f"{each_s:.1f} ({', '.join(f'{what} {taken:.2f}' for what, taken in parts.items())})"
     checks.append(Check("processor s a recalibration", each_s, shown))
-    hours = night_h(MACHINES, MOST_AT_ONCE, SITE_S, each_s / (CORES - idle))
+    hours = _night_h(MACHINES, MOST_AT_ONCE, SITE_S, each_s / (CORES - idle))
     checks.append(figure(f"hours of {MACHINES} machines, {CORES} cores", hours, "{:.2f} h", most=NIGHT_H))
     return Outcome(tuple(checks), (f"{os.cpu_count()} cores; load {os.getloadavg()[0]:.1f}",))
 
@@ -254,40 +249,37 @@ def _night(
     def again(place: Host) -> None:
         site.work(place, [*program, place.name])
 
-    with site.served(program) as client:
-        database = Database(site.environment["HILFIT_DATABASE_URL"], TABLES, changed=lambda: None)
-        try:
-            count_results(database)
-            files = DataDirectory(site.data)
-            for number in range(machines):
-                _scheduled(client, database, files, arms[number % len(arms)], number)
-            site.show(f"{machines} machines are acquired and scheduled")
-            for place in site.places:
-                again(place)
-            assert site.server is not None
-            before, began = cpu_s(site.server.pid), time.monotonic()
-            time.sleep(PATIENCE_S)
-            idle = (cpu_s(site.server.pid) - before) / (time.monotonic() - began)
-            before, all_before, began = cpu_s(site.server.pid), site.processor()[0], time.monotonic()
-            order.with_name("tomorrow").touch()
-            kill, kills = kill_now_and_then(site, site.places, every, again), 0
-            shown = began
-            while (over := _ask(database, OVER)[0][0]) < machines:
-                if time.monotonic() - began > START_S + PATIENCE_S * machines:
-                    raise RuntimeError(f"{over} of {machines} recalibrations were over in time")
-                if time.monotonic() - shown > every:
-                    shown = time.monotonic()
-                    site.show(f"{over} of {machines} after {shown - began:.0f} s")
-                kills = kill()
-                time.sleep(1.0)
-            seconds = time.monotonic() - began
-            server = cpu_s(site.server.pid) - before
-            workers = site.processor()[0] - all_before - server
-            site.show(f"{machines} machines in {seconds:.0f} s, {kills} workers killed")
-            parts = {"server": (server - idle * seconds) / machines, "workers": workers / machines}
-            return list(_counted(database, machines, kills, seconds)), idle, parts
-        finally:
-            database.close()
+    url = site.environment["HILFIT_DATABASE_URL"]
+    with site.served(program) as client, closing(Database(url, TABLES, changed=lambda: None)) as database:
+        count_results(database)
+        files = DataDirectory(site.data)
+        for number in range(machines):
+            _scheduled(client, database, files, arms[number % len(arms)], number)
+        site.show(f"{machines} machines are acquired and scheduled")
+        for place in site.places:
+            again(place)
+        assert site.server is not None
+        before, began = cpu_s(site.server.pid), time.monotonic()
+        time.sleep(PATIENCE_S)
+        idle = (cpu_s(site.server.pid) - before) / (time.monotonic() - began)
+        before, all_before, began = cpu_s(site.server.pid), site.processor()[0], time.monotonic()
+        order.with_name("tomorrow").touch()
+        kill, kills = kill_now_and_then(site, site.places, every, again), 0
+        shown = began
+        while (over := _ask(database, OVER)[0][0]) < machines:
+            if time.monotonic() - began > START_S + PATIENCE_S * machines:
+                raise RuntimeError(f"{over} of {machines} recalibrations were over in time")
+            if time.monotonic() - shown > every:
+                shown = time.monotonic()
+                site.show(f"{over} of {machines} after {shown - began:.0f} s")
+            kills = kill()
+            time.sleep(1.0)
+        seconds = time.monotonic() - began
+        server = cpu_s(site.server.pid) - before
+        workers = site.processor()[0] - all_before - server
+        site.show(f"{machines} machines in {seconds:.0f} s, {kills} workers killed")
+        parts = {"server": (server - idle * seconds) / machines, "workers": workers / machines}
+        return list(_counted(database, machines, kills, seconds)), idle, parts
 
 
 def _scheduled(client: httpx2.Client, database: Database, files: DataDirectory, arm: Machine, number: int) -> None:
@@ -360,7 +352,7 @@ def _counted(database: Database, machines: int, kills: int, seconds: float) -> I
     yield figure("recordings at a time", _ask(database, AT_ONCE)[0][0], most=float(MOST_AT_ONCE))
 
 
-def night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float:
+def _night_h(machines: int, at_once: int, seconds: float, each_s: float) -> float:
     """Compute the hours of a night; see the module.
 
     Parameters

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.measured import actuator, emps, seals, sets, splits, staubli
 from benchmarks.measured.page import write
-from benchmarks.targets import Check, Outcome, Show, figure, silent
+from benchmarks.targets import Check, Outcome, Show, figure
 
 __all__ = ["DATA", "MACHINES", "run"]
 
@@ -19,7 +19,7 @@ DATA = Path(__file__).parents[2].parent / "shared" / "data"
 MACHINES = ("emps", "staubli_tx40", "kuka_lwr4", "pneumatic_cylinder", "hydraulic_actuator")
 
 
-def run(data: Path = DATA, page: Path | None = None, only: str | None = None, show: Show = silent) -> Outcome:
+def run(data: Path, page: Path | None, only: str | None, show: Show) -> Outcome:
     """Evaluate the measured machines whose data is there."""
     there = [name for name in MACHINES if only in (None, name) and (data / name).is_dir()]
     notes = [f"{name}: no data in {data}, skipped" for name in MACHINES if only in (None, name) and name not in there]

@@ -139,7 +139,7 @@ def base_model(data: Path, directory: Path) -> tuple[dict[str, float], tuple[flo
     session = _whole(files(data, directory))
     stacks = _stacks(session, ())
     theta = stacks[0].fit()
-    return _published_names(session, theta), _errors(stacks, theta, _decimated), _errors(stacks, theta, _every)
+    return _published_names(session, theta), _errors(stacks, theta, _decimated), _errors(stacks, theta, np.asarray)
 
 
 def evaluate(data: Path, directory: Path) -> Emps:
@@ -158,7 +158,7 @@ def evaluate(data: Path, directory: Path) -> Emps:
         before=_errors(stacks, theta, _decimated),
         after=_errors(more, theta_more, _decimated),
         asymmetric=_errors(alone, alone[0].fit(), _decimated),
-        raw=_errors(stacks, theta, _every),
+        raw=_errors(stacks, theta, np.asarray),
         found=found,
         residuals=(
             _decimated(session.plain.design.segments[0].v[:, 0]),
@@ -182,10 +182,6 @@ def _stacks(session: Session, terms: Sequence[Term], found: Found | None = None)
 
 def _decimated(values: FloatArray) -> FloatArray:
     return np.asarray(signal.decimate(values, DECIMATION, zero_phase=True))
-
-
-def _every(values: FloatArray) -> FloatArray:
-    return values
 
 
 def _errors(stacks: tuple[Stack, Stack], theta: FloatArray, low: Low) -> tuple[float, float]:

@@ -93,7 +93,7 @@ class Trial:
 
     @property
     def named(self) -> bool:
-        """Whether the effect was named, alone or in a set."""
+        """True if the effect was named, alone or in a set."""
         return self.found.in_a_set(EFFECT)
 
 
@@ -140,7 +140,7 @@ def read_run(path: Path) -> _Run:
     return _Run(time, _RETRACTED - 1e-3 * displacement, BAR * pressure, force, missing)
 
 
-def half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
+def _half_strokes(run: _Run) -> tuple[FloatArray, FloatArray]:
     """Average force, pressure and speed of each pass through mid-stroke, (K, 3) retracting, (K, 3) extending.
 
     The first of either is left out: the seal settles.
@@ -162,7 +162,7 @@ def readings(runs: Sequence[_Run]) -> tuple[float, tuple[Pressure, ...]]:
 
     Retracting, the tester pushes ``p A + friction``; extending, it holds ``p A - friction``.
     """
-    passes = [half_strokes(run) for run in runs]
+    passes = [_half_strokes(run) for run in runs]
     middle = np.array([(r.mean(axis=0) + e.mean(axis=0)) / 2 for r, e in passes])
     area = float(np.polyfit(middle[:, 1], middle[:, 0], 1)[0])
     result = []

@@ -67,7 +67,7 @@ class Split:
         return self.base / min(self.least_squares, self.possible)
 
 
-def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[Recording]]]:
+def _splits(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[Recording]]]:
     """Yield every split of the sets that are there, by name."""
     for name, short in (("KUKA LWR", "KUKA"), ("EMPS", "EMPS")):
         if found := sets.read(name, data, scratch):
@@ -87,7 +87,7 @@ def recordings(data: Path, scratch: Path) -> Iterator[tuple[str, Machine, list[R
 def evaluate(data: Path, scratch: Path) -> tuple[list[Split], list[str]]:
     """Evaluate all splits, and a line for each impossible one: a filter longer than the motion."""
     splits, refused = [], []
-    for name, machine, own in recordings(data, scratch):
+    for name, machine, own in _splits(data, scratch):
         for band in BANDS:
             session = Session(machine, own, Options(loop=False, bandwidth_hz=band))
             try:
@@ -143,17 +143,23 @@ def table(splits: list[Split], refused: list[str]) -> str:
     """Write the section of the page on all splits; empty without any."""
     if not splits:
         return ""
-    lines = [
-        "| split | Hz | weights | least squares | possible | handed out | over least squares | over the better |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {s.name} | {s.bandwidth_hz:g} | {s.weights} | {s.least_squares:.2f} % | {s.possible:.2f} % | "
-        f"**{s.base:.2f} %** | {s.over:.3f} | {s.over_better:.3f} |"
+    head = (
+        "split",
+        "Hz",
+        "weights",
+        "least squares",
+        "possible",
+        "handed out",
+        "over least squares",
+        "over the better",
+    )
+    rows = [
+        [s.name, f"{s.bandwidth_hz:g}", s.weights, f"{s.least_squares:.2f} %", f"{s.possible:.2f} %",
+         f"**{s.base:.2f} %**", f"{s.over:.3f}", f"{s.over_better:.3f}"]
         for s in splits
-    ]
+    ]  # fmt: skip
     notes = f"\nNot possible: {'; '.join(refused)}.\n" if refused else ""
-    return _SPLITS + "\n".join(lines) + "\n" + notes
+    return _SPLITS + write_table(head, rows) + notes
 
 
 #: Names of the ways in the order of the table; ``one_shot`` is plain least squares.
@@ -218,7 +224,7 @@ def ways(name: str, session: Session) -> Ways:
     )
 
 
-def named(violation: Mapping[str, Any]) -> str:
+def _named(violation: Mapping[str, Any]) -> str:
     """Name an impossible parameter with its value."""
     place = f"{violation['joint']}." if violation["joint"] else ""
     return f"`{place}{violation['parameter']}` = {violation['value']:.3g} {violation['unit']}"
@@ -229,7 +235,7 @@ def ways_checks(results: Sequence[Ways]) -> list[Check]:
     found = []
     for own in results:
         if own.after is not None:
-            shown = ", ".join(named(v) for v in own.impossible) or "none"
+            shown = ", ".join(_named(v) for v in own.impossible) or "none"
             found += [
                 percent("KUKA: relative error of the base model on another motion", own.base, KUKA),
                 percent("KUKA: the same with what the loop added", own.after, KUKA),
@@ -267,7 +273,7 @@ def section(results: Sequence[Ways]) -> str:
             cells = {way: f"{error:.2f} %" for way, error in errors.items()}
             marks = [f"**{cells[way]}**" if way == own.chosen else cells.get(way, "–") for way in WAYS]
             rows.append([own.machine, title, *marks, f"{own.ratio:.3f}"])
-    found = [f"{own.machine}: {'; '.join(map(named, own.impossible)) or 'none'}" for own in results]
+    found = [f"{own.machine}: {'; '.join(map(_named, own.impossible)) or 'none'}" for own in results]
     return f"""## Every way to the parameters beside plain least squares
 
 Relative error of the base model in the identification band, same rows and filter for all; what is handed out is set in

@@ -1,4 +1,4 @@
-"""What all measured machines share: the loop through its stages, and the relative error that publications print."""
+"""Common parts of measured machines: the loop through its stages, and the relative error that publications print."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _LOOP = ("check", "cylinder_stage", "rigid_body_stage", "residual", "attribution
 
 @dataclass(frozen=True)
 class Found:
-    """What the loop found in a machine's recordings, with no help.
+    """Findings of the loop in a machine's recordings, with no help.
 
     Attributes
     ----------
@@ -60,27 +60,20 @@ def loop(machine: Path, recordings: Sequence[tuple[str, Path]], output: Path, op
     results = {stage: run_stage(stage, request) for stage in _LOOP}
     accepted = results["attribution"]["accepted"]
     names = [joint.name for joint in Session.load(request).machine.joints]
-    lines = tuple(
-        (
-            _called(item["term"]),
-            "machine" if item["term"]["joint"] is None else names[item["term"]["joint"]],
-            item,
-            tuple(rival["id"] for rival in item["rivals"]),
-        )
-        for item in accepted
-    )
+    lines = []
+    for item in accepted:
+        term = item["term"]
+        name = str(term["effect"]) if term["law"] is None else f"law of {term['law']['signal']}"
+        joint = "machine" if term["joint"] is None else names[term["joint"]]
+        lines.append((name, joint, item, tuple(rival["id"] for rival in item["rivals"])))
     return Found(
         str(results["attribution"]["verdict"]),
         float(results["check"]["bandwidth_hz"]),
         tuple(term_from_json(item["term"]) for item in accepted),
-        lines,
+        tuple(lines),
         tuple(results["attribution"]["candidates"]),
         json.loads(json.dumps(results)),
     )
-
-
-def _called(term: Mapping[str, Any]) -> str:
-    return str(term["effect"]) if term["law"] is None else f"law of {term['law']['signal']}"
 
 
 def refitted(session: Session, terms: Sequence[Term], found: Found | None = None) -> Model:

@@ -12,7 +12,7 @@ rows*, which are what is fitted.
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -89,9 +89,8 @@ class Staubli:
     def section(self) -> str:
         """Write the section of the page."""
 
-        def row(name: str, errors: object) -> list[str]:
-            values = (getattr(errors, key) for key in ("every_row", "every_row_blocks", "moving", "moving_blocks"))
-            return [name, *(f"{value:.2f} %" for value in values)]
+        def row(name: str, errors: Errors) -> list[str]:
+            return [name, *(f"{value:.2f} %" for value in astuple(errors))]
 
         rows = [row("base model", self.base), row("with what the loop added", self.after)]
         rows += [row(f"base with `{name}` on every joint (not chosen)", errors) for name, errors in self.trials.items()]

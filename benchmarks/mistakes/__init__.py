@@ -8,6 +8,5 @@ running       all mistakes on all machines, sound machines beside them, numbers 
 """
 
 from benchmarks.mistakes.making import MISTAKES
-from benchmarks.mistakes.running import run
 
-__all__ = ["MISTAKES", "run"]
+__all__ = ["MISTAKES"]

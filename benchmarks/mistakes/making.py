@@ -22,7 +22,7 @@ Rng = np.random.Generator
 
 @dataclass(frozen=True)
 class Made:
-    """What is on disk, and what it should be called.
+    """Files on disk, and what they should be called.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ def _of(quantity: str) -> Pick:
     return lambda rig, joint, rng: _channel(rig, quantity, joint)
 
 
-def changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()) -> Rig:
+def _changed(rig: Rig, channel: str, of: Callable[[FloatArray], FloatArray], stems: tuple[str, ...] = ()) -> Rig:
     """Change one column in all (or some) recordings."""
     for stem in stems or tuple(rig.tables):
         rig = rig.with_column(stem, channel, of(np.asarray(rig.tables[stem][channel])))
@@ -131,11 +131,11 @@ def _all(
 ) -> Rig:
     for channel in rig.machine.channels:
         if channel.quantity in quantities:
-            rig = changed(rig, channel.name, of, stems)
+            rig = _changed(rig, channel.name, of, stems)
     return rig
 
 
-def edited(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machine | None:
+def _edited_machine(machine: Machine, change: Callable[[dict[str, Any]], None]) -> Machine | None:
     """Edit the machine file, if it can be read at all (else the reader names it, and that is another check)."""
     import yaml
 
@@ -151,7 +151,7 @@ def _edited(
     rig: Rig, codes: str, *joints: str, change: Callable[[dict[str, Any]], None], words: tuple[str, ...] = ()
 ) -> Made | None:
     """Edit the rig's machine file; None where that cannot be read."""
-    machine = edited(rig.machine, change)
+    machine = _edited_machine(rig.machine, change)
     return None if machine is None else _made(rig, codes, *joints, machine=machine, words=words)
 
 
@@ -166,7 +166,7 @@ def _spoilt(
         channel = pick(rig, joint, rng)
         if channel is None:
             return None
-        return _made(changed(rig, channel, lambda v: of(rig, joint, channel, v.copy(), rng), stems), codes, joint)
+        return _made(_changed(rig, channel, lambda v: of(rig, joint, channel, v.copy(), rng), stems), codes, joint)
 
     MISTAKES[name] = make
 
@@ -193,7 +193,7 @@ def _one_scaled(quantity: str, gain: float, codes: str = "unit", *, heavy: bool 
             return None  # its masses and its friction take up nearly all of it
         joint = _heavy_joint(rig, rng) if heavy else _joint(rig, rng)
         channel = _channel(rig, quantity, joint)
-        return None if channel is None else _made(changed(rig, channel, lambda v: v * gain), codes, joint)
+        return None if channel is None else _made(_changed(rig, channel, lambda v: v * gain), codes, joint)
 
     return make
 
@@ -396,7 +396,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
 
 
 def _clocked(of: Callable[[FloatArray], FloatArray], code: str) -> Make:
-    return lambda rig, rng: _made(changed(rig, "time", of), code)
+    return lambda rig, rng: _made(_changed(rig, "time", of), code)
 
 
 _mistake("time in ms")(_clocked(_times(1e3), "time_unit"))
@@ -420,7 +420,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     joint = _joint(rig, rng)
     channel = _chambers(rig, joint)[0]
     level = float(np.percentile(np.concatenate([table[channel] for table in rig.tables.values()]), 85))
-    return _made(changed(rig, channel, lambda v: np.minimum(v, level)), "clipped saturated", joint)
+    return _made(_changed(rig, channel, lambda v: np.minimum(v, level)), "clipped saturated", joint)
 
 
 def _freeze(rig: Rig, joint: str, channel: str, values: FloatArray, rng: Rng) -> FloatArray:
@@ -527,7 +527,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     channel = _channel(rig, "piston_position", joint)
     if channel is None:
         return None
-    off = changed(rig, channel, lambda v: v + _stroke(rig, joint) / 3)
+    off = _changed(rig, channel, lambda v: v + _stroke(rig, joint) / 3)
     return _made(off, "offset linkage out_of_range positions_disagree", joint)
 
 
@@ -568,7 +568,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     if _channel(rig, "joint_position", rig.names[0]) is None:
         return None
     content = [{"name": f"{n}.speed", "quantity": "joint_velocity", "joint": n, "unit": "rad/s"} for n in rig.names]
-    machine = edited(rig.machine, lambda c: c["channels"].extend(content))
+    machine = _edited_machine(rig.machine, lambda c: c["channels"].extend(content))
     assert machine is not None
     tables = {}
     for stem, table in rig.tables.items():
@@ -584,7 +584,7 @@ def _(rig: Rig, rng: Rng) -> Made | None:
     channel, own = _position(rig, joint, rng), rig.machine.joint(joint)
     reach = own.cylinder.stroke if own.cylinder and not channel.endswith("angle") else np.ptp(own.limits.position)
     some = ("train-1",) if rng.random() < 0.5 or rig.kind == "one" else ()
-    noisy = changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some)
+    noisy = _changed(rig, channel, lambda v: v + 2e-3 * float(reach) * rng.standard_normal(len(v)), some)
     return _made(noisy, "noisy", joint)
 
 

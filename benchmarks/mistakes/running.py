@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.measured import sets
 from benchmarks.mistakes.making import MISTAKES, Made
 from benchmarks.mistakes.rigs import KINDS, Rig, make_rig, with_lost_rows
-from benchmarks.targets import Check, Outcome, Show, figure, rate, silent
+from benchmarks.targets import Check, Outcome, Show, figure, rate
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
@@ -29,7 +29,7 @@ _RATES = (500.0, 200.0, 100.0, 50.0)
 
 @dataclass(frozen=True)
 class Line:
-    """What the checks found in one case.
+    """Findings of the checks in one case.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Line:
     result : ``right``, ``note`` (named, but as one of two explanations), ``wrong`` (something else was named first),
         ``silent``; of a sound one ``sound``, ``accused`` or
         ``refused``
-    said : first finding, in one line
+    reported : first finding, in one line
     seconds : that the checks took
     """
 
@@ -47,7 +47,7 @@ class Line:
     mistake: str | None
     effect: str | None
     result: str
-    said: str
+    reported: str
     seconds: float
 
 
@@ -102,7 +102,7 @@ def _of_sound(
     return ("accused", mistakes[0].line.replace(f"{folder}/", "")) if mistakes else ("sound", "")
 
 
-def measured(data: Path, folder: Path) -> Iterator[Line]:
+def _measured(data: Path, folder: Path) -> Iterator[Line]:
     """Check every measured machine that is there, at each rate: nothing is wrong with any."""
     for name in sets.FOLDERS:
         found_files = sets.files(name, data, folder)
@@ -118,22 +118,15 @@ def measured(data: Path, folder: Path) -> Iterator[Line]:
             yield Line(f"{name} at {hz:g} Hz", None, None, *result, seconds)
 
 
-def run(
-    machines: int = 10,
-    sound: int = 200,
-    seed: int = 0,
-    only: str | None = None,
-    show: Show = silent,
-    data: Path | None = None,
-) -> Outcome:
+def run(machines: int, sound: int, seed: int, only: str | None, show: Show, data: Path) -> Outcome:
     """Make every mistake on every machine."""
     lines: list[Line] = []
     names = [name for name in MISTAKES if only is None or only in name]
     with TemporaryDirectory(prefix="hilfit-mistakes-") as scratch:
-        cases = [(k, name) for k in range(machines) for name in names] + [(_SOUND + k, None) for k in range(sound)]
+        made = [(k, name) for k in range(machines) for name in names] + [(_SOUND + k, None) for k in range(sound)]
         rig: Rig | None = None
         last = -1
-        for count, (number, name) in enumerate(cases):
+        for count, (number, name) in enumerate(made):
             blemish = BLEMISHES[number % len(BLEMISHES)] if number >= _SOUND else ""
             if number != last or rig is None:
                 own = 100_000 * seed + number
@@ -146,15 +139,16 @@ def run(
             if line is not None:
                 lines.append(line)
                 _show(line, show)
-        for line in measured(data, Path(scratch)) if data is not None and data.is_dir() and sound else ():
+        for line in _measured(data, Path(scratch)) if data.is_dir() and sound else ():
             lines.append(line)
             _show(line, show)
-    return Outcome(checks_of(lines), content={"seed": seed, "cases": [asdict(line) for line in lines]})
+    cases = [{("said" if key == "reported" else key): own for key, own in asdict(line).items()} for line in lines]
+    return Outcome(checks_of(lines), content={"seed": seed, "cases": cases})
 
 
 def _show(line: Line, show: Show) -> None:
     if line.result not in ("right", "sound"):
-        show(f"{line.result:8s} {line.rig:12s} {line.mistake or line.effect or '-'}: {line.said}")
+        show(f"{line.result:8s} {line.rig:12s} {line.mistake or line.effect or '-'}: {line.reported}")
 
 
 def checks_of(lines: Sequence[Line]) -> tuple[Check, ...]:

@@ -1,4 +1,4 @@
-"""How soon the page shows live values to a slow tablet, how many frames it drops, and pictures of every view."""
+"""Time until the page shows live values to a slow tablet, frames that it drops, and pictures of every view."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from functools import partial
@@ -107,10 +107,11 @@ class _Past:
 def _months(site: Site, machine: str) -> None:
     """Store five identifications over four months, three of them used, and what was wrong between."""
     clock, report = _Past(), json.loads(REPORT.read_text(encoding="utf-8"))
-    database = Database(site.data_dir / DataDirectory(site.data_dir).database.name, TABLES, clock=clock, changed=_quiet)
-    try:
+    files = DataDirectory(site.data_dir)
+    database = Database(files.database, TABLES, clock=clock, changed=lambda: None)
+    with closing(database):
         desk, audit = Alarms(database), Audit(database)
-        calibrations = Calibrations(database, DataDirectory(site.data_dir))
+        calibrations = Calibrations(database, files)
         for number, (days, error, found) in enumerate(
             [(110, 1.42, False), (83, 1.19, True), (55, 1.31, False), (30, 1.02, True), (4, 1.01, True)]
         ):
@@ -140,8 +141,6 @@ def _months(site: Site, machine: str) -> None:
         _under_way(database, machine)
         clock.now = datetime.now(UTC)
         desk.report(machine, "residual_grew", "the error of joint2 grew by a fifth; recalibrate", "warning", True)
-    finally:
-        database.close()
 
 
 def _new(database: Database, machine: str, id: str, job: str, label: str) -> Identification:
@@ -174,10 +173,6 @@ _WRONG: tuple[tuple[float, float, str, str, Any], ...] = (
 )
 
 
-def _quiet() -> None:
-    """Return at once: nobody waits in this process."""
-
-
 def _identification(site: Site, database: Database, machine: str, id: str, report: dict[str, Any]) -> Identification:
     """Make one that is done."""
     jobs = Jobs(database)
@@ -196,7 +191,7 @@ ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"
 
 @dataclass(frozen=True)
 class Tablet:
-    """How slow a device and its network are.
+    """Slowness of a device and its network.
 
     Attributes
     ----------

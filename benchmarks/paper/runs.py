@@ -1,4 +1,4 @@
-"""What the page of the claims is made of: simulated arms whose truth is known, and measured machines.
+"""Runs that the page of the claims is made of: simulated arms whose truth is known, and measured machines.
 
 Truth is read here after the fits, and never by them. One arm has Stribeck friction that its model lacks."""
 
@@ -36,8 +36,6 @@ PUBLISHED_COUNTS = (78, 18)
 #: States at which the rank of the regressor is computed by its singular values.
 _STATES = 2000
 _RANK_TOLERANCE = 1e-9  # of the largest singular value
-#: Largest relative error of Coulomb friction and of stiffness that the sample recordings are held to as well.
-MOST_COULOMB, MOST_STIFFNESS = 0.05, 0.03
 
 
 @dataclass(frozen=True)
@@ -115,14 +113,14 @@ def claims_of(count: int, seed: int, data: Path, show: Show) -> Claims:
     for kind in ARMS:
         for number in range(seed, seed + count):
             show(f"{kind} arm {number}: both stages, one-shot")
-            arms.append(arm_run(kind, number))
+            arms.append(_arm_run(kind, number))
     show("folding arm with Stribeck friction: the loop")
-    found = stribeck_run(seed)
+    found = _stribeck_run(seed)
     measured, skipped = _measured(data, show)
     return Claims(arms[0], tuple(arms), measured, found, skipped)
 
 
-def arm_run(arm: Arm, seed: int) -> ArmRun:
+def _arm_run(arm: Arm, seed: int) -> ArmRun:
     """Run both stages and the one-shot regression on a simulated arm without any undeclared effect."""
     case = simulate_case(arm, seed)
     session = Session(case.machine, recordings_of(case.machine, case.recordings), Options(loop=False))
@@ -266,7 +264,7 @@ class StribeckRun:
     errors: tuple[float, float, float]
 
 
-def stribeck_run(seed: int) -> StribeckRun:
+def _stribeck_run(seed: int) -> StribeckRun:
     """Identify a folding arm with Stribeck friction at :data:`JOINT`, with the loop, through ``import hilfit``."""
     with TemporaryDirectory(prefix="hilfit-paper-") as scratch:
         folder = Path(scratch)

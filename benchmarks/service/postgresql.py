@@ -35,9 +35,7 @@ class PostgreSQL:
     port : on which it listens
     """
 
-    def __init__(
-        self, port: int, programs: Path, start: Callable[[], None] = lambda: None, host: str = "127.0.0.1"
-    ) -> None:
+    def __init__(self, port: int, programs: Path, start: Callable[[], None], host: str) -> None:
         self.programs, self.port = programs, port
         self._address = f"postgresql://{OWNER}:{quote(PASSWORD)}@{host}:{port}"
         self._start = start

@@ -46,8 +46,8 @@ BUSY, BUSY_S = (429, 503), 1.0
 
 
 @dataclass
-class Seen:
-    """What the clients saw; ``late``: s by which their own event loop woke up too late, no matter what was answered."""
+class _Seen:
+    """Measurements of the clients; ``late``: s by which their own event loop woke up late, whatever was answered."""
 
     seconds: list[float] = field(default_factory=list)
     late: list[float] = field(default_factory=list)
@@ -73,7 +73,7 @@ def _request(method: str, path: str, content: bytes = b"") -> bytes:
     return f"{method} {API}{path} HTTP/1.1\r\nHost: 127.0.0.1\r\n{more}\r\n".encode() + content
 
 
-async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -> None:
+async def _reads(port: int, rate: float, until: float, first: int, seen: _Seen) -> None:
     """Send requests on one connection at absolute times: a late one does not delay the next."""
     reader, writer = await asyncio.open_connection("127.0.0.1", port)
     begin = time.monotonic() + first / rate / 10
@@ -90,7 +90,7 @@ async def _reads(port: int, rate: float, until: float, first: int, seen: Seen) -
         writer.close()
 
 
-async def _uploads(port: int, place: str, content: bytes, until: float, seen: Seen) -> None:
+async def _uploads(port: int, place: str, content: bytes, until: float, seen: _Seen) -> None:
     """Upload one recording after another; where the service is busy, again at the time that it names."""
     number = 0
     while time.monotonic() < until:
@@ -105,14 +105,14 @@ async def _uploads(port: int, place: str, content: bytes, until: float, seen: Se
             await asyncio.sleep(min(BUSY_S, max(0.0, until - time.monotonic())))
 
 
-async def _own_delay(until: float, seen: Seen) -> None:
+async def _own_delay(until: float, seen: _Seen) -> None:
     """Measure how late the clients' own event loop is: it waits for nobody's answer."""
     while (due := time.monotonic() + 0.02) < until:
         await asyncio.sleep(0.02)
         seen.late.append(time.monotonic() - due)
 
 
-async def _tablet(port: int, machine: str, until: float, seen: Seen) -> None:
+async def _tablet(port: int, machine: str, until: float, seen: _Seen) -> None:
     expected = None
     with contextlib.suppress(TimeoutError):
         async with asyncio.timeout(until - time.monotonic()):
@@ -144,7 +144,7 @@ async def _run(
         ordered(client, order)
     show(f"{tablets} tablets, {rate:g} requests/s, {uploads} uploads, {seconds:g} s, identifications one after another")
     before = client.get("/status").json()["acquisition"][machine]["counts"]
-    seen, until = Seen(), time.monotonic() + seconds
+    seen, until = _Seen(), time.monotonic() + seconds
     readers = [_reads(port, rate / 10, until, number, seen) for number in range(10)]
     streams = [_tablet(port, machine, until, seen) for _ in range(tablets)]
     content = (case / "train-1.parquet").read_bytes()
@@ -197,7 +197,7 @@ def run(tablets: int, rate: float, uploads: int, seconds: float, others: int, sh
             start = before_the_first_frame(server.pid)
             port = int(up["url"].rpartition(":")[2])
             take_precedence()  # the clients of a site have computers of their own
-            with strangers(others, LONGEST_S + seconds):
+            with _strangers(others, LONGEST_S + seconds):
                 before, began = cpu_s(server.pid), time.monotonic()
                 outcome = asyncio.run(_run(port, client, case, tablets, rate, uploads, seconds, show))
                 share = (cpu_s(server.pid) - before) / (time.monotonic() - began)
@@ -224,7 +224,7 @@ while time.monotonic() < end and os.getppid() in (parent, first):
 
 
 @contextmanager
-def strangers(number: int, longest_s: float) -> Iterator[None]:
+def _strangers(number: int, longest_s: float) -> Iterator[None]:
     """Run so many busy loops during the block, in a session of their own, as another user's shell has them.
 
     Parameters

@@ -60,8 +60,10 @@ def run(workers: Sequence[int], jobs: int, show: Show) -> Outcome:
                 seconds, own[count] = _measured(directory, server.new_database(), count, jobs * count, log)
             rates[count] = 3600.0 * jobs * count / seconds
             show(f"{count} workers: {jobs * count} identifications in {seconds:.1f} s")
+    what = "processor time of service and workers per job"
+    beside = [figure(f"{what}, {count} workers", seconds, "{:.2f} s") for count, seconds in own.items()]
     return Outcome(
-        (*_checks(rates), *_ceiling(plain), *_beside(own)),
+        (*_checks(rates), *_ceiling(plain), *beside),
         (f"{os.cpu_count()} cores; load before the end {os.getloadavg()[0]:.1f}",),
     )
 
@@ -85,11 +87,6 @@ def _ceiling(rates: dict[int, float]) -> Iterator[Check]:
             share = rate / count / (rates[first] / first)
             shown = f"{share:.0%} ({rate:.0f} an hour, {rates[first]:.0f} of {first})"
             yield Check(f"efficiency of {count} plain 'hilfit identify' at once", share, shown)
-
-
-def _beside(own: dict[int, float]) -> Iterator[Check]:
-    for count, seconds in own.items():
-        yield figure(f"processor time of service and workers per job, {count} workers", seconds, "{:.2f} s")
 
 
 def _plain(directory: Path, count: int, jobs: int) -> float:

@@ -1,4 +1,4 @@
-"""What has to be so after a storm, read from the database, the files and the engine, not from the service."""
+"""Checks of what has to be so after a storm, read from the database, the files and the engine, not from the service."""
 
 from __future__ import annotations
 
@@ -97,22 +97,22 @@ def _none(name: str, what: list[str], of: int) -> Check:
 
 
 def all_checks(
-    database: Database, files: DataDirectory, noted: Acknowledged, workers: Sequence[Path] = ()
+    database: Database, files: DataDirectory, noted: Acknowledged, workers: Sequence[Path]
 ) -> Iterator[Check]:
     """Run every check; ``workers``: data directories of those that have their own."""
     hosts = (files.root, *workers)
-    yield from jobs(database, noted)
-    yield from cancels(database, hosts, noted)
-    yield from results(database, noted)
-    yield from steps(database, hosts)
+    yield from _jobs(database, noted)
+    yield from _cancels(database, hosts, noted)
+    yield from _results(database, noted)
+    yield from _steps(database, hosts)
     if noted.undisturbed:
-        yield undisturbed(database, files, noted)
-    yield from recordings(database, files, noted)
-    yield from schedules(database)
-    yield from integrity(database, noted)
+        yield _undisturbed(database, files, noted)
+    yield from _recordings(database, files, noted)
+    yield from _schedules(database)
+    yield from _integrity(database, noted)
 
 
-def jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
+def _jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check that every job ended, and once; its events are numbered without a hole."""
     rows = _rows(database, sa.select(job_store.jobs))
     table = job_store.job_events
@@ -139,7 +139,7 @@ def jobs(database: Database, noted: Acknowledged) -> Iterator[Check]:
     yield _none("jobs that failed for no reason of the storm", odd, len(rows))
 
 
-def cancels(database: Database, hosts: Sequence[Path], noted: Acknowledged) -> Iterator[Check]:
+def _cancels(database: Database, hosts: Sequence[Path], noted: Acknowledged) -> Iterator[Check]:
     """Check that cancelled work ended so, unless just ending; no stage of it began afterwards."""
     states = {row.id: row.state for row in _rows(database, sa.select(job_store.jobs.c.id, job_store.jobs.c.state))}
     wrong, late = [], 0
@@ -165,7 +165,7 @@ def _runs(hosts: Sequence[Path], identification: str) -> list[list[str]]:
     return [line.split() for path in paths if path.is_file() for line in path.read_text().splitlines()]
 
 
-def results(database: Database, noted: Acknowledged) -> Iterator[Check]:
+def _results(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check that every acknowledged order made one identification, stored once."""
     rows = _rows(database, sa.select(identification_store.identifications, job_store.jobs.c.state).join(
         job_store.jobs, job_store.jobs.c.id == identification_store.identifications.c.job))  # fmt: skip
@@ -183,15 +183,14 @@ def results(database: Database, noted: Acknowledged) -> Iterator[Check]:
     yield _none("results stored once", wrong, sum(row.state == "done" for row in rows))
 
 
-def undisturbed(database: Database, files: DataDirectory, noted: Acknowledged) -> Check:
+def _undisturbed(database: Database, files: DataDirectory, noted: Acknowledged) -> Check:
     """Check that every real identification was done, with verdict, numbers and report of one before the storm."""
     results, rows = IdentificationResults(database, files), Identifications(database)
 
     def found(id: str) -> dict[str, Any]:
         report: dict[str, Any] = json.loads((results.directory(id) / "report.json").read_bytes())
         row = rows.get(id)
-        data = [part | {"file": Path(part["file"]).name} for part in report["data"]]  # where it lay differs by host
-        return report | {"verdict": row.verdict, "overall_stored": row.overall, "created": None, "data": data}
+        return comparable(report) | {"verdict": row.verdict, "overall_stored": row.overall}
 
     expected, wrong = found(noted.undisturbed), []
     for key in noted.real:
@@ -205,7 +204,13 @@ def undisturbed(database: Database, files: DataDirectory, noted: Acknowledged) -
     return fact("real identifications as undisturbed", bool(noted.real) and not wrong, shown)
 
 
-def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
+def comparable(report: dict[str, Any]) -> dict[str, Any]:
+    """Strip a report of its time, and files of their folders: where they lie differs from host to host."""
+    data = [part | {"file": Path(part["file"]).name} for part in report["data"]]
+    return report | {"created": None, "data": data}
+
+
+def _steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
     """Check that no stage began again after it was recorded as done, but for what another host had not got."""
     wrong, begun, recorded, again = [], 0, 0, 0
     done: dict[str, dict[str, int]] = {}
@@ -235,7 +240,7 @@ def steps(database: Database, hosts: Sequence[Path]) -> Iterator[Check]:
     yield Check("stages begun", begun, f"{begun}, for {recorded} finished steps, {again} of them again on another host")
 
 
-def recordings(database: Database, files: DataDirectory, noted: Acknowledged) -> Iterator[Check]:
+def _recordings(database: Database, files: DataDirectory, noted: Acknowledged) -> Iterator[Check]:
     """Check that every row reported safe by the server is in a sealed file whose hash is in the store."""
     rows = {row.id: row for row in _rows(database, sa.select(recording_store.recordings))}
     wrong, safe = [], 0
@@ -267,7 +272,7 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def schedules(database: Database) -> Iterator[Check]:
+def _schedules(database: Database) -> Iterator[Check]:
     """Check that every slot of ``*/5 * * * *`` ran once; never two recalibrations of a machine at a time."""
     slots = _rows(database, sa.select(schedule_store.schedule_slots).order_by(schedule_store.schedule_slots.c.slot))
     schedule = _rows(database, sa.select(schedule_store.schedules))[0]
@@ -296,7 +301,7 @@ def schedules(database: Database) -> Iterator[Check]:
     yield _none("recalibrations one at a time", _counted(database, TOGETHER), len(_rows(database, query)))
 
 
-def integrity(database: Database, noted: Acknowledged) -> Iterator[Check]:
+def _integrity(database: Database, noted: Acknowledged) -> Iterator[Check]:
     """Check the audit log's chain, and the database itself."""
     found = Audit(database).verify()
     acknowledged = len(noted.orders) + len(noted.rows)

@@ -35,7 +35,7 @@ class SetClock:
         self._map[:] = _SECONDS.pack(value)
 
 
-def follow(clock: SetClock) -> None:
+def _follow(clock: SetClock) -> None:
     """Let this process read the wrong time. Call it before anything is loaded that keeps ``time.time``."""
     true, true_ns = time.time, time.time_ns
     time.time = lambda: true() + clock.seconds
@@ -49,7 +49,7 @@ def clock_file(order: Path) -> Path:
 
 if __name__ == "__main__":
     given = SetClock(clock_file(Path(sys.argv[1])))
-    follow(given)
+    _follow(given)
     from benchmarks.storm.host import main
 
     main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else None, lambda: given.seconds)

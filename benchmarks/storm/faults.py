@@ -1,4 +1,4 @@
-"""What happens in a storm beside kills: a full disk, a store that refuses to be written, a clock that is set.
+"""Faults in a storm beside kills: a full disk, a store that refuses to be written, a clock that is set.
 
 A disk that can be filled is a file system of its own in memory, which only root may mount; so is the attribute that
 makes SQLite's file and folder immutable. Where this process may not, the storm goes without, which a check shows.
@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -101,23 +101,31 @@ class FullDisk(Fault):
         self._ballast.unlink(missing_ok=True)
 
 
-class ImmutableStore(Fault):
-    """SQLite's file, and the folder in which it makes its journal, cannot be changed."""
+class ReadOnlyStore(Fault):
+    """The store cannot be changed; ``refuse`` makes it so, or takes that back."""
 
     name = "store read-only"
 
-    def __init__(self, database: Path) -> None:
-        self._places = (database.parent, database)
+    def __init__(self, refuse: Callable[[bool], None]) -> None:
+        self._refuse = refuse
 
     def begin(self) -> None:
-        """Set the attribute."""
-        for place in self._places:
-            _immutable(place, True)
+        """Let it refuse."""
+        self._refuse(True)
 
     def end(self) -> None:
-        """Take it away."""
-        for place in self._places:
-            _immutable(place, False)
+        """Let it be written again."""
+        self._refuse(False)
+
+
+def immutable_database(database: Path) -> ReadOnlyStore:
+    """Make SQLite's file, and the folder in which it makes its journal, immutable."""
+
+    def refuse(wanted: bool) -> None:
+        for place in (database.parent, database):
+            _immutable(place, wanted)
+
+    return ReadOnlyStore(refuse)
 
 
 def may_be_immutable(place: Path) -> bool:
@@ -140,21 +148,9 @@ def _immutable(place: Path, wanted: bool) -> None:
         os.close(descriptor)
 
 
-class ReadOnlySessions(Fault):
-    """PostgreSQL's transactions are read-only unless a session sets otherwise."""
-
-    name = "store read-only"
-
-    def __init__(self, server: PostgreSQL) -> None:
-        self._server = server
-
-    def begin(self) -> None:
-        """Set it for the whole server."""
-        self._server.set("default_transaction_read_only", "on")
-
-    def end(self) -> None:
-        """Reset it."""
-        self._server.set("default_transaction_read_only", None)
+def read_only_sessions(server: PostgreSQL) -> ReadOnlyStore:
+    """Make PostgreSQL's transactions read-only unless a session sets otherwise."""
+    return ReadOnlyStore(lambda on: server.set("default_transaction_read_only", "on" if on else None))
 
 
 class ClockSet(Fault):
@@ -187,7 +183,7 @@ class Weather:
     seen : how often each began
     """
 
-    def __init__(self, faults: Sequence[Fault], chance: random.Random, pace: Pace = PACE) -> None:
+    def __init__(self, faults: Sequence[Fault], chance: random.Random, pace: Pace) -> None:
         self.faults = tuple(faults)
         self._chance = chance
         self._lasts, self._calm = pace
@@ -198,7 +194,7 @@ class Weather:
 
     @property
     def all_seen(self) -> bool:
-        """Whether each fault came at least once, and none is there now."""
+        """True if each fault came at least once, and none is there now."""
         return self._now is None and all(self.seen[fault.name] for fault in self.faults)
 
     @property

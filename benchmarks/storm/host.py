@@ -30,7 +30,7 @@ HASTE = 60.0
 
 @dataclass(frozen=True)
 class HostOrder:
-    """What a host is told.
+    """The order of a host.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ def worker_directory(order: Path, worker: str) -> Path:
     return order.with_name(f"{worker}-files")
 
 
-def quick(began: datetime, now: datetime, wrong_s: float) -> datetime:
+def _quick(began: datetime, now: datetime, wrong_s: float) -> datetime:
     """Compute the schedules' clock, from the true time and the wall clock's error."""
     return (began + HASTE * (now - began) if now > began else now) + timedelta(seconds=wrong_s)
 
@@ -74,7 +74,7 @@ def main(order: Path, worker: str | None, wrong_s: Callable[[], float]) -> None:
     command = (sys.executable, "-I", "-S", str(Path(stages.__file__)))
     parts: dict[Key, Any] = {
         STAGE_PROGRAM: lambda: StageProgram(stages.STAGES, command),
-        CLOCK: lambda: quick(began, datetime.now(UTC), wrong_s()),
+        CLOCK: lambda: _quick(began, datetime.now(UTC), wrong_s()),
     }
 
     def show(text: str) -> None:

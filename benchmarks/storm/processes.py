@@ -64,9 +64,9 @@ class Host:
                 self.command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True
             )
         self.process, self.starts = process, self.starts + 1
-        threading.Thread(target=self._hear, args=(process,), daemon=True).start()
+        threading.Thread(target=self._read_first_line, args=(process,), daemon=True).start()
 
-    def _hear(self, process: subprocess.Popen[str]) -> None:
+    def _read_first_line(self, process: subprocess.Popen[str]) -> None:
         assert process.stdout is not None
         line = process.stdout.readline().strip()
         if line and process is self.process:
@@ -76,7 +76,7 @@ class Host:
 
     @property
     def due(self) -> bool:
-        """Whether its time has come: it has worked for its life, or was doomed from the start."""
+        """True if its time has come: it has worked for its life, or was doomed from the start."""
         now = time.monotonic()
         if self.doom_s is not None and now - self.began > self.doom_s:
             return True
@@ -179,7 +179,7 @@ class Herd:
         try:
             if pid not in self.children()[kind]:
                 return False
-            subject = real_identification(pid)
+            subject = _real_identification(pid)
             signal.pidfd_send_signal(held, signal.SIGKILL)
         except ProcessLookupError:
             return False
@@ -215,21 +215,20 @@ class Herd:
 
     def log_events(self) -> dict[str, int]:
         """Count each event of level error in the hosts' logs, and tracebacks outside of them."""
-        counts: dict[str, int] = {}
+        counts = Counter[str]()
         for host in self.hosts:
             for line in host.log.read_text(errors="replace").splitlines() if host.log.is_file() else ():
                 with contextlib.suppress(ValueError, AttributeError):
                     content = json.loads(line)
                     if content.get("level") in ("error", "critical"):
-                        event = " ".join(str(content.get("event")).split())[:80]
-                        counts[event] = counts.get(event, 0) + 1
+                        counts[" ".join(str(content.get("event")).split())[:80]] += 1
                     continue
                 if line.startswith("Traceback"):
-                    counts["traceback"] = counts.get("traceback", 0) + 1
+                    counts["traceback"] += 1
         return counts
 
 
-def real_identification(pid: int) -> str:
+def _real_identification(pid: int) -> str:
     """Return the id of the real identification that a stage works on; empty if it is a light one, or gone."""
     for text in _command(pid).split("\0"):
         if text.endswith("/request.json"):
@@ -309,7 +308,7 @@ def _kill_one(herd: Herd, chance: random.Random) -> bool:
     herd.spared = {pid: herd.spared.get(pid, chance.random() < SPARED) for pid in children["stage"]}
     children["stage"] = [pid for pid, spared in herd.spared.items() if not spared]
     for kind in ("stage", "real stage"):
-        children[kind] = [pid for pid in children[kind] if herd.hits[real_identification(pid)] < REAL_KILLS]
+        children[kind] = [pid for pid in children[kind] if herd.hits[_real_identification(pid)] < REAL_KILLS]
     # Not all at their start: a host that never works does nothing that could go wrong.
     hosts: dict[str, list[Host]] = {"server": [herd.server], "worker": herd.workers}
     up = {kind: [host for host in found if host.due] for kind, found in hosts.items()}

@@ -15,7 +15,7 @@ from benchmarks.storm import stages
 from fitting.pipeline import stage_program
 
 
-def real_ones(orders: Iterable[str]) -> Iterator[str]:
+def _real_ones(orders: Iterable[str]) -> Iterator[str]:
     """Yield the orders of real stages; what others ask for is done when it is their turn."""
     for order in orders:
         request, stage = json.loads(order)["arguments"]
@@ -27,4 +27,4 @@ def real_ones(orders: Iterable[str]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(stage_program.main(["--stay", *sys.argv[1:]], real_ones(sys.stdin)))
+    sys.exit(stage_program.main(["--stay", *sys.argv[1:]], _real_ones(sys.stdin)))

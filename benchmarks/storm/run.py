@@ -13,7 +13,7 @@ import random
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,11 +29,11 @@ from benchmarks.storm.faults import (
     ClockSet,
     Fault,
     FullDisk,
-    ImmutableStore,
     Pace,
-    ReadOnlySessions,
     Weather,
+    immutable_database,
     may_be_immutable,
+    read_only_sessions,
     small_disk,
 )
 from benchmarks.storm.host import HostOrder, worker_directory
@@ -66,7 +66,7 @@ LEAVING_S = 30.0
 def run(
     seconds: float, kind: Literal["sqlite", "postgresql"], seed: int, show: Show, *, apart: bool = False, **more: Any
 ) -> Outcome:
-    """Run a storm of so many seconds (``more``: the other fields of :class:`Storm`).
+    """Run a storm of so many seconds (``more``: the other fields of :class:`_Storm`).
 
     Parameters
     ----------
@@ -77,11 +77,11 @@ def run(
     benchmarks.service.postgresql.AbsentError
         If PostgreSQL is asked for and not installed, or hosts or S3 cannot be had.
     """
-    storm = Storm(seconds, random.Random(seed), show, **more)
+    storm = _Storm(seconds, random.Random(seed), show, **more)
     with (
         small_disk() if storm.faults else nullcontext() as disk,
         tempfile.TemporaryDirectory(prefix="hilfit-storm-") as name,
-        _elsewhere(Path(name), (disk or Path(name)) / "data") if apart else nullcontext(Elsewhere()) as elsewhere,
+        _elsewhere(Path(name), (disk or Path(name)) / "data") if apart else nullcontext(_Elsewhere()) as elsewhere,
         postgresql_server(disk, elsewhere.network) if kind == "postgresql" else nullcontext() as server,
     ):
         directory = Path(name)
@@ -101,15 +101,15 @@ def _faults(files: DataDirectory, disk: Path | None, server: PostgreSQL | None, 
     if disk is not None:
         found.append(FullDisk(disk))
     if server is not None:
-        found.append(ReadOnlySessions(server))
+        found.append(read_only_sessions(server))
     elif may_be_immutable(files.root):
-        found.append(ImmutableStore(files.database))
+        found.append(immutable_database(files.database))
     return tuple(found)
 
 
 @dataclass(frozen=True)
-class Elsewhere:
-    """Where workers are: what starts a command on the host of each, and what they share with the server.
+class _Elsewhere:
+    """Places of workers: what starts a command on the host of each, and what they share with the server.
 
     Without hosts they are on this one.
     """
@@ -120,17 +120,17 @@ class Elsewhere:
 
 
 @contextmanager
-def _elsewhere(directory: Path, data: Path) -> Iterator[Elsewhere]:
+def _elsewhere(directory: Path, data: Path) -> Iterator[_Elsewhere]:
     """Start hosts that do not see ``data``, the server's directory, and an S3 server with keys in this environment."""
     data.mkdir()
     with hosts(WORKERS, data) as places, s3_server(directory) as (keys, url):
         os.environ.update(keys)
-        yield Elsewhere(tuple(place.command for place in places), url, (HERE, NETWORK))
+        yield _Elsewhere(tuple(place.command for place in places), url, (HERE, NETWORK))
 
 
 @dataclass(frozen=True)
-class Storm:
-    """What a storm is.
+class _Storm:
+    """Definition of a storm.
 
     Attributes
     ----------
@@ -156,7 +156,7 @@ class Storm:
 
     def run(
         self, directory: Path, machine: Path, postgresql: PostgreSQL | None, files: DataDirectory, weather: Weather,
-        elsewhere: Elsewhere,
+        elsewhere: _Elsewhere,
     ) -> Outcome:  # fmt: skip
         """Start the hosts, kill, and check what is left; ``machine``: file of the one that is acquired."""
         url = None if postgresql is None else postgresql.new_database()
@@ -255,7 +255,7 @@ class Storm:
 
 @dataclass(frozen=True)
 class _Course:
-    """What was killed.
+    """Kills of a storm.
 
     Attributes
     ----------
@@ -319,11 +319,8 @@ def _database(files: DataDirectory, url: str | None, herd: Herd | None = None) -
     """Open the store, seen from here; ``herd``: whose server makes it."""
     if herd is not None and not herd.wait_up():
         raise RuntimeError(f"the service did not start; {herd.server.log.read_text()[-2000:]}")
-    database = Database(url or files.database, TABLES, changed=lambda: None)
-    try:
+    with closing(Database(url or files.database, TABLES, changed=lambda: None)) as database:
         yield database
-    finally:
-        database.close()
 
 
 def _killed_real(herd: Herd, real: int, after: int, seconds: float) -> Iterator[Check]:

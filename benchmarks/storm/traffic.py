@@ -26,7 +26,7 @@ PATIENCE_S = 15.0
 CANCELLED_IN = ("queue", *STAGES)
 
 
-class NoAnswerError(Exception):
+class _NoAnswerError(Exception):
     """The server was gone, is still starting, or answers that it cannot at the moment."""
 
 
@@ -48,14 +48,14 @@ class Cancelled:
 
 @dataclass
 class Acknowledged:
-    """What the server acknowledged.
+    """Acknowledgements of the server.
 
     Attributes
     ----------
     orders : key of an order -> id of the identification that was made
     rows : id of a recording -> most rows that the server reported as recorded
     answers : how many by status; 0: none came
-    poor : refusals that are no problem document in one line, or 503 without saying when to come again
+    poor : refusals that are no problem document in one line, or 503 without a time to come again
     cancels : by job
     real : keys of those orders whose identifications are real ones
     asked : jobs that were to be cancelled, also where no answer came
@@ -84,7 +84,7 @@ class Client:
         """Return status and JSON of one answer; NoAnswerError if none came."""
         address = self._address()
         if address is None:
-            raise NoAnswerError
+            raise _NoAnswerError
         place = urlsplit(address)
         connection = http.client.HTTPConnection(place.hostname or "", place.port, timeout=PATIENCE_S)
         body = content if isinstance(content, bytes) or content is None else json.dumps(content).encode()
@@ -98,11 +98,11 @@ class Client:
             if answer.status >= 400:
                 self._look(f"{method} {path}: {answer.status}", answer, found)
             if answer.status >= 500:
-                raise NoAnswerError
+                raise _NoAnswerError
             return answer.status, found
         except (OSError, http.client.HTTPException, ValueError):
             self._count(0)
-            raise NoAnswerError from None
+            raise _NoAnswerError from None
         finally:
             connection.close()
 
@@ -211,7 +211,7 @@ class Traffic:
         while True:
             try:
                 made = do()
-            except NoAnswerError:
+            except _NoAnswerError:
                 made = None
             if made is not None or self._stop.wait(0.2):
                 return made
@@ -229,7 +229,7 @@ class Traffic:
                     self._noted.rows[answer["id"]] = 0
                     self._follow(answer["id"])
                     self._stop.wait(2.0)
-            except NoAnswerError:
+            except _NoAnswerError:
                 pass
             self._stop.wait(0.3)
 
@@ -238,7 +238,7 @@ class Traffic:
         while not self._stop.is_set():
             try:
                 _, row = self._client.ask("GET", f"/recordings/{id}")
-            except NoAnswerError:
+            except _NoAnswerError:
                 if self._stop.wait(0.5):
                     return
                 continue
@@ -292,7 +292,7 @@ def _created(client: Client, path: str, body: Any) -> Any:
 def _answer(ask: Callable[[], Any], seconds: float) -> Any:
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
-        with suppress(NoAnswerError):
+        with suppress(_NoAnswerError):
             if answer := ask():
                 return answer
         time.sleep(0.2)
@@ -317,7 +317,7 @@ def becomes_quiet(client: Client, seconds: float) -> bool:
             busy = sum(status["jobs"].get(state, 0) for state in ("queued", "running"))
             if off and acquired and not busy and not found["items"]:
                 return True
-        except NoAnswerError:
+        except _NoAnswerError:
             pass
         time.sleep(0.3)
     return False

@@ -1,4 +1,4 @@
-"""How well valves are identified, on plants, effects and motions that are drawn at random.
+"""Identification of valves against the truth, on plants, effects and motions that are drawn at random.
 
 =============  ======================================================================================================
 ``drawing``    what a case is made of, how visible its effect is, the noise floor; cases on disk

@@ -1,4 +1,4 @@
-"""What a case is made of, how visible its effect is, and cases on disk: apart from what a fit may see, the truth.
+"""Recipes of cases, visibility of their effects, and cases on disk: apart from what a fit may see, the truth.
 
 Every number of a run is a machine; it is recorded twice with the same motions, healthy (``null``) and with one
 undeclared effect (``large``). The three kinds of machines take turns. An effect is visible by what a healthy valve
@@ -20,6 +20,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.attribution.recipe import draw_transducers
 from daq.machine.machine_file import Machine
+from daq.whole_files import write_whole
 from fitting.arrays import FloatArray
 from sim_backends.valve.chambers import Chambers
 from sim_backends.valve.effects import VALVE_EFFECTS, ValveEffectSpec, valve_obstacle
@@ -39,7 +40,7 @@ SIDE_BY_SIDE = 16  # cases that are simulated together
 
 @dataclass(frozen=True)
 class ValveKey:
-    """Which case: its number, its class and the run's seed."""
+    """Key of a case: its number, its class and the run's seed."""
 
     number: int
     made: Literal["null", "large"]
@@ -89,7 +90,7 @@ def order_of(key: ValveKey) -> Order:
     return machine, truth, programmes, guesses, effects, quality, key.seed * 1000 + key.number
 
 
-def stored_cases(folder: Path, keys: Sequence[ValveKey], show: Callable[[str], None] = print) -> list[Path]:
+def stored_cases(folder: Path, keys: Sequence[ValveKey], show: Callable[[str], None]) -> list[Path]:
     """Return folders of the cases in the order of ``keys``; make those not there yet, many at a time."""
     folder.mkdir(parents=True, exist_ok=True)
     missing = [key for key in keys if not (folder / key.text / "case.yaml").is_file()]
@@ -118,9 +119,7 @@ def _write(place: Path, key: ValveKey, case: ValveCase) -> None:
         "healthy": case.healthy.to_dict(),
     }
     # Written last and in one step: a folder with it is complete.
-    part = place / "case.yaml.part"
-    part.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
-    part.replace(place / "case.yaml")
+    write_whole(place / "case.yaml", yaml.safe_dump(content, sort_keys=False).encode())
 
 
 BAND = 3.0  # Hz
@@ -128,7 +127,7 @@ _STEP = 2.0e-3  # s
 _SETTLED = 0.5  # s left out at either end
 
 
-def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> FloatArray:
+def _healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> FloatArray:
     """Compute speeds (N, J) in m/s by ``truth``'s meter-in edges, at a run's commands and pressures.
 
     ``v = (Q_in - losses - C dp/dt) / A`` of the chamber that is filled; where the spool is closed, both chambers'
@@ -159,25 +158,25 @@ def healthy_speed(machine: Machine, truth: ValvePlantTruth, course: Course) -> F
 
 
 def misfit(machine: Machine, truth: ValvePlantTruth, courses: Sequence[Course]) -> FloatArray:
-    """Compute per axis (J,) :func:`healthy_speed`'s error below 3 Hz, over the speed's RMS."""
+    """Compute per axis (J,) :func:`_healthy_speed`'s error below 3 Hz, over the speed's RMS."""
     errors, speeds = [], []
     for course in courses:
         rate = 1.0 / (course.time[1] - course.time[0])
         sections = butter(2, BAND / (0.5 * rate), output="sos")
         cut = slice(round(_SETTLED * rate), -round(_SETTLED * rate))
-        error = healthy_speed(machine, truth, course) - course.v
+        error = _healthy_speed(machine, truth, course) - course.v
         errors.append(sosfiltfilt(sections, error, axis=0)[cut])
         speeds.append(sosfiltfilt(sections, course.v, axis=0)[cut])
     error, speed = np.concatenate(errors), np.concatenate(speeds)
     return np.asarray(np.sqrt((error**2).mean(axis=0) / (speed**2).mean(axis=0)))
 
 
-def floor(case: ValveCase, stem: str = "validate") -> FloatArray:
+def floor(case: ValveCase) -> FloatArray:
     """Compute per axis (J,) the true valve's error at measured pressures against measured speed, below 3 Hz.
 
     Over the speed's root mean square. Positions are those of the channels, speeds their differences.
     """
-    machine, table, course = case.machine, case.tables[stem], case.courses[stem]
+    machine, table, course = case.machine, case.tables["validate"], case.courses["validate"]
     x, pressure = course.x.copy(), course.pressure.copy()
     for j, joint in enumerate(machine.joints):
         assert joint.cylinder is not None

@@ -20,7 +20,7 @@ CommandOf = Callable[[float, float, float, float, float, bool], float]
 
 @dataclass(frozen=True)
 class AxisAnswer:
-    """What is found of one axis.
+    """Findings of one axis.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class AxisAnswer:
 
 @dataclass(frozen=True)
 class Answer:
-    """What is found of a machine, by name of joint, and the processor time in s that it took."""
+    """Findings of a machine, by name of joint, and the processor time in s that it took."""
 
     axes: Mapping[str, AxisAnswer]
     seconds: float = 0.0

@@ -34,7 +34,8 @@ def scored(folder: Path, answer: Answer) -> Line:
     machine, truth = load_machine(folder / "machine.yaml"), load_valve_truth(folder / "truth.yaml")
     case = yaml.safe_load((folder / "case.yaml").read_text(encoding="utf-8"))
     effects = yaml.safe_load((folder / "truth.yaml").read_text(encoding="utf-8"))["effects"]
-    limited = bool(np.isfinite([truth.supply.flow_limit, truth.supply.power_limit]).any())
+    limit = truth.supply.flow_limit
+    limited = bool(np.isfinite([limit, truth.supply.power_limit]).any())
     axes = {}
     for name, axis in answer.axes.items():
         true = [e["id"] for e in effects if e["joint"] == name] + ["pump_flow_limit"] * limited
@@ -45,21 +46,16 @@ def scored(folder: Path, answer: Answer) -> Line:
             "named": [list(found) for found in axis.effects if not found[0].startswith(CURVE)],
             "laws": list(axis.laws),
             "true": true,
-            "delay": _beside(axis.delay, true_delay(truth, name)),
+            "delay": _beside(axis.delay, truth.valves[name].spool.lateness),
             "edges": {w: _beside(axis.edges[w], true_edge(truth, name, w, axis.largest[w])) for w in axis.edges},
             "flow_limit": axis.flow_limit,
             "command_errors": command_errors(folder, machine, truth, name, axis) if case["made"] == "null" else [],
         }
     return {
         "case": folder.name, "kind": case["kind"], "made": case["made"], "at_limit": case["at_limit"],
-        "effects": effects, "flow_limit": _finite(truth.supply.flow_limit), "axes": axes, "seconds": answer.seconds,
+        "effects": effects, "flow_limit": limit if np.isfinite(limit) else None, "axes": axes,
+        "seconds": answer.seconds,
     }  # fmt: skip
-
-
-def true_delay(truth: ValvePlantTruth, joint: str) -> float:
-    """Sum delay and lag of the spool in s: at 3 Hz they are inseparable."""
-    spool = truth.valves[joint].spool
-    return 0.5 * (spool.delay_extend + spool.delay_retract) + spool.damping / (np.pi * spool.frequency)
 
 
 def true_edge(truth: ValvePlantTruth, joint: str, way: str, largest: float) -> float:
@@ -118,10 +114,6 @@ def command_errors(folder: Path, machine: Machine, truth: ValvePlantTruth, joint
 def _beside(bar: Bar, true: float) -> dict[str, Any]:
     value, interval = bar
     return {"value": value, "true": true, "in": None if interval is None else interval[0] <= true <= interval[1]}
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
 
 
 def _axes(lines: Sequence[Line], made: str | None = None) -> Iterator[Mapping[str, Any]]:
@@ -234,4 +226,4 @@ def followed(folder: Path, key: ValveKey, answer: Answer) -> dict[str, Any]:
     }
     tracked = track(machine, truth, path, list(ways.values()), power_on=POWER_ON, pressure_std=PRESSURE_NOISE, rng=rng)
     travel = np.array([guess.high - guess.low for guess in guesses])
-    return {way: float(np.sqrt(((own.rms / travel) ** 2).mean())) for way, own in zip(ways, tracked, strict=True)}
+    return {way: float(np.sqrt(((rms / travel) ** 2).mean())) for way, rms in zip(ways, tracked, strict=True)}

@@ -19,7 +19,6 @@ import numpy as np
 from benchmarks.cases import append
 from benchmarks.targets import Check, Outcome, Show, figure, rate, silent
 from benchmarks.valve.drawing import ValveKey, order_of
-from benchmarks.valve.scoring import true_delay
 from daq.frames.frame import row_dtype
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording import read_recording
@@ -48,7 +47,7 @@ class _Work:
     rows: np.ndarray[Any, Any]
 
 
-def watched(folder: Path, key: ValveKey) -> Found:
+def _watched(folder: Path, key: ValveKey) -> Found:
     """Monitor one machine; ``folder`` is for its files."""
     machine, truth, programmes, guesses, effects, quality, noise = order_of(key)
     case = simulate_valve_case(machine, truth, programmes, guesses, effects=effects, quality=quality, seed=noise)
@@ -116,11 +115,11 @@ def _true(healthy: ValvePlantTruth, changed: ValvePlantTruth, spec: ValveEffectS
         valves = [truth.valves[joint] for truth in (healthy, changed)]
         edges = [valve.lands[name].edge - sign * valve.spool.null for valve in valves]
         moved[f"edge.{way}"] = edges[1] - edges[0]
-        moved[f"delay.{way}"] = true_delay(changed, joint) - true_delay(healthy, joint)
+        moved[f"delay.{way}"] = valves[1].spool.lateness - valves[0].spool.lateness
     return {name: value for name, value in moved.items() if value}
 
 
-def checks(found: Sequence[Found], show: Show) -> list[Check]:
+def _checks(found: Sequence[Found], show: Show) -> list[Check]:
     """Check rates and figures of a run."""
     right, named, errors = 0, 0, list[float]()
     changes = [(one["case"], own) for one in found for own in one["changes"]]
@@ -148,7 +147,7 @@ def run(count: int, seed: int, output: Path | None, show: Show) -> Outcome:
     found = list[Found]()
     for number in range(count):
         with TemporaryDirectory() as temporary:
-            found.append(watched(Path(temporary), ValveKey(number, "null", seed)))
+            found.append(_watched(Path(temporary), ValveKey(number, "null", seed)))
         append(output, found[-1])
-        checks(found[-1:], show)
-    return Outcome(tuple(checks(found, silent)), ("",), {"machines": found})
+        _checks(found[-1:], show)
+    return Outcome(tuple(_checks(found, silent)), ("",), {"machines": found})

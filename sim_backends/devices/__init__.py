@@ -1,1 +1,1 @@
-"""What stands on the simulated buses: the hub, CANopen nodes, Modbus devices, and how they are wired."""
+"""Devices on the simulated buses: the hub, CANopen nodes, Modbus devices, and how they are wired."""

@@ -40,7 +40,7 @@ PRESSURE_UNITS = {0x004E0000: 1.0, 0x00220000: 1.0e-5, 0x03220000: 1.0e-2, 0x062
 
 
 class _Network:
-    """What canopen's SDO server takes for the bus."""
+    """The bus, as canopen's SDO server sees it."""
 
     def __init__(self, emit: Emit) -> None:
         self._emit = emit

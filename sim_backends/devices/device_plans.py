@@ -9,32 +9,32 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 _FLOATS = {"float32": "f", "float64": "d"}
 
 
-def width(data_type: str) -> int:
+def _width(data_type: str) -> int:
     """Return the bytes that one number takes."""
     return int("".join(filter(str.isdigit, data_type))) // 8
 
 
-def whole_limits(data_type: str) -> tuple[int, int] | None:
+def _whole_limits(data_type: str) -> tuple[int, int] | None:
     """Return smallest and largest number of an integer type; None for a floating one."""
     if data_type in _FLOATS:
         return None
-    bits = 8 * width(data_type)
+    bits = 8 * _width(data_type)
     return (0, 2**bits - 1) if data_type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def packed(data_type: str, value: float, order: Literal["little", "big"]) -> bytes:
     """Pack a number; integers are rounded and saturate, and NaN is their smallest."""
-    limits = whole_limits(data_type)
+    limits = _whole_limits(data_type)
     if limits is None:
         return struct.pack(("<" if order == "little" else ">") + _FLOATS[data_type], value)
     whole = limits[0] if math.isnan(value) else min(max(round(value), limits[0]), limits[1])
-    return whole.to_bytes(width(data_type), order, signed=limits[0] < 0)
+    return whole.to_bytes(_width(data_type), order, signed=limits[0] < 0)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Signal:
         bits, shift = self.field
         if bits:
             value = (round(value) & (1 << bits) - 1) << shift
-            limits = whole_limits(self.data_type)
+            limits = _whole_limits(self.data_type)
             assert limits is not None
             value -= 2 * (limits[1] + 1) if limits[0] < 0 and value > limits[1] else 0
         return value
@@ -86,10 +86,10 @@ class NodePlan:
     node: int
     kind: str
     objects: tuple[NodeObject, ...]
-    device_type: int | None
-    vendor_id: int | None
-    product_code: int | None
-    settings: Mapping[str, float]
+    device_type: int | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+    settings: Mapping[str, float] = field(default_factory=dict)
     revision_number: int | None = None
     serial_number: int | None = None
     firmware: str | None = None
@@ -112,13 +112,8 @@ class UnitPlan:
     registers: tuple[RegisterSignal, ...]
 
 
-def nodes_to_dict(nodes: tuple[NodePlan, ...]) -> list[dict[str, Any]]:
-    """Convert plans to what JSON can carry."""
-    return [asdict(node) for node in nodes]
-
-
 def nodes_from_dict(content: list[dict[str, Any]]) -> tuple[NodePlan, ...]:
-    """Invert :func:`nodes_to_dict`."""
+    """Make plans of their fields (:func:`dataclasses.asdict`) as JSON carries them."""
     return tuple(
         NodePlan(
             **{key: value for key, value in node.items() if key != "objects"},
@@ -130,13 +125,8 @@ def nodes_from_dict(content: list[dict[str, Any]]) -> tuple[NodePlan, ...]:
     )
 
 
-def units_to_dict(units: tuple[UnitPlan, ...]) -> list[dict[str, Any]]:
-    """Convert plans to what JSON can carry."""
-    return [asdict(unit) for unit in units]
-
-
 def units_from_dict(content: list[dict[str, Any]]) -> tuple[UnitPlan, ...]:
-    """Invert :func:`units_to_dict`."""
+    """Do the same for units."""
     return tuple(
         UnitPlan(
             unit["unit"],

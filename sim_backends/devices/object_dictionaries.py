@@ -20,7 +20,7 @@ _TYPES = {
 }  # fmt: skip
 
 
-DECIMALS = 2  # that a device tells where its EDS has no object for them
+DECIMALS = 2  # that a device reports where its EDS has no object for them
 _NAMES = {number: name for name, number in _TYPES.items()}
 
 

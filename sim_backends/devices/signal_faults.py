@@ -1,4 +1,4 @@
-"""What can be wrong with a single signal of a simulated device: the sensor itself, before anything is sent."""
+"""Faults of a single signal of a simulated device: the sensor itself, before anything is sent."""
 
 from __future__ import annotations
 

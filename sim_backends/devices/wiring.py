@@ -1,21 +1,26 @@
-"""Which simulated device serves which channel: from the machine file to plans for the device processes."""
+"""Assignment of channels to simulated devices: from the machine file to plans for the device processes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from daq.errors import InputError
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanopenBus, CanSource, Channel, Machine, ModbusRtuBus, ModbusSource, ModbusTcpBus
 from sim_backends.devices.device_plans import NodeObject, NodePlan, RegisterSignal, Signal, UnitPlan
 
+#: What a machine file may declare of a node, and its plan has by the same name.
+_DECLARED = (
+    "device_type", "vendor_id", "product_code", "settings", "revision_number", "serial_number", "firmware",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Wiring:
     """All device plans of a machine: nodes of its CANopen bus, units of each of its Modbus buses."""
 
-    can_bus: str
     can_channel: str
     nodes: tuple[NodePlan, ...]
     modbus: Mapping[str, tuple[UnitPlan, ...]]
@@ -56,22 +61,9 @@ def wire(machine: Machine) -> Wiring:
     plans = []
     for number, objects in sorted(nodes.items()):
         node = declared.get(number)
-        plans.append(
-            NodePlan(
-                number,
-                _kind(objects, node.device_type if node else None),
-                tuple(objects),
-                node.device_type if node else None,
-                node.vendor_id if node else None,
-                node.product_code if node else None,
-                dict(node.settings) if node else {},
-                node.revision_number if node else None,
-                node.serial_number if node else None,
-                node.firmware if node else None,
-            )
-        )
+        own: dict[str, Any] = {} if node is None else {key: getattr(node, key) for key in _DECLARED}
+        plans.append(NodePlan(number, _kind(objects, own.get("device_type")), tuple(objects), **own))
     return Wiring(
-        can[0].name,
         can[0].channel,
         tuple(plans),
         {bus: tuple(UnitPlan(n, tuple(r)) for n, r in sorted(held.items())) for bus, held in units.items()},

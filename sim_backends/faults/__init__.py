@@ -1,1 +1,1 @@
-"""Faults of signals and of nodes, and the files that say when they come."""
+"""Faults of signals and of nodes, and the files that give their times."""

@@ -13,7 +13,7 @@ Times are seconds of the wall's clock since acquisition sent its first SYNC: som
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -32,7 +32,7 @@ Seconds = Annotated[float, Field(gt=0, le=2)]
 
 
 class Fault(FileModel):
-    """What all faults have: when it begins, how long it lasts, and after how long it comes again."""
+    """Times of every fault: when it begins, how long it lasts, and after how long it comes again."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, validate_by_name=True)
 
@@ -340,12 +340,8 @@ def _number(source: Any) -> int:
     return source.node if isinstance(source, CanSource) else getattr(source, "unit", 0)
 
 
-def targets(faults: Sequence[Fault], machine: Machine) -> tuple[frozenset[str], ...]:
-    """Return, for each fault, the channels that it may cost something."""
-    return tuple(_targets(fault, machine) for fault in faults)
-
-
-def _targets(fault: Fault, machine: Machine) -> frozenset[str]:
+def targets(fault: Fault, machine: Machine) -> frozenset[str]:
+    """Return the channels that a fault may cost something."""
     if isinstance(fault, SignalFault):
         return frozenset((fault.channel,))
     bus: str = getattr(fault, "bus")  # noqa: B009

@@ -1,4 +1,4 @@
-"""What can break in a simulated machine: an offer for each fault and each thing that can have it, to choose from."""
+"""Faults that a simulated machine can have: an offer for each fault and each thing that can have it, to choose from."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class FaultRunner:
                 at, number, fault, begins = heapq.heappop(self._due)
                 if self._stopping.wait(max(0.0, began + at - time.monotonic())):
                     return
-                (begin if begins else end)(self._machine, self._declared, fault)
+                apply(self._machine, self._declared, fault, on=begins)
                 self._announce(fault, begins)
                 if begins:
                     heapq.heappush(self._due, (at + fault.seconds_long, number, fault, False))
@@ -109,17 +109,16 @@ class FaultRunner:
                 file.write(json.dumps({"utc_ns": time.time_ns(), "what": what, "fault": content}) + "\n")
 
 
-def begin(machine: Orderable, declared: Machine, fault: Fault) -> None:
-    """Let a fault begin."""
-    _apply(machine, declared, fault, True)
+def apply(machine: Orderable, declared: Machine, fault: Fault, *, on: bool) -> None:
+    """Let a fault begin, or end.
 
-
-def end(machine: Orderable, declared: Machine, fault: Fault) -> None:
-    """Let a fault end."""
-    _apply(machine, declared, fault, False)
-
-
-def _apply(machine: Orderable, declared: Machine, fault: Fault, on: bool) -> None:
+    Parameters
+    ----------
+    machine : takes the orders
+    declared : its machine file
+    fault : which one
+    on : True begins it
+    """
     match fault:
         case SignalFault():
             _signal(machine, declared, fault, on)

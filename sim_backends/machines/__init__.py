@@ -102,11 +102,7 @@ def _cylinder(bore: float, spread: float, rng: np.random.Generator) -> tuple[dic
         "linkage": {"type": "three_pin", "a": a, "b": b, "offset": offset, "retracted": retracted},
     }
     law = CylinderTruth(
-        m=around(usual.m),
-        K=around(usual.K),
-        f_c=f_c,
-        f_v=around(usual.f_v),
-        f_s=float(f_c * rng.uniform(0.45, 0.95)),
+        m=around(usual.m), K=around(usual.K), f_c=f_c, f_v=around(usual.f_v), f_s=float(f_c * rng.uniform(0.45, 0.95))
     )
     return declared, law
 

@@ -7,13 +7,12 @@ proportions (lengths with ``s``, areas with ``s^2``, masses with ``s^3``; ``s = 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from sim_backends.machines.parts import box_link, measured_machine
+from sim_backends.machines.parts import box_link, measured_machine, scattered
 from sim_backends.plant.truth import CylinderTruth, Hydraulics, Truth
 
 STEEL = 7850.0  # kg/m^3
@@ -29,8 +28,7 @@ def excavator_front(seed: int) -> tuple[Machine, Truth]:
     """
     rng = np.random.default_rng([seed, 3])
     s = float(np.exp(rng.uniform(np.log(0.72), np.log(1.3))))
-
-    near = _scattered(rng, s)
+    near = scattered(rng, s)
     post, boom, stick, bucket = near(0.5, 0.1), near(5.6), near(2.9), near(1.45)
     masses = np.array([700.0, 1550.0, 850.0, 1300.0]) * s**3 * rng.uniform(0.8, 1.2, 4)
     links = [
@@ -67,8 +65,7 @@ def telescopic_crane(seed: int) -> tuple[Machine, Truth]:
     """
     rng = np.random.default_rng([seed, 4])
     s = float(np.exp(rng.uniform(np.log(0.8), np.log(1.2))))
-
-    near = _scattered(rng, s)
+    near = scattered(rng, s)
     column, boom, outer, reach = near(0.3, 0.1), near(2.6), near(0.22), near(1.5)
     masses = np.array([450.0, 850.0, 650.0, 620.0]) * s**3 * rng.uniform(0.8, 1.2, 4)
     # The outer boom's frame stands at the knuckle: its third axis, which the telescope slides along, is the boom's.
@@ -93,15 +90,6 @@ def telescopic_crane(seed: int) -> tuple[Machine, Truth]:
     laws = [_cylinder(joint, bore, 0.65, rng) for joint, bore in zip(joints[:3], bores[:3], strict=True)]
     laws.append(_cylinder(joints[3], bores[3], 0.65, rng, pads=rng.uniform(3.0, 6.0)))
     return measured_machine("telescopic-crane", [0.0, 0.0, -9.81], joints, laws, links, _hydraulics(0.6 * s))
-
-
-def _scattered(rng: np.random.Generator, size: float) -> Callable[..., float]:
-    """Draw lengths about their values at this size of arm, ``spread`` to either side."""
-
-    def near(value: float, spread: float = 0.05) -> float:
-        return float(value * size * rng.uniform(1 - spread, 1 + spread))
-
-    return near
 
 
 def _polar(radius: float, bearing: float) -> list[float]:

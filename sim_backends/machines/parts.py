@@ -1,8 +1,8 @@
-"""What simulated machines are put together from: links of steel, cylinders' linkages in a machine file, channels."""
+"""Parts of simulated machines: links of steel, cylinders' linkages in a machine file, channels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,15 @@ import yaml
 
 from daq.machine.machine_file import Machine, parse_machine
 from sim_backends.plant.truth import CylinderTruth, Hydraulics, LinkTruth, Truth
+
+
+def scattered(rng: np.random.Generator, size: float) -> Callable[..., float]:
+    """Draw lengths about their values at this size of arm, ``spread`` to either side."""
+
+    def near(value: float, spread: float = 0.05) -> float:
+        return float(value * size * rng.uniform(1 - spread, 1 + spread))
+
+    return near
 
 
 def box_link(rng: np.random.Generator, mass: float, centre: tuple[float, ...], shape: tuple[float, ...]) -> LinkTruth:

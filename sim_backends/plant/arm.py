@@ -20,9 +20,8 @@ import scipy
 
 from daq.machine.linkages import Direct, Rack, ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.truth import LinkTruth, Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 _WITH_TENDON = (ThreePin, Rack, Direct)
 GRID = 400  # cells over a joint's range: 1e-12 m off the geometry
@@ -31,9 +30,9 @@ PIN_BEARING = 0.4  # rad: where around the axis the carrying pin sits; the law d
 
 @dataclass(frozen=True)
 class ArmDesign:
-    """What the arm is built from. Undeclared effects replace parts of it, so that machine file and plant differ.
+    """Description of the arm. Undeclared effects replace parts of it, so that machine file and plant differ.
 
-    ``pin_a`` and ``pin_b`` are radial displacements of the pins in m; ``tilt`` is the rotation vector in rad by which
+    ``pin_b`` are radial displacements of driven pins in m; ``tilt`` is the rotation vector in rad by which
     the base really stands turned; ``payload`` is a point mass in kg at the tip that the arm carries from
     ``payload_from`` s into each motion.
     """
@@ -41,7 +40,6 @@ class ArmDesign:
     machine: Machine
     truth: Truth
     tilt: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pin_a: dict[str, float] = field(default_factory=dict)
     pin_b: dict[str, float] = field(default_factory=dict)
     payload: float = 0.0
     payload_from: float = 0.0
@@ -101,8 +99,7 @@ def _tendon(tendons: ET.Element, joint: Joint, carrying: ET.Element, driven: ET.
     armature = repr(design.truth.cylinders[joint.name].m)
     linkage = reduced(cylinder.linkage)
     if isinstance(linkage, ThreePin):
-        a = linkage.a + design.pin_a.get(joint.name, 0.0)
-        b = linkage.b + design.pin_b.get(joint.name, 0.0)
+        a, b = linkage.a, linkage.b + design.pin_b.get(joint.name, 0.0)
         bearing = PIN_BEARING
         pin_a = head_position + head @ np.array([a * np.cos(bearing), a * np.sin(bearing), 0.0])
         bearing += linkage.offset

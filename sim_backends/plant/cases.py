@@ -7,18 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from daq.machine.machine_file import Machine, machine_to_yaml
 from daq.recordings.recording import write_recording
+from sim_backends.arrays import FloatArray
 from sim_backends.machines import ARMS, ArmKind
 from sim_backends.plant.motion import Motion, random_motion
 from sim_backends.plant.plant import record_beside_ideal
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import EffectSpec, check_spec
 
-FloatArray = npt.NDArray[np.float64]
 Effects = Sequence[EffectSpec | tuple[str, str | None, float]]
 
 
@@ -53,16 +52,15 @@ class CasePlan:
 @dataclass(frozen=True)
 class Case:
     """Recordings of one machine: SI tables by file stem (``unloaded``, ``train-1``, ``train-2``, ``repeat``,
-    ``validate``), their motions, and the truth."""
+    ``validate``), and the truth."""
 
     machine: Machine
     truth: Truth
     undeclared: tuple[EffectSpec, ...]
-    motions: Mapping[str, Motion]
     recordings: Mapping[str, Mapping[str, FloatArray]]
 
 
-def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, seconds: float = 60.0) -> CasePlan:
+def plan_case(arm: ArmKind | tuple[Machine, Truth], seed: int, seconds: float = 60.0) -> CasePlan:
     """Plan machine and motions of a case, before anything is recorded."""
     machine, truth = arm if isinstance(arm, tuple) else ARMS[arm](seed)
     rng = np.random.default_rng([seed, 11])
@@ -74,8 +72,8 @@ def plan_case(arm: ArmKind | tuple[Machine, Truth] = "folding", seed: int = 0, s
 
 
 def simulate_case(
-    arm: ArmKind | tuple[Machine, Truth] = "folding",
-    seed: int = 0,
+    arm: ArmKind | tuple[Machine, Truth],
+    seed: int,
     undeclared: Effects = (),
     quality: SensorQuality | None = None,
     seconds: float = 60.0,
@@ -88,7 +86,7 @@ def simulate_case(
     plan = plan_case(arm, seed, seconds)
     specs = tuple(check_spec(s if isinstance(s, EffectSpec) else EffectSpec(*s), plan.machine) for s in undeclared)
     recordings = {stem: plan.record(stem, specs, quality)[0] for stem in STEMS}
-    return Case(plan.machine, plan.truth, specs, plan.motions, recordings)
+    return Case(plan.machine, plan.truth, specs, recordings)
 
 
 def write_table(file: Path, machine: Machine, role: str, table: Mapping[str, FloatArray]) -> Path:
@@ -112,14 +110,13 @@ def write_tables(
 
 def make_case(
     folder: str | Path,
-    arm: ArmKind | tuple[Machine, Truth] = "folding",
+    arm: ArmKind | tuple[Machine, Truth],
     seed: int = 0,
     undeclared: Effects = (),
-    quality: SensorQuality | None = None,
     seconds: float = 60.0,
 ) -> Case:
     """Simulate as :func:`simulate_case` into ``folder``: ``machine.yaml``, Parquet files, ``truth.yaml``."""
-    case = simulate_case(arm, seed, undeclared, quality, seconds)
+    case = simulate_case(arm, seed, undeclared, seconds=seconds)
     folder = Path(folder)
     write_tables(folder, case.machine, case.recordings)
     effects = [{"name": s.id, "joint": s.joint, "size": s.size} for s in case.undeclared]

@@ -1,6 +1,6 @@
 """The simulated arm driven by pressures: forward dynamics, and a position controller that closes the loop.
 
-:class:`sim_backends.plant.plant.Plant` takes the motion as given and says what it takes. Here the chambers push and
+:class:`sim_backends.plant.plant.Plant` takes the motion as given and computes its forces. Here the chambers push and
 the arm moves: MuJoCo's inertia and bias forces, the cylinders' own laws, restless seals. The controller is what the
 makers of such arms fit: proportional, integral and derivative on each piston's position, tuned to one effective mass,
 and, if there is a table, the feedforward of its pressures.
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.arm import Arm, ArmDesign
 from sim_backends.plant.controller import LOOP_DAMPING, LOOP_FREQUENCY
 from sim_backends.plant.hydraulics import CylinderBank, chamber_pressures
@@ -25,8 +25,6 @@ from sim_backends.plant.linear_filter import ColouredNoise
 from sim_backends.plant.motion import Motion, SplinePath
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality, Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP = 1.0e-3  # s
 #: Half-width of the smoothed Coulomb jump, m/s: what an integrator of this step can hold still.

@@ -14,15 +14,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import solve_continuous_lyapunov
 
 from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.linear_filter import ColouredNoise, second_order
 from sim_backends.plant.motion import Motion, SplinePath
 
-FloatArray = npt.NDArray[np.float64]
 Phase = Literal["idle", "moving_to_start", "following", "done"]
 
 LOOP_FREQUENCY = 1.5  # Hz: bandwidth of position loops of such arms
@@ -81,7 +80,7 @@ class Controller:
         self._speed = np.array([joint.limits.velocity for joint in machine.joints])
         self._acceleration = np.array([joint.limits.acceleration for joint in machine.joints])
         self._travel = travel
-        self._piston_of = piston_of
+        self._x = piston_of
         self._tracking = tracking
         self._noise = ColouredNoise(VALVE_NOISE_TIME, dt, len(machine.joints), rng)
         self._loop = second_order(LOOP_FREQUENCY, LOOP_DAMPING, dt, len(machine.joints))
@@ -93,9 +92,6 @@ class Controller:
         self.phase: Phase = "idle"
         self.motion = ""
         self._queue: deque[_Segment] = deque()
-
-    def _x(self, q: FloatArray) -> FloatArray:
-        return self._piston_of(q)
 
     def place(self, motion: Motion) -> None:
         """Put the arm (or the pistons of the parked arm) at a motion's start, without moving there."""

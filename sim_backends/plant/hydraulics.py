@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.truth import CylinderTruth, Hydraulics, Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 # Half-width of the smoothed Coulomb jump in m/s: below the speed that smoothed 50 Hz encoders resolve (some 2e-5 m/s),
 # so that what is measured is a jump.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 
 class LinearFilter:
@@ -25,13 +25,7 @@ class LinearFilter:
     """
 
     def __init__(
-        self,
-        A: npt.ArrayLike,
-        B: npt.ArrayLike,
-        C: npt.ArrayLike,
-        D: npt.ArrayLike,
-        dt: float,
-        columns: int = 1,
+        self, A: npt.ArrayLike, B: npt.ArrayLike, C: npt.ArrayLike, D: npt.ArrayLike, dt: float, columns: int
     ) -> None:
         system: Any = tuple(np.atleast_2d(np.asarray(M, dtype=float)) for M in (A, B, C, D))
         discrete: Any = scipy.signal.cont2discrete(system, dt)

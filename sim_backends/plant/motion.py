@@ -1,4 +1,4 @@
-"""Motions: what the arm's own controller is asked to follow, as motion files say it (:mod:`daq.motion_files`).
+"""Motions: what the arm's own controller is asked to follow, as motion files have it (:mod:`daq.motion_files`).
 
 Joints without a column hold their pose. Between rows the controller interpolates with a quintic spline, so that rows
 every 0.02 to 0.1 s are enough.
@@ -11,14 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from daq import motion_files
 from daq.machine.machine_file import Machine
 from daq.motion_files import Rods
-
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 SLACK = 1e-3  # of a range, by which the controller follows a motion beyond it
 
@@ -82,13 +80,7 @@ class SplinePath:
 _USE, _HARMONICS, _SLOWEST_HZ, _RATE_HZ = 0.92, 5, 0.05, 50.0
 
 
-def random_motion(
-    machine: Machine,
-    rng: np.random.Generator,
-    seconds: float,
-    *,
-    rods: Rods = "pinned",
-) -> Motion:
+def random_motion(machine: Machine, rng: np.random.Generator, seconds: float, *, rods: Rods = "pinned") -> Motion:
     """Draw a smooth multi-sine for all joints (or pistons), inside position, speed, acceleration limits.
 
     Each axis is a sum of five sines at random frequencies from some 0.05 Hz up, scaled until 92 % of the tightest limit

@@ -1,7 +1,7 @@
 """The simulated machine: arm, cylinders, oil, controller and transducers, advanced in physics steps of 1 ms or less.
 
-The motion is the controller's (:mod:`sim_backends.plant.controller`); MuJoCo says what effort the arm needs for it; the
-cylinders' own laws, disturbances and undeclared effects say what the chambers have to deliver; the valves split that
+The motion is the controller's (:mod:`sim_backends.plant.controller`); MuJoCo computes the effort for it; the
+cylinders' own laws, disturbances and undeclared effects decide what the chambers deliver; the valves split that
 force into two chamber pressures. One :meth:`Plant.advance` handles any number of steps at once: a whole recording
 offline, one acquisition period on the simulated buses.
 """
@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.machine.quantities import MOTOR_QUANTITIES
-from daq.motion_files import Rods
+from sim_backends.arrays import FloatArray
 from sim_backends.plant import hydraulics
 from sim_backends.plant.arm import Arm, ArmDesign
 from sim_backends.plant.controller import Controller
@@ -26,8 +25,6 @@ from sim_backends.plant.motion import Motion
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality, Truth
 from sim_backends.undeclared import UNDECLARED, Block, EffectSpec, Place, Readings, UndeclaredEffect, check_spec
-
-FloatArray = npt.NDArray[np.float64]
 
 PHYSICS_RATE = 1000.0  # Hz, at least
 RIGID_RATE = 200.0  # Hz, at least: the arm's effort is smooth and taken as linear in between
@@ -38,7 +35,7 @@ SETTLE_TIME = 2.0  # s at rest before an offline recording starts
 
 @dataclass(frozen=True)
 class StepSizes:
-    """How an acquisition period is divided."""
+    """Division of an acquisition period."""
 
     dt: float  # s, physics step
     per_period: int  # physics steps in a period
@@ -108,7 +105,8 @@ class Plant:
             machine, ends, self._pistons, tracking=quality.tracking, dt=dt, grain=self.steps.per_period, rng=tracking
         )
         self._chain = SensorChain(machine, quality, sensors)
-        self._columns = [_column(machine, channel.quantity, channel.joint) for channel in machine.channels]
+        names = [joint.name for joint in machine.joints]
+        self._columns = [(c.quantity, None if c.joint is None else names.index(c.joint)) for c in machine.channels]
         self._elapsed = 0
         self._last_effort: dict[str, FloatArray] = {}
 
@@ -159,7 +157,7 @@ class Plant:
         )
         for effect in self.effects:
             effect.sense(block, readings)
-        return self._channels(block, readings)
+        return self.channels(block, readings)
 
     def step(self, n: int) -> tuple[Block, FloatArray, FloatArray]:
         """Run ``n`` physics steps; the state, the hydraulic forces (n, J) in N and the joint efforts (n, J)."""
@@ -247,8 +245,8 @@ class Plant:
         flow = inflow[:, ~bank.driven].sum(axis=1)
         return hydraulics.supply_pressure(flow, self.design.truth.hydraulics)
 
-    def _channels(self, block: Block, readings: Readings) -> FloatArray:
-        """Return ideal values (n, channels) in the machine file's order."""
+    def channels(self, block: Block, readings: Readings) -> FloatArray:
+        """Return ideal values (n, channels) of readings in a block, in the machine file's order."""
         n = len(block.time)
         out = np.empty((n, len(self._columns)))
         for k, (quantity, j) in enumerate(self._columns):
@@ -292,11 +290,6 @@ def _effect(spec: EffectSpec, machine: Machine, truth: Truth, dt: float, rng: np
     return UNDECLARED[spec.id](Place(machine, truth, joint, dt, rng.spawn(1)[0]), spec.size)
 
 
-def _column(machine: Machine, quantity: str, joint: str | None) -> tuple[str, int | None]:
-    names = [j.name for j in machine.joints]
-    return quantity, None if joint is None else names.index(joint)
-
-
 _NOT_SIMULATED = MOTOR_QUANTITIES | {"joint_velocity", "external_force"}
 
 
@@ -332,7 +325,6 @@ def record(
     quality: SensorQuality | None = None,
     rng: np.random.Generator,
     shapes: np.random.Generator | None = None,
-    rods: Rods | None = None,
 ) -> dict[str, FloatArray]:
     """Record ``motion`` once, without buses.
 
@@ -342,20 +334,15 @@ def record(
     ----------
     machine, truth, undeclared, quality, rng, shapes : as for :class:`Plant`; an effect may be a tuple ``(id, joint,
         size)``
-    motion : Motion
-    rods : {"pinned", "unpinned"}, optional
-        Checked against the motion's own.
+    motion : what the arm's controller follows
 
     Returns
     -------
     dict
         ``time`` in s and one array (n,) per channel name, in SI units.
     """
-    if rods is not None and rods != motion.rods:
-        raise InputError(f"the motion is for rods={motion.rods}, not {rods}")
-    return record_beside_ideal(machine, truth, motion, undeclared=undeclared, quality=quality, rng=rng, shapes=shapes)[
-        0
-    ]
+    both = record_beside_ideal(machine, truth, motion, undeclared=undeclared, quality=quality, rng=rng, shapes=shapes)
+    return both[0]
 
 
 def record_beside_ideal(

@@ -58,7 +58,7 @@ class _Period:
     pinned: bool
 
 
-class Served(Protocol):
+class _Served(Protocol):
     """A plant with its controller, as the process needs it."""
 
     @property
@@ -79,17 +79,17 @@ class Served(Protocol):
 Reader = Callable[[Path, Machine], Any]
 
 
-class PlantServer:
+class _PlantServer:
     """The plant behind its packets."""
 
     def __init__(
         self,
         machine: Machine,
-        plant: Served,
+        plant: _Served,
         hub: socket.socket,
         inbox: Path,
         status: Path,
-        read: Reader = read_motion,
+        read: Reader,
     ) -> None:
         self._machine, self._plant, self._hub, self._read = machine, plant, hub, read
         self._inbox, self._status_path = inbox, status
@@ -194,14 +194,14 @@ def ended_quietly(run: Callable[[], None]) -> None:
         raise SystemExit(1) from None
 
 
-def serve(build: Callable[[Mapping[str, Any], Machine], Served], read: Reader = read_motion) -> None:
+def serve(build: Callable[[Mapping[str, Any], Machine], _Served], read: Reader = read_motion) -> None:
     """Serve what ``build`` makes of the configuration and the machine, until the parent closes its end."""
     orders = Orders()
     configuration = orders.configuration()
     machine = parse_machine(configuration["machine"])
     plant = build(configuration, machine)
     hub = backplane.adopt(configuration["hub"])
-    server = PlantServer(machine, plant, hub, Path(configuration["inbox"]), Path(configuration["status"]), read)
+    server = _PlantServer(machine, plant, hub, Path(configuration["inbox"]), Path(configuration["status"]), read)
     report({"ready": {}})
     server.run(orders)
 

@@ -1,6 +1,6 @@
-"""What the simulated machine really is: the plant's own parameters, which no machine file carries.
+"""Truth of the simulated machine: the plant's own parameters, which no machine file carries.
 
-Only the plant reads these. A machine file says where pins and pressures are; a :class:`Truth` says how heavy the
+Only the plant reads these. A machine file has where pins and pressures are; a :class:`Truth` has how heavy the
 links are and how the cylinders rub. The YAML form is the one beside generated cases (``truth.yaml``).
 """
 
@@ -134,7 +134,7 @@ def truth_to_yaml(truth: Truth) -> str:
 
 @dataclass(frozen=True)
 class SensorQuality:
-    """How good the measurement chain and how quiet the machine is. All of it is random, none of it declared.
+    """Quality of the measurement chain, and quiet of the machine. All of it is random, none of it declared.
 
     Standard deviations and resolutions are in SI units. ``disturbance`` and ``knock_size`` are relative to the
     cylinder's Coulomb friction, because seals and valves are what makes a cylinder restless; ``tracking`` is relative

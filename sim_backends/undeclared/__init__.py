@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from daq.errors import InputError
 from daq.machine.linkages import ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
-from sim_backends.undeclared import forces, friction, mismatch, mounting, outside, outside_later, sensing
+from sim_backends.undeclared import forces, friction, mismatch, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 
 __all__ = [
@@ -29,27 +29,21 @@ __all__ = [
 
 UNDECLARED: dict[str, type[UndeclaredEffect]] = {
     effect.id: effect
-    for module in (friction, forces, sensing, mounting, outside, outside_later, mismatch)
+    for module in (friction, forces, sensing, outside, outside_later, mismatch)
     for effect in vars(module).values()
     if isinstance(effect, type) and issubclass(effect, UndeclaredEffect) and effect.__dict__.get("id")
 }
 #: Effects that stand in no catalogue, in the order in which they were written.
-OUTSIDE = tuple(
-    effect
-    for module in (outside, outside_later)
-    for effect, kind in UNDECLARED.items()
-    if kind.__module__ == module.__name__
-)
+OUTSIDE = tuple(e for e, kind in UNDECLARED.items() if kind.__module__ in (outside.__name__, outside_later.__name__))
 #: Shapes that flexibility and play have between two position sensors, and what bends one of those in no catalogue.
-MISMATCH = tuple(e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and kind.called)
-OUTSIDE_MISMATCH = tuple(
-    e for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__ and not kind.called
-)
+_BENDING = {e: kind for e, kind in UNDECLARED.items() if kind.__module__ == mismatch.__name__}
+MISMATCH = tuple(e for e, kind in _BENDING.items() if kind.called)
+OUTSIDE_MISMATCH = tuple(e for e, kind in _BENDING.items() if not kind.called)
 
 
 @dataclass(frozen=True)
 class EffectSpec:
-    """Which effect, where, how large (in the effect's unit); ``joint`` is None for one of the whole base."""
+    """An effect, its place and its size (in the effect's unit); ``joint`` is None for one of the whole base."""
 
     id: str
     joint: str | None

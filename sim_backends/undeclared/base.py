@@ -1,6 +1,6 @@
-"""What an undeclared effect may touch.
+"""Hooks of undeclared effects.
 
-An effect is a piece of physics that the machine file knows nothing about. It says so through one or more hooks of
+An effect is a piece of physics that the machine file knows nothing about. It enters through one or more hooks of
 :class:`UndeclaredEffect`; each hook is there because some real defect enters at that point of the plant:
 
 ``redesign``      the arm itself differs from its file: a pin, the base, the oil, a payload;
@@ -18,14 +18,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Cylinder, Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.arm import ArmDesign
 from sim_backends.plant.hydraulics import direction
 from sim_backends.plant.truth import Truth
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass
@@ -51,7 +49,7 @@ class Block:
 
 @dataclass
 class Readings:
-    """What ideal transducers would read, at every physics step; ``sense`` changes it in place. SI units."""
+    """Readings of ideal transducers, at every physics step; ``sense`` changes it in place. SI units."""
 
     joint_position: FloatArray  # (n, J)
     piston_position: FloatArray
@@ -64,7 +62,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Place:
-    """Where an effect sits: the machine, one of its joints (or the base: ``None``), and the random generator that
+    """Place of an effect: the machine, one of its joints (or the base: ``None``), and the random generator that
     decides its hidden shape (pitch, centre, time constant)."""
 
     machine: Machine
@@ -85,6 +83,9 @@ class UndeclaredEffect:
     needs_cylinder: ClassVar[bool] = True
     needs_three_pin: ClassVar[bool] = False
     needs_rotation: ClassVar[bool] = False  # a sliding joint cannot have it
+    shown_by: ClassVar[tuple[str, ...]] = ()  # of :meth:`variables`, signals of its own joint
+    shown_by_other: ClassVar[tuple[str, ...]] = ()  # and signals of ``other``, a neighbour that it draws
+    other: int
 
     def __init__(self, place: Place, size: float) -> None:
         self.place = place
@@ -119,7 +120,10 @@ class UndeclaredEffect:
 
         Names as in a report: ``piston_position`` of the joint itself, ``joint3.piston_speed`` of another.
         """
-        return ()
+        if not self.shown_by_other:
+            return self.shown_by
+        other = self.place.machine.joints[self.other].name
+        return (*self.shown_by, *(f"{other}.{signal}" for signal in self.shown_by_other))
 
     # Helpers for subclasses
 

@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.linear_filter import second_order
-from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
+from sim_backends.undeclared.base import Block, UndeclaredEffect
 
 
 class QuadraticLoss(UndeclaredEffect):

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.arm import ArmDesign
-from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
+from sim_backends.undeclared.base import Block, UndeclaredEffect
 
 REFERENCE_PRESSURE = 2.0e6  # Pa: sizes of load and pressure effects are quoted there
 

@@ -1,4 +1,4 @@
-"""What bends one of a joint's two position sensors against the other: structure, play, and what no catalogue has.
+"""Effects that bend one of a joint's two position sensors against the other: structure, play, some in no catalogue.
 
 Where a compliance or a play sits decides its lever: along the cylinder (mounts, rod) it is a length per force at the
 piston, about the joint (hub, link) an angle per effort. Which side of the seals it sits on decides whether it feels
@@ -13,12 +13,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.linear_filter import second_order
-from sim_backends.undeclared.base import Block, FloatArray, Readings, UndeclaredEffect
+from sim_backends.undeclared.base import Block, Readings, UndeclaredEffect
 
 
 class _Mismatch(UndeclaredEffect):
-    """The piston's sensor reads more than the joint's position says, by :meth:`gap`."""
+    """The piston's sensor reads more than the joint's position gives, by :meth:`gap`."""
 
     def gap(self, block: Block) -> FloatArray:
         """Compute the added gap (n,), m."""
@@ -30,7 +31,7 @@ class _Mismatch(UndeclaredEffect):
 
 
 class _ForceDriven(_Mismatch):
-    """What gives way to the force at the piston, felt with the seals' friction or without."""
+    """A part that gives way to the force at the piston, felt with the seals' friction or without."""
 
     about_the_joint: ClassVar[bool] = False
 
@@ -119,6 +120,7 @@ class HardeningStructure(_ForceDriven):
     id = "hardening_structure"
     unit = "m"
     meaning = "length by which it gives way under a usual force"
+    shown_by = ("cylinder_force",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         super().prepare(rng)
@@ -132,9 +134,6 @@ class HardeningStructure(_ForceDriven):
         root = np.cbrt(np.abs(right) / 2.0 + np.sqrt(right**2 / 4.0 + third**3))
         return np.asarray(self.size * np.sign(right) * (root - third / root))
 
-    def variables(self) -> tuple[str, ...]:
-        return ("cylinder_force",)
-
 
 class WarmingScale(_Mismatch):
     """A position transducer that grows longer while its electronics warm up."""
@@ -142,15 +141,13 @@ class WarmingScale(_Mismatch):
     id = "warming_scale"
     unit = "m"
     meaning = "shift of the piston's reading once it is warm"
+    shown_by = ("time", "oil_temperature")
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.settling = rng.uniform(15.0, 90.0)  # s
 
     def gap(self, block: Block) -> FloatArray:
         return np.asarray(-self.size * np.expm1(-np.maximum(block.time, 0.0) / self.settling))
-
-    def variables(self) -> tuple[str, ...]:
-        return ("time", "oil_temperature")
 
 
 class BendingFrame(_Mismatch):
@@ -159,6 +156,7 @@ class BendingFrame(_Mismatch):
     id = "bending_frame"
     unit = "m"
     meaning = "largest shift of the mount over a turn of the neighbour"
+    shown_by_other = ("joint_position", "link_angle")
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
@@ -171,10 +169,6 @@ class BendingFrame(_Mismatch):
             angle = np.pi * (angle - joint.limits.position[0]) / (joint.limits.position[1] - joint.limits.position[0])
         return np.asarray(self.size * np.sin(angle + self.bearing))
 
-    def variables(self) -> tuple[str, ...]:
-        name = self.place.machine.joints[self.other].name
-        return (f"{name}.joint_position", f"{name}.link_angle")
-
 
 class ScaleWave(_Mismatch):
     """A scale whose error repeats along the rod: magnets, or pole pitches interpolated badly."""
@@ -182,6 +176,7 @@ class ScaleWave(_Mismatch):
     id = "scale_wave"
     unit = "m"
     meaning = "amplitude of the piston reading's error"
+    shown_by = ("piston_position",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         low, high = self.travel
@@ -190,6 +185,3 @@ class ScaleWave(_Mismatch):
 
     def gap(self, block: Block) -> FloatArray:
         return np.asarray(self.size * np.sin(2 * np.pi * block.x[:, self.joint] / self.pitch + self.phase))
-
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_position",)

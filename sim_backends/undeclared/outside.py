@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
+from sim_backends.arrays import FloatArray
+from sim_backends.undeclared.base import Block, UndeclaredEffect
 
 
 class BentGuide(UndeclaredEffect):
@@ -13,6 +14,7 @@ class BentGuide(UndeclaredEffect):
     id = "bent_guide"
     unit = "N"
     meaning = "friction at the dent"
+    shown_by = ("piston_position",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.centre, self.width = rng.uniform(0.3, 0.7), rng.uniform(0.08, 0.14)
@@ -21,9 +23,6 @@ class BentGuide(UndeclaredEffect):
         u = (self.stroke_fraction(block) - self.centre) / self.width
         return self.size * self.sign(block) / np.square(np.cosh(u))
 
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_position",)
-
 
 class ThresholdSpring(UndeclaredEffect):
     """A cable or bracket that is caught from some position on and is stretched beyond it."""
@@ -31,6 +30,7 @@ class ThresholdSpring(UndeclaredEffect):
     id = "threshold_spring"
     unit = "N"
     meaning = "force at the far end of the travel"
+    shown_by = ("piston_position",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.threshold = rng.uniform(0.4, 0.65)
@@ -38,9 +38,6 @@ class ThresholdSpring(UndeclaredEffect):
     def piston_force(self, block: Block) -> FloatArray:
         beyond = (self.stroke_fraction(block) - self.threshold) / (1.0 - self.threshold)
         return self.size * 0.03 * np.logaddexp(0.0, beyond / 0.03)
-
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_position",)
 
 
 class NeighbourProductFriction(UndeclaredEffect):
@@ -73,6 +70,7 @@ class SaturatingCoupling(UndeclaredEffect):
     id = "saturating_coupling"
     unit = "N"
     meaning = "force at saturation"
+    shown_by_other = ("piston_speed",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
@@ -81,9 +79,6 @@ class SaturatingCoupling(UndeclaredEffect):
     def piston_force(self, block: Block) -> FloatArray:
         return self.size * np.tanh(block.v[:, self.other] / self.knee)
 
-    def variables(self) -> tuple[str, ...]:
-        return (f"{self.place.machine.joints[self.other].name}.piston_speed",)
-
 
 class DwellStiction(UndeclaredEffect):
     """Seals that settle with time since the last reversal: friction grows, then a reversal breaks it."""
@@ -91,6 +86,8 @@ class DwellStiction(UndeclaredEffect):
     id = "dwell_stiction"
     unit = "N"
     meaning = "friction after a long stroke in one direction"
+    # Within a stroke the time since the reversal goes with speed and acceleration; no channel holds it.
+    shown_by = ("time_since_reversal", "piston_speed", "piston_acceleration")
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.settling = rng.uniform(1.0, 3.0)  # s
@@ -106,10 +103,6 @@ class DwellStiction(UndeclaredEffect):
         self.age, self.heading = age, heading
         return self.size * -np.expm1(-ages / self.settling) * self.sign(block)
 
-    def variables(self) -> tuple[str, ...]:
-        # Within a stroke the time since the reversal goes with speed and acceleration; no channel holds it.
-        return ("time_since_reversal", "piston_speed", "piston_acceleration")
-
 
 class NeighbourInertia(UndeclaredEffect):
     """A gear or a link that the machine file leaves out: the neighbour's acceleration pushes here."""
@@ -117,15 +110,13 @@ class NeighbourInertia(UndeclaredEffect):
     id = "neighbour_inertia"
     unit = "kg"
     meaning = "piston force here per acceleration of the neighbour's piston"
+    shown_by_other = ("piston_acceleration",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
 
     def piston_force(self, block: Block) -> FloatArray:
         return np.asarray(self.size * block.a[:, self.other])
-
-    def variables(self) -> tuple[str, ...]:
-        return (f"{self.place.machine.joints[self.other].name}.piston_acceleration",)
 
 
 class DentedRod(UndeclaredEffect):
@@ -134,6 +125,7 @@ class DentedRod(UndeclaredEffect):
     id = "dented_rod"
     unit = "N"
     meaning = "friction at the deepest dent"
+    shown_by = ("piston_position",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         count = int(rng.integers(3, 5))
@@ -145,9 +137,6 @@ class DentedRod(UndeclaredEffect):
         u = (self.stroke_fraction(block)[:, None] - self.centres) / self.widths
         return np.asarray(self.size * self.sign(block) * (self.depths / np.square(np.cosh(u))).sum(axis=1))
 
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_position",)
-
 
 class ReturnLine(UndeclaredEffect):
     """A return line shared by all cylinders: what all of them displace together raises the pressure here."""
@@ -155,6 +144,7 @@ class ReturnLine(UndeclaredEffect):
     id = "return_line"
     unit = "N"
     meaning = "force when all cylinders run fast"
+    shown_by = ("total_flow",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         areas = [0.0 if j.cylinder is None else j.cylinder.head_area for j in self.place.machine.joints]
@@ -165,9 +155,6 @@ class ReturnLine(UndeclaredEffect):
     def piston_force(self, block: Block) -> FloatArray:
         flow = np.abs(block.v) @ self.areas / self.fast
         return np.asarray(self.size * flow * flow)
-
-    def variables(self) -> tuple[str, ...]:
-        return ("total_flow",)
 
 
 class HangingHose(UndeclaredEffect):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from daq.machine.machine_file import Machine
-from sim_backends.undeclared.base import Block, FloatArray, UndeclaredEffect
+from sim_backends.arrays import FloatArray
+from sim_backends.undeclared.base import Block, UndeclaredEffect
 from sim_backends.undeclared.friction import REFERENCE_PRESSURE
 
 
@@ -15,6 +16,8 @@ class SqueezedGuide(UndeclaredEffect):
     id = "squeezed_guide"
     unit = "N"
     meaning = "friction while the neighbour's rod carries 2 MPa over its head area"
+    # One chamber carries the load: its pressure is the force.
+    shown_by_other = ("cylinder_force", "head_pressure", "rod_pressure")
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
@@ -27,10 +30,6 @@ class SqueezedGuide(UndeclaredEffect):
         push = block.load[:, self.other] / self.reference
         return np.asarray(self.size * (np.hypot(push, self.play) - self.play) * self.sign(block))
 
-    def variables(self) -> tuple[str, ...]:
-        other = self.place.machine.joints[self.other].name  # one chamber carries the load: its pressure is the force
-        return tuple(f"{other}.{signal}" for signal in ("cylinder_force", "head_pressure", "rod_pressure"))
-
 
 class WipedFilm(UndeclaredEffect):
     """A rod that a dry wiper strips of its oil: friction rises once a stroke has gone on for a while."""
@@ -38,6 +37,7 @@ class WipedFilm(UndeclaredEffect):
     id = "wiped_film"
     unit = "N"
     meaning = "friction at the end of a very long stroke"
+    shown_by = ("distance_since_reversal",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         low, high = self.travel
@@ -57,9 +57,6 @@ class WipedFilm(UndeclaredEffect):
         stripped = np.square(distance / self.length)
         return np.asarray(self.size * stripped / (1.0 + stripped) * self.sign(block))
 
-    def variables(self) -> tuple[str, ...]:
-        return ("distance_since_reversal",)
-
 
 class LyingRod(UndeclaredEffect):
     """A heavy rod or slide along its link: its weight presses on the pads, most of all where the link lies level.
@@ -75,14 +72,14 @@ class LyingRod(UndeclaredEffect):
     def prepare(self, rng: np.random.Generator) -> None:
         machine = self.place.machine
         self.last = self.joint - 1 if machine.joints[self.joint].type == "prismatic" else self.joint
-        self.first = first_of_group(machine, self.last)
+        self.first = _first_of_group(machine, self.last)
         self.askew = rng.uniform(-0.3, 0.3)  # rad between rod and link
         inclined = self.joint != self.last  # a slide along the third axis of the link before it
         self.theta = sum(j.dh.theta for j in machine.joints[self.first : self.last + 1])
         self.theta += self.askew - (0.5 * np.pi if inclined else 0.0)
 
     def piston_force(self, block: Block) -> FloatArray | None:
-        if not block.pinned or self.last - self.first < 1 or not horizontal(self.place.machine, self.first):
+        if not block.pinned or self.last - self.first < 1 or not _horizontal(self.place.machine, self.first):
             return None
         angle = block.q[:, self.first : self.last + 1].sum(axis=1) + self.theta
         return np.asarray(self.size * np.abs(np.cos(angle)) * self.sign(block))
@@ -98,6 +95,7 @@ class StarvedInflow(UndeclaredEffect):
     id = "starved_inflow"
     unit = "N"
     meaning = "force at an outward acceleration that reaches a fast stroke's speed within a second"
+    shown_by = ("piston_acceleration",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.threshold = rng.uniform(0.05, 0.2)
@@ -107,9 +105,6 @@ class StarvedInflow(UndeclaredEffect):
         beyond = block.a[:, self.joint] / self.fast - self.threshold
         return np.asarray(self.size * 0.03 * np.logaddexp(0.0, beyond / 0.03))
 
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_acceleration",)
-
 
 class SharedGallery(UndeclaredEffect):
     """One narrow inlet for two cylinders: either fills freely alone, and both lose pressure when they fill together."""
@@ -117,6 +112,7 @@ class SharedGallery(UndeclaredEffect):
     id = "shared_gallery"
     unit = "N"
     meaning = "force while this cylinder and its neighbour extend at a fast stroke"
+    shown_by, shown_by_other = ("piston_speed",), ("piston_speed",)
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
@@ -135,9 +131,6 @@ class SharedGallery(UndeclaredEffect):
         )
         return np.asarray(self.size * own * other)
 
-    def variables(self) -> tuple[str, ...]:
-        return ("piston_speed", f"{self.place.machine.joints[self.other].name}.piston_speed")
-
 
 class PilotLine(UndeclaredEffect):
     """A load-holding valve that the neighbour's head pressure opens: while that is low, it resists retracting."""
@@ -145,6 +138,7 @@ class PilotLine(UndeclaredEffect):
     id = "pilot_line"
     unit = "N"
     meaning = "resistance to retracting while the neighbour's head chamber has no pressure"
+    shown_by_other = ("head_pressure", "cylinder_force")
 
     def prepare(self, rng: np.random.Generator) -> None:
         self.other = self.neighbour(rng)
@@ -154,12 +148,8 @@ class PilotLine(UndeclaredEffect):
         closed = 1.0 / (1.0 + np.square(np.maximum(block.p1[:, self.other], 0.0) / self.half_open))
         return np.asarray(-self.size * closed * 0.5 * (1.0 - self.sign(block)))
 
-    def variables(self) -> tuple[str, ...]:
-        other = self.place.machine.joints[self.other].name
-        return tuple(f"{other}.{signal}" for signal in ("head_pressure", "cylinder_force"))
 
-
-def first_of_group(machine: Machine, joint: int) -> int:
+def _first_of_group(machine: Machine, joint: int) -> int:
     """Return the first joint before ``joint`` that turns about an axis parallel to its own."""
     first = joint
     while first > 0 and machine.joints[first - 1].dh.alpha == 0.0 and machine.joints[first - 1].type == "revolute":
@@ -167,7 +157,7 @@ def first_of_group(machine: Machine, joint: int) -> int:
     return first
 
 
-def horizontal(machine: Machine, joint: int) -> bool:
+def _horizontal(machine: Machine, joint: int) -> bool:
     """Test whether the joint's axis is horizontal in every pose, and its link's angle counts from the horizontal: at
     the base, or behind a vertical axis."""
     down = np.asarray(machine.gravity) / max(float(np.linalg.norm(machine.gravity)), 1e-9)

@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.truth import CylinderOil, OilTruth, SupplyTruth, ValveTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 REVERSAL_SPEED = 2.0e-4  # m/s: half-width of the smoothed Coulomb jump
 END_YIELD = 1.0e-3  # m that an end stop gives at 300 bar

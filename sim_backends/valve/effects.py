@@ -49,7 +49,7 @@ class ValveEffect:
 
 @dataclass(frozen=True)
 class ValveEffectSpec:
-    """Which effect in which form, where (None: the whole machine), how large."""
+    """An effect with its form, its place (None: the whole machine) and its size."""
 
     id: str
     form: str

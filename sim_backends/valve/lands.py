@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.truth import CylinderOil, ValveTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 _LAMINAR = 0.02  # drop over the nominal one below which an edge is laminar
 _SIDES = (("head_in", "rod_in"), ("head_out", "rod_out"))

@@ -1,4 +1,4 @@
-"""What the cylinders move: equations of motion in closed form, for many machines side by side.
+"""Loads of the cylinders: equations of motion in closed form, for many machines side by side.
 
 Two kinds of machine have them simple enough to be stepped thousands of times per second: parallel revolute axes (an
 arm that folds in one plane, three-pin linkages), and prismatic axes (a gantry, cylinders along the joints). Arrays have
@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.errors import InputError
 from daq.machine.linkages import Direct, ThreePin
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.truth import LinkTruth
 
-FloatArray = npt.NDArray[np.float64]
 Plants = Sequence[tuple[Machine, Sequence[LinkTruth]]]
 
 
@@ -41,19 +39,7 @@ class Pose:
     bend: FloatArray
 
 
-class Load(Protocol):
-    """What the cylinders move."""
-
-    def pose(self, q: FloatArray) -> Pose:
-        """Compute the machines at joint positions (J, P)."""
-        ...
-
-    def joint(self, x: FloatArray) -> FloatArray:
-        """Compute joint positions (J, P) at piston positions (J, P) in m."""
-        ...
-
-
-def load_of(plants: Plants) -> Load:
+def load_of(plants: Plants) -> PlanarArm | Gantry:
     """Build the load of machines that all are of one kind.
 
     Raises

@@ -6,7 +6,7 @@ the supply by what the load needs over the travel.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from daq.machine.machine_file import Machine, load_machine, parse_machine
-from sim_backends.machines.parts import box_link
+from sim_backends.machines.parts import box_link, scattered
 from sim_backends.plant.truth import LinkTruth
 from sim_backends.valve.load import load_of
 from sim_backends.valve.truth import (
@@ -41,7 +41,7 @@ RESTLESS = (1.0e-3, 5.0e-3)
 
 @dataclass(frozen=True)
 class _Axis:
-    """An axis before its load is known: what the machine file says, and its speed at full stroke."""
+    """An axis before its load is known: its joint in the machine file, and its speed at full stroke."""
 
     joint: dict[str, Any]
     speed: float  # m/s
@@ -92,7 +92,7 @@ def orifice_crane(seed: int) -> tuple[Machine, ValvePlantTruth]:
     """Make boom and jib of a loader crane, valves without compensators, constant supply pressure."""
     rng = np.random.default_rng([seed, 42])
     s = float(np.exp(rng.uniform(np.log(0.8), np.log(1.2))))
-    near = _scattered(rng, s)
+    near = scattered(rng, s)
     boom, jib = near(2.8), near(2.2)
     links = [
         box_link(rng, float(620.0 * s**3 * rng.uniform(0.8, 1.2)), (-0.5 * boom, 0.05, 0.0), (boom, 0.35, 0.3)),
@@ -112,7 +112,7 @@ def one_pump_excavator(seed: int) -> tuple[Machine, ValvePlantTruth]:
     """Make boom, stick, bucket of a small excavator; its one load-sensing pump does not suffice for all."""
     rng = np.random.default_rng([seed, 43])
     s = float(np.exp(rng.uniform(np.log(0.45), np.log(0.7))))
-    near = _scattered(rng, s)
+    near = scattered(rng, s)
     boom, stick, bucket = near(5.0), near(2.6), near(1.3)
     masses = np.array([1500.0, 800.0, 900.0]) * s**3 * rng.uniform(0.8, 1.2, 3)
     links = [
@@ -134,13 +134,11 @@ def one_pump_excavator(seed: int) -> tuple[Machine, ValvePlantTruth]:
         "load_sensing", margin=float(rng.uniform(1.6e6, 2.4e6)), flow_limit=limit, full_flow=1.5 * limit, volume=1.5e-3
     )
     machine, truth = _machine("one-pump-excavator", axes, links, [0.0] * 3, supply, np.inf, ("mA", 8.0, 12.0), rng)
-    level = {name: replace(v, lands=_levelling(v.lands, rng)) for name, v in truth.valves.items()}
-    return machine, replace(truth, valves=level)
-
-
-def _levelling(lands: Mapping[str, Land], rng: np.random.Generator) -> dict[str, Land]:
-    share = float(rng.uniform(0.75, 1.1))
-    return {name: replace(land, saturation=share) for name, land in lands.items()}
+    valves = dict(truth.valves)
+    for name, valve in truth.valves.items():
+        share = float(rng.uniform(0.75, 1.1))
+        valves[name] = replace(valve, lands={n: replace(land, saturation=share) for n, land in valve.lands.items()})
+    return machine, replace(truth, valves=valves)
 
 
 #: Kinds of machines with valves; each is made from a seed.
@@ -149,10 +147,6 @@ VALVE_MACHINES: dict[Kind, Callable[[int], tuple[Machine, ValvePlantTruth]]] = {
     "crane": orifice_crane,
     "excavator": one_pump_excavator,
 }
-
-
-def _scattered(rng: np.random.Generator, size: float) -> Callable[[float], float]:
-    return lambda value: float(value * size * rng.uniform(0.95, 1.05))
 
 
 def _cylinder(bore: float, ratio: float, stroke: float, linkage: dict[str, Any]) -> dict[str, Any]:

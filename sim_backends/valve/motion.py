@@ -1,7 +1,7 @@
-"""What the simulated controller does with the valves: programmes of phases, one after the other.
+"""Programmes of the simulated controller for its valves: phases, one after the other.
 
-A programme is for one machine; each phase says what every axis is told in every cycle of the controller (50 Hz), from
-where its pistons are. Commands are fractions of full. Whatever a phase says, no axis is driven on towards an end of its
+A programme is for one machine; each phase gives what every axis is sent in every cycle of the controller (50 Hz), from
+where its pistons are. Commands are fractions of full. Whatever it gives, no axis is driven on towards an end of its
 travel that it is near.
 """
 
@@ -11,9 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from sim_backends.arrays import FloatArray
 
 NEAR = 0.04  # of the travel: how near to its end an axis may come, beside what it goes until it stops
 CAUTION = 0.5  # largest command of a move to a pose
@@ -23,7 +22,7 @@ THERE = 0.02  # of the travel: a pose is reached
 
 @dataclass(frozen=True)
 class Guess:
-    """What the controller's people know of an axis before anything was identified.
+    """Knowledge of an axis that the controller's people have before anything was identified.
 
     ``low`` and ``high`` in m are the travel, ``speed`` in m/s what full command gives, ``edge`` its dead band as a
     fraction of full, ``delay`` in s how late it moves.
@@ -43,7 +42,7 @@ class Guess:
 
 
 class Phase:
-    """One thing that all axes do; ``command`` is asked each cycle until it says None."""
+    """One thing that all axes do; ``command`` is called each cycle until it gives None."""
 
     def command(self, time: float, x: FloatArray, guesses: Sequence[Guess]) -> list[float] | None:
         """Return commands of all axes ``time`` s into the phase, pistons at ``x`` m; None: it is over."""
@@ -121,7 +120,7 @@ class Operator:
 
     @property
     def done(self) -> bool:
-        """Whether the programme is over; the valves are then closed."""
+        """True if the programme is over; the valves are then closed."""
         return self._number >= len(self._phases)
 
     def __call__(self, x: FloatArray) -> list[float]:

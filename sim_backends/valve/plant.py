@@ -22,13 +22,12 @@ import numpy as np
 import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.chambers import Chambers, Pumps
 from sim_backends.valve.lands import Lands
 from sim_backends.valve.load import Pose, load_of
 from sim_backends.valve.spools import Spools
 from sim_backends.valve.truth import CylinderOil, ValvePlantTruth
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP = 1.0e-3  # s
 GAMMA = 1.0 - np.sqrt(0.5)
@@ -63,7 +62,7 @@ class PlantState:
 
 @dataclass(frozen=True)
 class Flows:
-    """Where the oil goes at one moment, m^3/s.
+    """Flows of the oil at one moment, m^3/s.
 
     Attributes
     ----------
@@ -79,7 +78,7 @@ class Flows:
 
 @dataclass
 class _Point:
-    """What is integrated: joints, pressures, the supply, openings of counterbalance valves, the pump's aim."""
+    """Integrated values: joints, pressures, the supply, openings of counterbalance valves, the pump's aim."""
 
     q: FloatArray
     qd: FloatArray
@@ -201,7 +200,7 @@ class ValvePlant:
 
     def flows(self) -> Flows:
         """Compute where the oil goes now."""
-        lands, _, _ = self._through(self._at, self._conductance)
+        lands, _ = self._through(self._at, self._conductance)
         lost = self._chambers.losses(self._at.p, self._spools.stroke)[0]
         return Flows(lands, lost, self._pumps.flow(self._at.supply, self._at.aim)[0])
 
@@ -220,10 +219,9 @@ class ValvePlant:
             full[j, j] += self._chambers.mass[j] * pose.lever[j] ** 2
         return full
 
-    def _through(self, at: _Point, conductance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _through(self, at: _Point, conductance: FloatArray) -> tuple[FloatArray, FloatArray]:
         drop = np.stack([at.supply - at.p, at.p - self._chambers.tank])
-        flow, slope = self._lands.flow(conductance, drop, at.held)
-        return flow, slope, drop
+        return self._lands.flow(conductance, drop, at.held)
 
     def _slopes(self, at: _Point, conductance: FloatArray, stroke: FloatArray) -> _Slopes:
         chambers, pumps = self._chambers, self._pumps
@@ -233,7 +231,7 @@ class ValvePlant:
         force, over_v, over_x = chambers.resistance(x, v)
         effort = lever * ((chambers.area * at.p).sum(axis=0) - force - chambers.mass * pose.bend * at.qd**2)
         effort -= pose.bias(at.qd)
-        flow, slope, _ = self._through(at, conductance)
+        flow, slope = self._through(at, conductance)
         out, own, across = chambers.losses(at.p, stroke)
         capacity = chambers.capacity(x)
         rates = _Point(

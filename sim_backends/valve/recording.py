@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.plant.cases import write_tables
 from sim_backends.plant.sensors import SensorChain
 from sim_backends.plant.truth import SensorQuality
@@ -20,14 +20,12 @@ from sim_backends.valve.motion import Guess, Operator, Phase
 from sim_backends.valve.plant import STEP, ValvePlant
 from sim_backends.valve.truth import ValvePlantTruth
 
-FloatArray = npt.NDArray[np.float64]
-
 COMMAND_STEPS = 1000  # of the amplifier's resolution, over full
 
 
 @dataclass(frozen=True)
 class Run:
-    """What is to be recorded: a machine with its truth, what its controller does, and when.
+    """Order of a recording: a machine with its truth, what its controller does, and when.
 
     ``power_on`` is the time in s for which the machine has run before; ``start`` are fractions of the travel; ``noise``
     seeds what is restless.
@@ -44,7 +42,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Course:
-    """What really happened in a run, at every cycle ``k`` of the controller; commands are in force from then on.
+    """True course of a run, at every cycle ``k`` of the controller; commands are in force from then on.
 
     Attributes
     ----------
@@ -122,12 +120,10 @@ def run_all(runs: Sequence[Run]) -> list[Course]:
             plant.step(commands)
         commands = commands.copy()
     columns = [np.stack(column) for column in zip(*rows, strict=True)]
-    return [_course(columns, p, length, rate) for p, length in enumerate(lengths)]
-
-
-def _course(columns: Sequence[FloatArray], p: int, length: int, rate: float) -> Course:
-    own = [np.ascontiguousarray(column[:length, ..., p]) for column in columns]
-    return Course(np.arange(length) / rate, *own)
+    return [
+        Course(np.arange(length) / rate, *(np.ascontiguousarray(column[:length, ..., p]) for column in columns))
+        for p, length in enumerate(lengths)
+    ]
 
 
 def recorded(

@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import expm
 
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.truth import Spool
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Widths of the elements that a solenoid's loop is put together from, over its half-width at full current, and weights.
 #: The weighted sum of the widths is 1: that is the loop's half-width once all elements have turned.

@@ -11,21 +11,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.machine.machine_file import Machine
+from sim_backends.arrays import FloatArray
 from sim_backends.valve.motion import Guess
 from sim_backends.valve.plant import STEP, ValvePlant
 from sim_backends.valve.truth import ValvePlantTruth
 
-FloatArray = npt.NDArray[np.float64]
-
 SETTLING = 2.0  # s at the start that do not count
+GAIN = 2.0  # 1/s, feedback Kp
 
 
 @dataclass(frozen=True)
 class Pressures:
-    """What is measured in a cycle, Pa: chambers (J,), supply and tank."""
+    """Measurements of a cycle, Pa: chambers (J,), supply and tank."""
 
     head: FloatArray
     rod: FloatArray
@@ -44,24 +43,13 @@ class Control:
     Attributes
     ----------
     inverse : makes commands of speeds
-    gain : feedback Kp in 1/s
     feedforward : whether the path's speed is fed forward
     preview : (J,) s by which it is taken early; None: not at all
     """
 
     inverse: Inverse
-    gain: float = 2.0
     feedforward: bool = True
     preview: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Tracked:
-    """How well a path was followed: ``error`` (N, J) m, ``rms`` (J,) m once it has settled, ``command`` (N, J)."""
-
-    error: FloatArray
-    rms: FloatArray
-    command: FloatArray
 
 
 class TrueInverse:
@@ -98,14 +86,6 @@ class TrueInverse:
         return commands
 
 
-def lateness(truth: ValvePlantTruth) -> FloatArray:
-    """Compute each axis' delay (J,) in s: delay, lag ``2 damping / w``, half a cycle of 50 Hz."""
-    spools = [valve.spool for valve in truth.valves.values()]
-    return np.array(
-        [0.5 * (s.delay_extend + s.delay_retract) + s.damping / (np.pi * s.frequency) + 0.01 for s in spools]
-    )
-
-
 def linear_inverse(guesses: Sequence[Guess]) -> Inverse:
     """Return a controller's inverse without identification: a line through 0 and speed at full command."""
     speeds = np.array([guess.speed for guess in guesses])
@@ -121,8 +101,10 @@ def track(
     power_on: float = 0.0,
     pressure_std: float = 0.0,
     rng: np.random.Generator | None = None,
-) -> list[Tracked]:
+) -> list[FloatArray]:
     """Follow one path by several ways of control, side by side on equal machines.
+
+    Return the RMS error of each way, (J,) m, once it has settled.
 
     Parameters
     ----------
@@ -137,7 +119,7 @@ def track(
     plant.place(np.repeat(path[0][:, None], len(controls), axis=1))
     time = np.arange(len(path)) / rate
     speed = np.gradient(path, time, axis=0)
-    errors, commands = np.empty((len(path), *plant.shape)), np.empty((len(path), *plant.shape))
+    errors, commands = np.empty((len(path), *plant.shape)), np.empty(plant.shape)
     for k in range(len(path)):
         state = plant.state
         errors[k] = path[k][:, None] - state.x
@@ -149,12 +131,12 @@ def track(
             columns = range(plant.shape[0])
             shifted = np.array([np.interp(time[k] + late[j], time, speed[:, j], right=0.0) for j in columns])
             wanted = np.array([np.interp(time[k], time, path[:, j]) for j in columns])
-            v = shifted * control.feedforward + control.gain * (wanted - state.x[:, p])
+            v = shifted * control.feedforward + GAIN * (wanted - state.x[:, p])
             head, rod = state.pressure[:, :, p] + noise[:, :, p]
             command = control.inverse(v, Pressures(head, rod, float(state.supply[p]), float(state.tank[p])))
-            commands[k, :, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)
+            commands[:, p] = np.clip(np.nan_to_num(command), -1.0, 1.0)
         for _ in range(per_cycle):
-            plant.step(commands[k])
+            plant.step(commands)
     counted = errors[round(SETTLING * rate) :]
     rms = np.sqrt((counted**2).mean(axis=0))
-    return [Tracked(errors[:, :, p], rms[:, p], commands[:, :, p]) for p in range(len(controls))]
+    return list(rms.T)

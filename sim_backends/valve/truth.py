@@ -1,4 +1,4 @@
-"""What the valves, the oil and the load of a simulated machine really are; no machine file carries any of it.
+"""True valves, oil and load of a simulated machine; no machine file carries any of it.
 
 Commands and spool strokes are fractions of full: -1 (full speed in), 0 (closed), 1 (full speed out). All else is SI.
 An axis has four lands, of which two are open at a time: ``head_in`` and ``rod_out`` let the rod out, ``rod_in`` and
@@ -7,6 +7,7 @@ An axis has four lands, of which two are open at a time: ``head_in`` and ``rod_o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -35,7 +36,7 @@ class Land:
 
 @dataclass(frozen=True)
 class Spool:
-    """How a command becomes a stroke: delay, hysteresis, stick, then a spring-mass-damper.
+    """Path of a command to a stroke: delay, hysteresis, stick, then a spring-mass-damper.
 
     ``y'' + 2 damping w y' + w^2 y = w^2 x(t)``, ``w = 2 pi frequency``; ``x`` is the command ``delay_extend`` s ago
     where it lets the rod out and ``delay_retract`` s ago where it lets it in, after hysteresis and stick.
@@ -54,6 +55,11 @@ class Spool:
     restless: float = 0.0  # standard deviation of what the pilot stage adds to the stroke at random, fraction of full
     restless_time: float = 0.2  # s, its correlation time
     current_loss: float = 0.0  # fraction of the stroke that a coil at working temperature has lost against a cold one
+
+    @property
+    def lateness(self) -> float:
+        """Mean delay and lag ``2 damping / w`` in s: at 3 Hz they are inseparable."""
+        return 0.5 * (self.delay_extend + self.delay_retract) + self.damping / (math.pi * self.frequency)
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ import pytest
 
 from benchmarks.attribution import runs
 from benchmarks.cli import BENCHMARKS
-from benchmarks.demonstration import SMALL, beside_readme
-from benchmarks.readme import numbers, printed_result
+from benchmarks.demonstration import SMALL, beside_readme, numbers, printed_result
 from server.commands import command_line as cli
 
 Run = Callable[..., tuple[int, str, str]]

@@ -57,7 +57,7 @@ def test_a_rig_of_one_sensor_has_one(tmp_path: Path) -> None:
 def test_a_mistake_and_a_sound_rig_from_end_to_end(tmp_path: Path) -> None:
     rig = make_rig("one", 2)
     line = judge(rig, 2, "time in ms", 0, tmp_path / "mistake")
-    assert line is not None and line.result == "right" and "milliseconds" in line.said
+    assert line is not None and line.result == "right" and "milliseconds" in line.reported
     sound = judge(rig, 2, None, 0, tmp_path / "sound")
     assert sound is not None and sound.result == "sound"
 

@@ -15,7 +15,7 @@ from benchmarks.valve import judging, scoring
 from benchmarks.valve.drawing import KINDS, ValveKey, at_limit, floor, misfit, order_of
 from benchmarks.valve.judging import Answer, AxisAnswer, identified
 from benchmarks.valve.runs import run
-from benchmarks.valve.scoring import case_text, checks, command_errors, large, named, scored, true_delay, true_edge
+from benchmarks.valve.scoring import case_text, checks, command_errors, large, named, scored, true_edge
 from daq.errors import InputError
 from daq.machine.machine_file import machine_to_yaml
 from sim_backends.plant.truth import SensorQuality
@@ -75,7 +75,7 @@ def perfect(truth: ValvePlantTruth, machine: object, joint: str, shift: float = 
         chambers = np.full(len(wished), head), np.full(len(wished), rod)
         return float(inverse(wished, Pressures(*chambers, supply=supply, tank=tank))[number]) + shift
 
-    delay = true_delay(truth, joint)
+    delay = truth.valves[joint].spool.lateness
     edges = {way: true_edge(truth, joint, way, 0.5) for way in ("extend", "retract")}
     return AxisAnswer(
         error=0.012,

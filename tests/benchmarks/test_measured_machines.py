@@ -13,6 +13,7 @@ import pytest
 from benchmarks.measured import DATA, MACHINES, emps, page, run, seals, staubli
 from benchmarks.measured.seals import Pressure
 from benchmarks.measured.stacks import refitted, relative
+from benchmarks.targets import silent
 from daq.machine.machine_file import load_machine, parse_machine
 from fitting.effects import line_effect
 
@@ -92,11 +93,11 @@ def test_the_loop_names_pressure_dependent_friction(seal: str, tmp_path: Path) -
 
 def test_what_is_absent_is_said_and_skipped(tmp_path: Path) -> None:
     written = tmp_path / "page.md"
-    outcome = run(tmp_path / "nothing", written)
+    outcome = run(tmp_path / "nothing", written, None, silent)
     assert not outcome.checks
     assert len(outcome.notes) == len(MACHINES) and all("skipped" in note for note in outcome.notes)
     assert written.read_text(encoding="utf-8").startswith("# Measured machines")
-    assert len(run(tmp_path / "nothing", only="emps").notes) == 1
+    assert len(run(tmp_path / "nothing", None, "emps", silent).notes) == 1
 
 
 @pytest.mark.parametrize("module", [emps, staubli, seals])

@@ -17,8 +17,8 @@ from benchmarks.exports.structured_text import Library
 from daq import InputError
 from daq.machine.machine_file import Machine
 from fitting.valve.motion import CLEAR, LEVEL, Planned, plan_valve_motions, written_plan
-from sim_backends.valve.controller_files import read_valve_motion
 from sim_backends.valve.machines import default_crane
+from sim_backends.valve.valve_process import read_valve_motion
 
 CRANE, _ = default_crane()
 PERIOD = 0.02

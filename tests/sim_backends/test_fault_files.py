@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 import sim_backends.machines
 from daq.errors import InputError
 from sim_backends import default_machine
-from sim_backends.devices.node_faults import FaultyLine
+from sim_backends.devices.canopen_nodes import FaultyLine
 from sim_backends.devices.signal_faults import KINDS, SignalFaults
 from sim_backends.faults.fault_file import FAULTS, FaultScript, fault_problems, load_faults, targets
-from sim_backends.faults.fault_runner import FaultRunner, begin, end
+from sim_backends.faults.fault_runner import FaultRunner, apply
 
 MACHINE, _ = default_machine()
 EXAMPLE = Path(sim_backends.machines.__file__).with_name("faults.yaml")
@@ -121,7 +121,7 @@ def test_targets_are_the_channels_of_the_device_the_bus_or_the_signal() -> None:
         {"at": 0, "for": 1, "fault": "half_open", "bus": "modbus"},
         {"at": 0, "for": 1, "fault": "freeze", "channel": "joint2.angle"},
     ).faults
-    device, bus, signal = targets(faults, MACHINE)
+    device, bus, signal = (targets(fault, MACHINE) for fault in faults)
     assert device == {"joint1.head_pressure", "joint1.rod_pressure"}
     assert bus == {c.name for c in MACHINE.channels if c.source is not None and c.source.bus == "modbus"}
     assert signal == {"joint2.angle"}
@@ -131,8 +131,8 @@ def test_targets_are_the_channels_of_the_device_the_bus_or_the_signal() -> None:
 def test_what_begins_ends_with_the_same_process(number: int) -> None:
     fault = load_faults(EXAMPLE, MACHINE).faults[number]
     first, second = Orders(), Orders()
-    begin(first, MACHINE, fault)
-    end(second, MACHINE, fault)
+    apply(first, MACHINE, fault, on=True)
+    apply(second, MACHINE, fault, on=False)
     assert [process for process, _, _ in first.given] == [process for process, _, _ in second.given] != []
     assert first.given != second.given
 
@@ -141,7 +141,9 @@ def test_sizes_are_in_the_channel_s_unit() -> None:
     """A pressure in bar whose device sends bar: 5 bar are 5; saturated is the range's upper end, 250 bar."""
     for fault, size in (({"fault": "bias_step", "size": 5.0}, 5.0), ({"fault": "saturate"}, 250.0)):
         orders = Orders()
-        begin(orders, MACHINE, script({"at": 0, "for": 1, "channel": "joint1.head_pressure", **fault}).faults[0])
+        apply(
+            orders, MACHINE, script({"at": 0, "for": 1, "channel": "joint1.head_pressure", **fault}).faults[0], on=True
+        )
         assert orders.given[0][2]["size"] == pytest.approx(size)
 
 

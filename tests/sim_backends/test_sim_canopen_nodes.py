@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import can
@@ -17,7 +17,7 @@ from sim_bus_client import SYNC, receive
 import sim_backends
 from sim_backends import default_machine
 from sim_backends.devices.canopen_device import OPERATIONAL, PRE_OPERATIONAL, STOPPED, SimulatedNode
-from sim_backends.devices.device_plans import NodeObject, NodePlan, Signal, nodes_from_dict, nodes_to_dict
+from sim_backends.devices.device_plans import NodeObject, NodePlan, Signal, nodes_from_dict
 from sim_backends.devices.wiring import wire
 
 pytestmark = pytest.mark.slow
@@ -296,7 +296,7 @@ def test_integers_saturate_instead_of_wrapping(position, pressure):
         None,
         {},
     )
-    assert nodes_from_dict(nodes_to_dict((plan,))) == (plan,)
+    assert nodes_from_dict([asdict(plan)]) == (plan,)
     node = SimulatedNode(plan, lambda cob, data: None, 50.0)
     node.latch((position, pressure))
     expected = min(max(round(1000 * position), -32768), 32767)

@@ -6,6 +6,7 @@ import math
 import struct
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
 
 import machine_faults as faults
 import numpy as np
@@ -16,7 +17,7 @@ from sim_bus_client import SYNC
 from daq import wire as encodings
 from daq.machine.machine_file import ModbusSource
 from sim_backends import default_machine
-from sim_backends.devices.device_plans import RegisterSignal, Signal, units_from_dict, units_to_dict
+from sim_backends.devices.device_plans import RegisterSignal, Signal, units_from_dict
 from sim_backends.devices.modbus_devices import _words
 from sim_backends.devices.wiring import wire
 
@@ -108,7 +109,7 @@ def test_registers_are_what_the_drivers_decode(data_type, word_order, raw):
 
 def test_plans_are_the_same_after_json():
     units = wire(MACHINE).modbus["modbus"]
-    assert units_from_dict(units_to_dict(units)) == units
+    assert units_from_dict([asdict(unit) for unit in units]) == units
 
 
 def test_faults_of_a_unit(simulated, client):

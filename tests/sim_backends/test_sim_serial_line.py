@@ -15,7 +15,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from daq.drivers.modbus.client import ModbusConnection
 from daq.machine.machine_file import ModbusRtuBus
-from sim_backends.devices.modbus_wires import SerialLine, Wire
+from sim_backends.devices.modbus_devices import SerialLine, Wire
 
 WORDS = [0x4048, 0xF5C3, 0x0001, 0xFFFF]
 

@@ -23,7 +23,7 @@ from bench_machines import modbus
 from modbus_test_server import FakeModbus, float_registers
 from service_fakes import API, Fakes, Running, running_service, wait_for_change
 
-from benchmarks.readme import printed_result, said_by_the_demo
+from benchmarks.demonstration import printed_result, shown_by_the_demo
 from server.commands.demo_command import PLAN
 from server.identifications.identification_resource import STAGE_PROGRAM
 from server.machines.machine_resource import LAUNCH
@@ -162,7 +162,7 @@ def test_it_is_interrupted_killed_started_twice_and_does_what_readme_says(tmp_pa
     status, printed, said = demo(tmp_path)
     assert status == 0, f"the journal of a demo that was killed is no obstacle: {said}"
     assert not [name for name in left(tmp_path) if name.endswith(".journal")]
-    assert words(said_by_the_demo(printed)) == words(printed_result()), "README.md's result is made by: make readme"
+    assert words(shown_by_the_demo(printed)) == words(printed_result()), "README.md's result is made by: make readme"
 
     recorded = {made / "recordings" / f"{name}.parquet": role for name, role, _ in PLAN}
     report, page = identified_over_rest(tmp_path / "data", made / "machine" / "machine.yaml", recorded)

@@ -8,8 +8,8 @@ import pytest
 
 from daq.errors import InputError
 from daq.valve_motions import Step, ValveAxis, ValveMotion, write_valve_motion
-from sim_backends.valve.controller_files import is_valve_motion, read_valve_motion
 from sim_backends.valve.machines import default_crane
+from sim_backends.valve.valve_process import is_valve_motion, read_valve_motion
 
 MACHINE, _ = default_crane()
 BOOM = ValveAxis("boom", 0.0, -100.0, -0.5, 0.5, 0.36, 0.08, 0.25, 0.75, 6.1)

@@ -20,7 +20,7 @@ from sim_backends.valve.recording import (
     simulate_valve_cases,
     write_valve_case,
 )
-from sim_backends.valve.tracking import Control, TrueInverse, lateness, linear_inverse, track
+from sim_backends.valve.tracking import Control, TrueInverse, linear_inverse, track
 from sim_backends.valve.truth import load_valve_truth
 
 #: Levels of both signs on the first axis, the second at rest.
@@ -133,12 +133,13 @@ def test_with_inverse_and_preview_the_error_is_a_fraction_of_linear_feedforwards
     guesses = guesses_of(machine, truth, rng)
     path = working_motion(guesses, rng, 10.0, 0.5)[1].path  # type: ignore[attr-defined]
     linear = linear_inverse(guesses)
+    late = np.array([valve.spool.lateness + 0.01 for valve in truth.valves.values()])  # and half a cycle of 50 Hz
     ways = [
         Control(linear, feedforward=False),
         Control(linear),
         Control(TrueInverse(machine, truth)),
-        Control(TrueInverse(machine, truth), preview=lateness(truth)),
+        Control(TrueInverse(machine, truth), preview=late),
     ]
-    feedback, forward, inverse, preview = (float(np.sqrt((t.rms**2).mean())) for t in track(machine, truth, path, ways))
+    feedback, forward, inverse, preview = (float(np.sqrt((rms**2).mean())) for rms in track(machine, truth, path, ways))
     assert preview < 0.25 * forward < 0.25 * feedback  # the target of an identified inverse
     assert preview < inverse < forward
