@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -415,13 +415,18 @@ def _right(line: Line, name: str, joint: str | None) -> bool:
     return any((name, joint) == (own["id"], own["reported"]) for own in line["effects"])
 
 
+def _binned(given: Sequence[Statement]) -> Iterator[list[Statement]]:
+    """Yield the statements of each bin of probability that has any."""
+    for low, high in pairwise(EDGES):
+        own = [(p, right) for p, right in given if low <= p < high or (high == 1.0 and p == 1.0)]
+        if own:
+            yield own
+
+
 def diagram(given: Sequence[Statement]) -> list[Bin]:
     """Bin statements by probability, with the share that is right and its 90 % interval (Jeffreys)."""
     found = []
-    for low, high in pairwise(EDGES):
-        own = [(p, right) for p, right in given if low <= p < high or (high == 1.0 and p == 1.0)]
-        if not own:
-            continue
+    for own in _binned(given):
         hits, count = sum(right for _, right in own), len(own)
         low_end, high_end = (float(beta.ppf(level, hits + 0.5, count - hits + 0.5)) for level in (0.05, 0.95))
         found.append(Bin(count, float(np.mean([p for p, _ in own])), hits / count, low_end, high_end))
@@ -435,10 +440,9 @@ def calibration_error(given: Sequence[Statement]) -> float:
 
 def calibration_error_by_chance(given: Sequence[Statement]) -> float:
     """Compute the calibration error that is expected of as many statements whose probabilities are right."""
-    p = np.array([stated for stated, _ in given])
-    bins = np.minimum(np.digitize(p, EDGES) - 1, len(EDGES) - 2)
-    variances = np.bincount(bins, p * (1.0 - p))  # the mean distance of a normal sum is sqrt(2 / pi) of its deviation
-    return float(np.sum(np.sqrt(2.0 / np.pi * variances)) / max(len(given), 1))
+    variances = [sum(p * (1.0 - p) for p, _ in own) for own in _binned(given)]
+    # The mean distance of a normal sum is sqrt(2 / pi) of its deviation.
+    return float(np.sum(np.sqrt(2.0 / np.pi * np.array(variances))) / max(len(given), 1))
 
 
 def brier(given: Sequence[Statement]) -> float:

@@ -71,7 +71,7 @@ class KinematicFinding:
     score: float
     gap_before: float
     gap_after: float
-    rivals: tuple[str, ...] = ()
+    rivals: tuple[str, ...]
     probability: float = 1.0
     rival_probabilities: tuple[float, ...] = ()
 
@@ -280,9 +280,9 @@ def _rebuilt(
             own, first = steps[one.name], next(score for score in scores if score.effect.id == one.name)
             values = tuple(np.sum([step.values for step in own], axis=0).tolist())
             odds = float(np.log(max(one.probability, 1e-300) / max(nothing, 1e-300)))
-            found = KinematicFinding(tuple(own), values, first.stds, first.gain, odds, before, after)
             names, chances = tuple(name for name, _ in one.effects), tuple(p for _, p in one.effects)
-            findings.append(replace(found, rivals=names, probability=one.probability, rival_probabilities=chances))
+            sizes = tuple(own), values, first.stds, first.gain, odds, before, after
+            findings.append(KinematicFinding(*sizes, names, one.probability, chances))
     return findings, corrections
 
 

@@ -203,10 +203,8 @@ def tracking(
         model, spline(grid), spline(grid, 1), spline(grid, 2), grid - grid[0], temperature=temperature
     )
     first = moved.joint_effort(0)
-    forward, inertia = (
-        scipy.interpolate.CubicSpline(grid, first),
-        scipy.interpolate.CubicSpline(times, motion.inertia_matrix(model, path)),
-    )
+    forward = scipy.interpolate.CubicSpline(grid, first)
+    inertia = scipy.interpolate.CubicSpline(times, motion.inertia_matrix(model, path))
     w = 2 * np.pi * bandwidth_hz
 
     def effort(now: float, position: FloatArray, speed: FloatArray) -> FloatArray:

@@ -42,9 +42,10 @@ def _grid(model: Model, term: Term, key: str) -> list[float]:
 
 def _to_neighbours(grid: Sequence[float], value: float) -> float:
     """Return the larger of the relative steps from a value to the grid's on either side; infinite where it has none."""
-    below, above = [other for other in grid if other < value], [other for other in grid if other > value]
-    beside = [*([max(below)] if below else []), *([min(above)] if above else [])]
-    return max((abs(other - value) / abs(value) for other in beside if value), default=np.inf)
+    below = max((other for other in grid if other < value), default=value)
+    above = min((other for other in grid if other > value), default=value)
+    step = max(above - value, value - below)
+    return step / abs(value) if step and value else np.inf
 
 
 def _searched(model: Model, best: Score, key: str, span: float, limits: tuple[float, float]) -> Score:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import overload
 
 import numpy as np
 from scipy import linalg
@@ -161,7 +161,13 @@ class _BySegment(Sequence[FloatArray | None]):
     def __len__(self) -> int:
         return len(self._places)
 
-    def __getitem__(self, index: Any) -> Any:  # of an index or a slice, as the type of any sequence has it
+    @overload
+    def __getitem__(self, index: int) -> FloatArray | None: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[FloatArray | None]: ...
+
+    def __getitem__(self, index: int | slice) -> FloatArray | Sequence[FloatArray | None] | None:
         places = self._places[index]
         return self._kept.get(places) if isinstance(places, int) else [self._kept.get(place) for place in places]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import overload
 
 import numpy as np
 
@@ -40,7 +40,13 @@ class SegmentViews(Sequence[tuple[DriveView, ...]]):
     def __len__(self) -> int:
         return len(self._design.segments)
 
-    def __getitem__(self, index: Any) -> Any:  # of an index or a slice, as the type of any sequence has it
+    @overload
+    def __getitem__(self, index: int) -> tuple[DriveView, ...]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Views: ...
+
+    def __getitem__(self, index: int | slice) -> tuple[DriveView, ...] | Views:
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
         number = range(len(self))[index]  # an IndexError ends an iteration
