@@ -154,7 +154,7 @@ def _found_at(session: Session, corrections: Corrections, cutoff: float) -> tupl
     nothing = search.rate_nothing()
     if nothing < 0.5:
         # Replicas take off what noise makes of the candidates: only drawn where something is probable at all.
-        search.draws = Draws(signals, session.options.bootstrap)
+        search.ratings.draws = Draws(signals, session.options.bootstrap)
         nothing = search.rate_nothing()
     return () if nothing >= 0.5 else (search.open[0].term.family,)
 

@@ -1,26 +1,35 @@
-"""Posterior odds of every candidate beside a model, against nothing more."""
+"""Posterior odds of every candidate against nothing more: beside one model, and beside each that a search comes to."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from fitting.arrays import FloatArray
+from fitting.effects import effects
 from fitting.effects.base import Effect
 from fitting.residual.laws import Law
 from fitting.residual.refinement import refined
-from fitting.residual.scoring import Candidates, Score
-from fitting.residual.terms import Model
+from fitting.residual.scoring import Candidates, Score, catalogue_terms, law_terms, score_terms
+from fitting.residual.surfaces import best_surface, surfaces
+from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.decision import Family, Rated, by_formula, family
-from fitting.selection.evidence import log_sum
+from fitting.selection.evidence import log_sum, named_evidence
 from fitting.selection.gains import Sizes
-from fitting.selection.rated_laws import RatedLaws
+from fitting.selection.rated_laws import RatedLaws, resolved
 from fitting.selection.rated_names import RatedNames, is_curve, is_series
-from fitting.selection.trust import Trust
+from fitting.selection.trust import BEYOND_BIAS, Draws, Trust
+
+#: Explanations of a joint whose shapes are searched.
+WIDTH = 4
+#: Share of the best gain from which on a name is looked at closer.
+NEAR = 0.25
+#: Contenders whose null is drawn.
+MOST_CONTENDERS = 12
 
 
 class Rating:
@@ -176,3 +185,130 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
                 replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in ours
             ]
     return result
+
+
+@dataclass(frozen=True)
+class _Scored:
+    """Scores of all candidates beside a model by their number, and the labels of those whose nulls were drawn."""
+
+    model: Model
+    scores: dict[int, Score]
+    drawn: set[Family] = field(default_factory=set)
+
+
+class Ratings:
+    """Catalogue, laws and twists with their columns, rated beside one model after the other.
+
+    Parameters
+    ----------
+    base : joint fit of the base model
+    draws : of replicas, which take the bias of noisy regressors off contenders
+    """
+
+    def __init__(self, base: Model, draws: Draws) -> None:
+        terms, grid = catalogue_terms(base, effects())
+        laws, law_grid = law_terms(base)
+        joints = range(len(base.design.machine.joints))
+        twists = [Term(law, joint) for joint in joints for law in surfaces(base, joint, twist=True)]
+        self.draws = draws
+        self._candidates = Candidates(base, [*terms, *laws, *twists], [*grid, *law_grid, *[len(twists)] * len(twists)])
+        self._scored = _Scored(base, self._candidates.scores(base))
+        self._before = self._scored  # beside the model that the last term was added to
+        self._fresh: set[int] = set()  # candidates whose columns were made anew since
+        self._rating: Rating
+
+    @property
+    def before(self) -> Model:
+        """The model that the last term was added to."""
+        return self._before.model
+
+    def added(self) -> None:
+        """Keep the scores beside the last rated model: a term was added to it."""
+        self._before = self._scored
+        self._fresh.clear()
+
+    def rated(
+        self, model: Model, visible: FloatArray, failed: FloatArray, settled: bool, surfaces: Sequence[Score] = ()
+    ) -> list[Rated]:
+        """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders.
+
+        Scores of the last model are kept: after a rejection only the odds against leftovers change.
+
+        Parameters
+        ----------
+        visible, failed, settled : as of :class:`fitting.selection.rating.Rating`
+        """
+        if self._scored.model is not model:
+            self._scored = self._scores_beside(model)
+        scores, drawn = self._scored.scores, self._scored.drawn
+        self._rating = Rating(self._candidates, model, visible, failed, settled=settled)
+        surfaces = score_terms(model, [s.term for s in surfaces], [s.grid for s in surfaces])
+        rated = self._rating.rated(scores, surfaces)
+        number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn
+        # What was drawn may lose by it, and others contend then: they are drawn as well.
+        open_ = number.keys() if self.draws.wanted else set[Family]()
+        while chosen := [r for r in _contending(rated) if r.term.label in open_ - drawn]:
+            drawn |= {r.term.label for r in chosen}
+            for score in self.draws.unbiased(model, [r.score for r in chosen]):
+                scores[number[score.term.label]] = score
+            rated = self._rating.rated(scores, surfaces)
+        return rated
+
+    def at_best_shapes(self, rated: Sequence[Rated]) -> list[Rated]:
+        """Rate explanations beside the last rated model, shapes of names near their joint's best searched.
+
+        A spline adapts itself; a formula is compared with it at its best shape.
+        """
+        if not rated:
+            return []
+        head = rated[0]
+        near = [
+            r
+            for r in rated
+            if r.term.joint == head.term.joint
+            and isinstance(r.term.content, Effect)
+            and r.score.gain > NEAR * head.score.gain
+        ][:WIDTH]
+        refined_names = [self._rating.at_best_shape(r, self._scored.model) for r in near]
+        return by_formula([*refined_names, *(r for r in rated if r not in near)])
+
+    def _scores_beside(self, model: Model) -> _Scored:
+        """Score all candidates beside a model, with columns made anew of those that matter."""
+        self._candidates.follow(self._scored.model, model)
+        if model is self.before:
+            self._candidates.refresh(model, self._fresh)
+            self._fresh.clear()
+            return self._before
+        scores = self._candidates.scores(model)
+        anew = set(self._candidates.refresh(model, {n for n, s in scores.items() if s.gain > priors.SMALLEST**2}))
+        self._fresh |= anew
+        again = self._candidates.scores(model, anew)
+        return _Scored(model, {n: s for n, s in scores.items() if n not in anew} | again)
+
+
+def _contending(rated: Sequence[Rated]) -> list[Rated]:
+    """List explanations whose odds noise in the regressors may decide.
+
+    They contend with nothing, and with the best of all: what is far below it remains there unless it falls.
+    """
+    least = max(rated[0].log_odds, 0.0) - priors.CREDIBLE_ODDS if rated else 0.0
+    return [r for r in rated if r.log_odds > least and r.score.gain < BEYOND_BIAS][:MOST_CONTENDERS]
+
+
+def at_best_shape(model: Model, score: Score) -> Score:
+    """Score a name at its best shape; a law with as many functions as needed, of two signals where better."""
+    if not isinstance(score.term.content, Law):
+        name = refined(model, score)
+        held = tuple(np.flatnonzero((np.asarray(name.values) == 0.0) & (np.asarray(name.free) != 0.0)).tolist())
+        return replace(name, term=replace(name.term, held=held))
+    law = resolved(model, score)
+    assert law.term.joint is not None
+    found = best_surface(model, law.term.joint, score.term.content.signals[0])
+    if found is None:
+        return law
+    found = resolved(model, found)
+    one, two = (
+        float(named_evidence(np.array([s.gain]), np.array([float(s.live)]), np.array([np.sqrt(s.gain)]))[0, 0])
+        for s in (law, found)
+    )
+    return found if two - np.log(found.grid) > one + priors.CREDIBLE_ODDS else law

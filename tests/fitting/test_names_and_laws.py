@@ -79,15 +79,17 @@ def test_a_name_that_fails_leaves_what_it_lived_on_to_a_law(monkeypatch: pytest.
     signals = SessionSignals(session, Corrections(session.machine))
     search = Search(signals.refit(()), (), signals)
     choice = next(
-        r for r in search._open() if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0
+        r
+        for r in search.beside(search.model, ())
+        if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0
     )
     against = Answer(
         "it does not help on the validation motion", Accepted(choice.score, (), HeldOut(1.0, 1.0, 9), -5.0), faint=False
     )
     monkeypatch.setattr(search.gate, "asked", lambda *_: against)
-    search._try(choice)
-    assert [joint for joint, _ in search.failed] == [1]
-    assert choice.term.family not in {r.term.family for r in search._open()}
+    search.attempt(choice)
+    assert [joint for joint, _ in search.refusals.failed] == [1]
+    assert choice.term.family not in {r.term.family for r in search.beside(search.model, ())}
 
 
 def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,17 +97,17 @@ def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkey
     session = session_with(lambda motion: 150.0 * np.sign(motion.v[:, 1]) * place(motion))
     signals = SessionSignals(session, Corrections(session.machine))
     search = Search(signals.refit(()), (), signals)
-    before = search._open()
+    before = search.beside(search.model, ())
     choice = next(r for r in before if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
     worse = Answer(
         "it makes joint1 worse", Accepted(choice.score, (), HeldOut(50.0, 50.0, 9), 20.0), faint=False, worse=True
     )
     monkeypatch.setattr(search.gate, "asked", lambda *_: worse)
-    search._try(choice)
-    open_then = {r.term.family: r.log_odds for r in search._open()}
+    search.attempt(choice)
+    open_then = {r.term.family: r.log_odds for r in search.beside(search.model, ())}
     assert choice.term.family not in open_then
     others = {r.term.family: r.log_odds for r in before if r.term.family in open_then}
     assert open_then == pytest.approx(others)  # nothing else is doubted for it
     other = next(term for term in catalogue_terms(search.base, effects())[0] if term.joint == 0)
-    beside = search.gate.with_term(search.model, other)
-    assert choice.term.family in {r.term.family for r in search._beside(search._rated(beside), beside.terms)}
+    with_other = search.gate.with_term(search.model, other)
+    assert choice.term.family in {r.term.family for r in search.beside(with_other, ())}
