@@ -48,7 +48,7 @@ def _checked(acquisition: Acquisition, name: str, seconds: float, depressurised:
     with RingReader(feed.ring_name, from_start=True) as ring:
         rows = ring.read().rows
     if len(rows) < LEAST_S * machine.rate_hz:
-        raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
+        raise UnavailableError("server.machine_been_acquired_less", name=name, least_s=LEAST_S)
     return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
 
 

@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, model_validator
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import Parameter
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
@@ -89,7 +89,7 @@ class Proposal(
     @model_validator(mode="after")
     def _one(self) -> Proposal:
         if (self.identification is None) == (self.valves is None):
-            raise ValueError(Sentence("server.give_one_of_both"))
+            raise BadValueError("server.give_one_of_both")
         return self
 
 
@@ -174,10 +174,10 @@ def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
     first, second = service[Calibrations].get(a), service[Calibrations].get(b)
     if first.machine != second.machine:
         raise ConflictError(
-            Sentence("server.machines_differ", first=a, machine=first.machine, second=b, machine_2=second.machine)
+            "server.machines_differ", first=a, machine=first.machine, second=b, machine_2=second.machine
         )
     if first.kind != second.kind:
-        raise ConflictError(Sentence("server.not_same_valves", first=a, second=b))
+        raise ConflictError("server.not_same_valves", first=a, second=b)
     return ComparisonResource.of(first, second)
 
 

@@ -15,7 +15,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
 from daq.machine.can_database import SUFFIXES
-from daq.messages import Sentence, with_messages
+from daq.messages import with_messages
 from daq.whole_files import write_whole
 from server.can_signals.can_signals_schemas import (
     CanBus,
@@ -106,7 +106,7 @@ class SignalFiles:
         """Locate a file that the machine's file names; NotFoundError if it names no such file."""
         row = self._machines.get(machine)
         if name not in self._names(row):
-            raise NotFoundError(Sentence("server.file_machine_names_no", machine=machine))
+            raise NotFoundError("server.file_machine_names_no", machine=machine)
         return self._files.machines / machine / name
 
     def incoming(self, machine: str, name: str) -> Path:
@@ -121,7 +121,7 @@ class SignalFiles:
         """
         path = self.path(machine, name)
         if path.suffix.lower() not in SUFFIXES:
-            raise UnsupportedFormatError(Sentence("server.file_name_not_end", suffixes=", ".join(SUFFIXES)))
+            raise UnsupportedFormatError("server.file_name_not_end", suffixes=", ".join(SUFFIXES))
         made = self._files.incoming()
         return made.with_name(made.name + path.suffix)
 
@@ -147,10 +147,10 @@ class SignalFiles:
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
                 if expected is not None and not expected & {self.digest(machine, name) or NONE_YET}:
-                    raise PreconditionError(Sentence("server.somebody_replaced_meanwhile", name=name))
+                    raise PreconditionError("server.somebody_replaced_meanwhile", name=name)
                 recording = self._recorded(machine)
                 if recording is not None:
-                    raise ConflictError(Sentence("server.machine_being_recorded", machine=machine, recording=recording))
+                    raise ConflictError("server.machine_being_recorded", machine=machine, recording=recording)
                 write_whole(path, incoming.read_bytes())
             if row.acquire:
                 self._acquisition.start(machine, self._files.machine_file(machine, row.version))
@@ -172,7 +172,7 @@ class SignalFiles:
         """List DBC files that a machine's file names, each once."""
         path = self._files.machine_file(row.name, row.version)
         if not path.is_file():
-            raise NotFoundError(Sentence("server.file_machine_gone", row=row.name))
+            raise NotFoundError("server.file_machine_gone", row=row.name)
         buses = self._reader.content(path).get("buses", ())
         return list(dict.fromkeys(name for bus in buses if bus["type"] == "can_signals" for name in bus["dbc"]))
 
@@ -187,11 +187,11 @@ class SignalFiles:
         finally:
             target.unlink(missing_ok=True)
         if result.outcome == "input":
-            raise InvalidError(Sentence("server.dbc_files", error=result.error))
+            raise InvalidError("server.dbc_files", error=result.error)
         raise refusal(
             result,
-            InvalidError(Sentence("server.dbc_files_take_too")),
-            UnavailableError(Sentence("server.dbc_files_could_not", error=result.error)),
+            InvalidError("server.dbc_files_take_too"),
+            UnavailableError("server.dbc_files_could_not", error=result.error),
         )
 
 
@@ -233,7 +233,7 @@ async def file(service: ServiceDep, principal: PrincipalDep, machine: OneMachine
     """Download a DBC file that a machine's file names."""
     path = await service.heavy.run(principal.id, service[SignalFiles].path, machine, name)
     if not await run_in_threadpool(path.is_file):
-        raise NotFoundError(Sentence("server.no_file_beside_file", name=name, machine=machine))
+        raise NotFoundError("server.no_file_beside_file", name=name, machine=machine)
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 

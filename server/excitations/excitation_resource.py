@@ -10,7 +10,6 @@ from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from daq.messages import Sentence
 from server.excitations.excitation_job import PROGRAM, ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_places import named_results
@@ -114,9 +113,7 @@ def motion(id: str, service: ServiceDep) -> FileResponse:
     excitation = service[Excitations].get(id)
     path = service[ExcitationKind].motion(id)
     if excitation.result is None or not path.is_file():
-        raise ConflictError(
-            Sentence("server.excitation_no_motion_job", id=id, job=excitation.job, state=excitation.state)
-        )
+        raise ConflictError("server.excitation_no_motion_job", id=id, job=excitation.job, state=excitation.state)
     return FileResponse(path, media_type="text/csv", filename=f"{excitation.machine}-{id}.csv")
 
 

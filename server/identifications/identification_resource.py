@@ -10,7 +10,6 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import Field, JsonValue
 
-from daq.messages import Sentence
 from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_job import IdentificationKind, StageProgram, fitting_program
 from server.identifications.identification_order import IdentificationOrders, Wish
@@ -170,7 +169,7 @@ def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     """Download the motion that separates what these recordings do not (a motion file); 404 if none was designed."""
     path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
-        raise NotFoundError(Sentence("server.identification_designed_no_next", id=id))
+        raise NotFoundError("server.identification_designed_no_next", id=id)
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
 
 

@@ -18,7 +18,6 @@ from pydantic import BaseModel
 
 from daq import Machine
 from daq.acquisition.acquisition import AcquisitionProcess
-from daq.messages import Sentence
 from server.machines.acquisition import Acquisition, Launch
 from server.machines.fault_routes import BREAKABLE
 from server.machines.fault_routes import router as fault_router
@@ -197,7 +196,7 @@ async def _detail(service: Service, principal: Principal, name: str, version: in
     content = service[MachineReader].known(path)
     if content is None:  # not since this start: reading it takes a while
         if not path.is_file():
-            raise NotFoundError(Sentence("server.file_machine_gone", row=name))
+            raise NotFoundError("server.file_machine_gone", row=name)
         content = await service.heavy.run(principal.id, service[MachineReader].content, path)
     return MachineDetail(
         **row.__dict__,

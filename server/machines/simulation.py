@@ -15,7 +15,6 @@ from typing import Any
 
 import structlog
 
-from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -114,7 +113,7 @@ class Simulation:
         assert process.stdin is not None and process.stdout is not None
         with self._ordering:
             if not self._runs:
-                raise UnavailableError(Sentence("server.simulated_machine_not_run"))
+                raise UnavailableError("server.simulated_machine_not_run")
             try:
                 process.stdin.write(json.dumps({"order": order, **details}) + "\n")
                 process.stdin.flush()
@@ -122,7 +121,7 @@ class Simulation:
             except OSError:
                 line = ""
         if not line:
-            raise UnavailableError(Sentence("server.simulated_machine_not_answer"))
+            raise UnavailableError("server.simulated_machine_not_answer")
         reply = json.loads(line)
         if "error" in reply:
             raise InvalidError(reply["error"])
@@ -163,13 +162,11 @@ class SimulatedController:
         """
         status = self._status()
         if name in status["rejected"]:
-            raise UnavailableError(
-                Sentence("server.simulated_controller_refused_motion", statu=status["rejected"][name])
-            )
+            raise UnavailableError("server.simulated_controller_refused_motion", statu=status["rejected"][name])
         return name in status["followed"]
 
     def _status(self) -> dict[str, Any]:
         try:
             return dict(json.loads((self._directory / "controller.json").read_text(encoding="utf-8")))
         except (OSError, ValueError):
-            raise UnavailableError(Sentence("server.simulated_machine_controller_not")) from None
+            raise UnavailableError("server.simulated_machine_controller_not") from None

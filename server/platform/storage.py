@@ -17,7 +17,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from daq.messages import Sentence
 from daq.whole_files import replacing
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -235,7 +234,7 @@ class SharedStorage(DataFolder):
             except Exception as error:  # each kind of storage has errors of its own
                 raise self._away(key, error) from None
             if digest(partial) != sha256:
-                raise InvalidError(Sentence("server.not_stored_sha_differs", key=key, url=self._url))
+                raise InvalidError("server.not_stored_sha_differs", key=key, url=self._url)
 
     def _bound(self, needed: Collection[str]) -> None:
         """Remove what was used longest ago from the cache until it is within its bound; what is needed remains."""
@@ -254,7 +253,7 @@ class SharedStorage(DataFolder):
 
     def _away(self, key: str, error: Exception) -> StorageAwayError:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        return StorageAwayError(Sentence("server.storage_url_cannot_reached", url=self._url, key=key, reason=reason))
+        return StorageAwayError("server.storage_url_cannot_reached", url=self._url, key=key, reason=reason)
 
 
 def input_key(sha256: str) -> str:

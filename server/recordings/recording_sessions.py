@@ -157,13 +157,11 @@ class Sessions:
         with self._lock:
             session = self._sessions.get(id)
         if session is None:
-            raise ConflictError(
-                Sentence("server.recording_not_running", id=id, state=state), "not_recording", recording=id
-            )
+            raise ConflictError("server.recording_not_running", id=id, state=state).about("not_recording", recording=id)
         session.stop.set()
         session.thread.join(SEALING_S)
         if session.thread.is_alive():
-            raise UnavailableError(Sentence("server.recording_ended_rows_safe", id=id))
+            raise UnavailableError("server.recording_ended_rows_safe", id=id)
         return self._recordings.get(id)
 
     def statistics(self, id: str) -> dict[str, Any] | None:

@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
-from daq.messages import Sentence
 from server.excitations.excitation_store import Excitations
 from server.identifications.identification_resource import IdentificationOptions
 from server.jobs.job_resource import JobResource
@@ -192,12 +191,10 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str | None 
         machine = service[Excitations].get(excitation).machine
         if machine != wish.machine:
             raise InvalidError(
-                Sentence(
-                    "server.excitation_machine_not", excitation=excitation, machine=machine, machine_2=wish.machine
-                )
+                "server.excitation_machine_not", excitation=excitation, machine=machine, machine_2=wish.machine
             )
     if wish.motion == "standard" and not wish.excitations:
-        raise InvalidError(Sentence("server.standard_motion_needs_excitations"))
+        raise InvalidError("server.standard_motion_needs_excitations")
     return Schedule(
         id=id,
         label=wish.label or f"Recalibration of {wish.machine}",

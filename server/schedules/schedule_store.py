@@ -7,7 +7,7 @@ from typing import Literal
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence, message_of
+from daq.messages import message_of
 from server.jobs.job_store import jobs
 from server.platform.database.engine import Database
 from server.platform.database.repository import Repository
@@ -99,7 +99,7 @@ class Schedules(Repository[Schedule]):
     def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Schedule:
         found = self.found(connection, id)
         if revisions is not None and str(found.revision) not in revisions:
-            raise PreconditionError(Sentence("server.schedule_changed_meanwhile", id=id))
+            raise PreconditionError("server.schedule_changed_meanwhile", id=id)
         return found
 
     def enabled(self) -> tuple[Schedule, ...]:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.messages import Sentence
 from server.platform.errors import InvalidError
 from server.platform.files import DataDirectory
 from server.recordings.formats.exports import Exports
@@ -101,7 +100,7 @@ class RecordedSignals:
         whole = _longest(time, np.isfinite(values))
         values, time = values[whole], time[whole]
         if len(values) < 16:
-            raise InvalidError(Sentence("server.recording_fewer_rows_without", row=row.id, channel=channel))
+            raise InvalidError("server.recording_fewer_rows_without", row=row.id, channel=channel)
         rate = (len(time) - 1) / float(time[-1] - time[0])
         window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
         from scipy import signal  # the service starts without it
@@ -155,7 +154,7 @@ def _about(kept: Any) -> About:
 def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int]:
     for name in wanted:
         if name not in about.channels:
-            raise InvalidError(Sentence("server.channel_recording_none_name", name=name, row=row.id))
+            raise InvalidError("server.channel_recording_none_name", name=name, row=row.id)
     return [about.channels.index(name) for name in wanted]
 
 

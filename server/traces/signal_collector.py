@@ -11,7 +11,6 @@ import numpy.typing as npt
 from daq import Machine
 from daq.acquisition.ring import RingReader
 from daq.errors import AcquisitionError
-from daq.messages import Sentence
 from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
 from server.machines.acquisition import Acquisition
@@ -254,7 +253,7 @@ class SignalCollector:
         names = machine.channels.names
         unknown = [one for one in wanted or () if one not in names]
         if unknown:
-            raise InvalidError(Sentence("server.channel_machine_none_name", unknown=unknown[0], name=name))
+            raise InvalidError("server.channel_machine_none_name", unknown=unknown[0], name=name)
         columns = [names.index(one) for one in (names if wanted is None else wanted)]
         last = machine.memory.newest if end is None else end
         if last is None:

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, Field, model_validator
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 from daq.recordings.recording import MINIMUM_SECONDS
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
@@ -98,7 +98,7 @@ class Cut(Body, json_schema_extra={"examples": [{"start": 12.5, "end": 42.5, "la
     @model_validator(mode="after")
     def _forward(self) -> Cut:
         if self.end - self.start < MINIMUM_SECONDS:
-            raise ValueError(Sentence("server.end_before_start", minimum_seconds=MINIMUM_SECONDS))
+            raise BadValueError("server.end_before_start", minimum_seconds=MINIMUM_SECONDS)
         return self
 
 

@@ -12,7 +12,6 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from daq.messages import Sentence
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, VALVE_STAGE
 from server.identifications.identification_job import StageProgram, fitting_program
 from server.identifications.identification_order import Wish
@@ -112,7 +111,7 @@ def inverse(
     wanted = [ending for ending, own in ENDINGS.items() if format in (None, own)]
     files = sorted(path for path in folder.glob("*") if path.suffix in wanted)
     if not files:
-        raise NotFoundError(Sentence("server.valves_no_inverse_none", id=id), valve=id)
+        raise NotFoundError("server.valves_no_inverse_none", id=id).about(valve=id)
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in files:

@@ -75,7 +75,7 @@ class Repository(Generic[Value]):
         """Return the one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
-            raise NotFoundError(none_of(self.of.noun, id), **{self.of.table.name.removesuffix("s"): id})
+            raise NotFoundError(none_of(self.of.noun, id)).about(**{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:

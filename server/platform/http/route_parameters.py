@@ -7,7 +7,6 @@ from typing import Annotated, Any, TypedDict
 
 from fastapi import Depends, Header, Query, Request
 
-from daq.messages import Sentence
 from server.platform.authorization.guard import PrincipalDep
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
@@ -59,9 +58,9 @@ async def _between(
     for moment in (since, until):
         try:
             if moment is not None and (moment.tzinfo is None or not as_stored(moment)):
-                raise InvalidError(Sentence("server.no_time_zone", moment=moment.isoformat()))
+                raise InvalidError("server.no_time_zone", moment=moment.isoformat())
         except OverflowError:
-            raise InvalidError(Sentence("server.since_until_moments_utc")) from None
+            raise InvalidError("server.since_until_moments_utc") from None
     return Between(since, until, label)
 
 
