@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import BadValueError
 
 SI_UNITS: dict[str, str] = {
@@ -119,11 +120,11 @@ class Conversion:
     factor: float
     offset: float
 
-    def to_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def to_si(self, values: npt.ArrayLike) -> FloatArray:
         """Convert values in the declared unit to SI."""
         return self.factor * np.asarray(values, dtype=float) + self.offset
 
-    def from_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def from_si(self, values: npt.ArrayLike) -> FloatArray:
         """Convert SI values to the declared unit."""
         return (np.asarray(values, dtype=float) - self.offset) / self.factor
 

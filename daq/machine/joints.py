@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
+from daq.arrays import FloatArray
 from daq.errors import BadValueError
 from daq.machine.buses import FileModel, Name
 from daq.machine.linkages import FourBar, Linkage, Pins, ThreePin, reduced
@@ -216,7 +216,7 @@ _TURNS = {
 }
 
 
-def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
+def _chain_closes(linkage: FourBar, q: FloatArray) -> None:
     """Refuse a four-bar chain that opens, or is stretched, somewhere in ``q``.
 
     Stretched, coupler and rocker are in line: the link is then held whatever the cylinder does, ``r`` is infinite.

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from daq.arrays import FloatArray
 from daq.errors import BadValueError
 from daq.machine.buses import FileModel
 
-FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]  # m, in the plane that the joint's axis is perpendicular to
 Length = Annotated[float, Field(gt=0)]  # m
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from daq import safe_yaml
+from daq.arrays import FloatArray
 from daq.errors import BadValueError, MachineFileError
 from daq.machine.buses import (
     Bus,
@@ -137,7 +137,7 @@ class Machine(FileModel):
         return self
 
     @property
-    def ratios(self) -> npt.NDArray[np.float64]:
+    def ratios(self) -> FloatArray:
         """``R`` (n, n) with ``q_motor = R q`` and ``tau = R' tau_motor``; 1 for a joint without a ``drive``."""
         R = np.eye(len(self.joints))
         places = {joint.name: number for number, joint in enumerate(self.joints)}

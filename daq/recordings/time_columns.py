@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import BadValueError
 from daq.units import conversion
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s?(Z|UTC|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 #: Seconds since 1970 that a recording's clock may show: 1973 to 2096. In ms, us and ns these do not overlap.

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import BoolArray, FloatArray
 from server.platform.errors import InvalidError
 from server.platform.files import DataDirectory
 from server.recordings.formats.exports import Exports
@@ -85,7 +85,7 @@ class RecordedSignals:
 
     def spectrum(
         self, row: RecordingRow, channel: str, start: float, end: float | None
-    ) -> tuple[str, float, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    ) -> tuple[str, float, FloatArray, FloatArray]:
         """Compute unit, seconds, frequencies (Hz), power spectral density (unit^2/Hz) by Welch's method.
 
         Of the longest part without a gap; Hann windows that overlap by half, the mean of each taken off
@@ -158,7 +158,7 @@ def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int
     return [about.channels.index(name) for name in wanted]
 
 
-def _longest(time: npt.NDArray[np.float64], finite: npt.NDArray[np.bool_]) -> slice:
+def _longest(time: FloatArray, finite: BoolArray) -> slice:
     """Find the longest run of rows with a value and without a gap in time."""
     if len(time) < 2:
         return slice(0, 0)

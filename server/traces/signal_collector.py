@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from daq import Machine
 from daq.acquisition.ring import RingReader
+from daq.arrays import RowArray
 from daq.errors import AcquisitionError
 from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
@@ -191,7 +192,7 @@ class _Machine:
             self.memory.add(seconds(rows), values, ~np.isin(rows["quality"], AS_IT_SHOULD))
 
 
-def seconds(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+def seconds(rows: RowArray) -> npt.NDArray[np.float64]:
     """Return (N,) s since 1970 of rows of a ring."""
     return np.asarray(rows["utc_ns"] / 1e9)
 
