@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import threading
 from collections import OrderedDict
@@ -16,7 +15,7 @@ from fastapi.responses import FileResponse
 
 from daq.machine.can_database import SUFFIXES
 from daq.messages import with_messages
-from daq.whole_files import write_whole
+from daq.whole_files import digest_of, write_whole
 from server.can_signals.can_signals_schemas import (
     CanBus,
     CanFile,
@@ -100,7 +99,7 @@ class SignalFiles:
     def digest(self, machine: str, name: str) -> str | None:
         """Compute SHA-256 of a file, None if it is not there."""
         path = self._files.machines / machine / name
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+        return digest_of(path) if path.is_file() else None
 
     def path(self, machine: str, name: str) -> Path:
         """Locate a file that the machine's file names; NotFoundError if it names no such file."""

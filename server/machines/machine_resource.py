@@ -251,10 +251,6 @@ def _files(connection: sa.Connection) -> NamedFiles:
     )
 
 
-def _metrics(parts: Parts) -> Iterator[Metric]:
-    return _acquisition_metrics(parts[Acquisition])
-
-
 MACHINES = Resource(
     name="machines",
     routers=(router, fault_router),
@@ -275,5 +271,5 @@ MACHINES = Resource(
     },
     running=_running,
     backed_up=BackedUp("machines", _files),
-    metrics=_metrics,
+    metrics=lambda parts: _acquisition_metrics(parts[Acquisition]),
 )

@@ -97,7 +97,7 @@ class Webhooks:
             created=self._database.now(),
             created_by=who.name,
         )
-        self.store.add(new)
+        self.store.keep(new)
         return new, secret
 
     def remove(self, id: str) -> None:

@@ -8,7 +8,6 @@ taken, so a copy that broke off, or a file that somebody changed, is never read.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import secrets
 import shutil
@@ -17,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from daq.whole_files import replacing
+from daq.whole_files import digest_of, replacing
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
 #: Storage without folders, by fsspec's names: to make one would be to make a bucket, of a name that was mistyped.
@@ -173,7 +172,7 @@ class SharedStorage(DataFolder):
         found: dict[str, Path] = {}
         for key, sha256 in wanted.items():
             own = self.root / key
-            if own.is_file() and digest(own) == sha256:
+            if own.is_file() and digest_of(own) == sha256:
                 found[key] = own
                 continue
             found[key] = self._cache / sha256 / Path(key).name
@@ -186,7 +185,7 @@ class SharedStorage(DataFolder):
     def keep(self, directory: Path, folder: str) -> dict[str, str]:
         """Put every file there under its SHA-256; what earlier stages left is there already."""
         files = {str(path.relative_to(directory)): path for path in sorted(directory.rglob("*")) if path.is_file()}
-        sums = {name: digest(path) for name, path in files.items()}
+        sums = {name: digest_of(path) for name, path in files.items()}
         for name, sha256 in sums.items():
             self.put(files[name], f"{folder}/{sha256}")
         return sums
@@ -233,7 +232,7 @@ class SharedStorage(DataFolder):
                 self._files.get_file(f"{self._base}/{key}", str(partial))
             except Exception as error:  # each kind of storage has errors of its own
                 raise self._away(key, error) from None
-            if digest(partial) != sha256:
+            if digest_of(partial) != sha256:
                 raise InvalidError("server.not_stored_sha_differs", key=key, url=self._url)
 
     def _bound(self, needed: Collection[str]) -> None:
@@ -259,9 +258,3 @@ class SharedStorage(DataFolder):
 def input_key(sha256: str) -> str:
     """Return an input's key by its content, for a file of the data directory may be written again."""
     return f"inputs/{sha256}"
-
-
-def digest(path: Path) -> str:
-    """Compute SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -67,11 +67,6 @@ class Schedules(Repository[Schedule]):
         super().__init__(database)
         self._recalibrations = Recalibrations(database)
 
-    def add(self, new: Schedule) -> None:
-        """Store a new schedule."""
-        with self._database.write("schedules") as connection:
-            self.put(connection, new)
-
     def replace(self, changed: Schedule, revisions: Tags) -> Schedule:
         """Store a changed schedule.
 

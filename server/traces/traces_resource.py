@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from server.platform.authorization.guard import PrincipalDep, TypedRoute, requir
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Message
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.resource import Parts, Phase, Resource, Running
+from server.platform.resource import Phase, Resource, Running
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_resource import RecordingResource
 from server.recordings.recording_store import Recordings
@@ -241,11 +240,6 @@ def _text(
     return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    collector = parts[SignalCollector]
-    yield Running(Phase.WATCHING, collector.start, collector.stop)
-
-
 TRACES = Resource(
     name="traces",
     routers=(router, of_recordings),
@@ -253,5 +247,5 @@ TRACES = Resource(
         SignalCollector: lambda parts: SignalCollector(parts[Acquisition]),
         RecordedSignals: lambda parts: RecordedSignals(parts[DataDirectory], parts[Exports]),
     },
-    running=_running,
+    running=lambda parts: [Running(Phase.WATCHING, parts[SignalCollector].start, parts[SignalCollector].stop)],
 )

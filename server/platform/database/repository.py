@@ -111,6 +111,11 @@ class Repository(Generic[Value]):
         """Store a new one, in a transaction."""
         connection.execute(self.of.table.insert().values(**new.columns()))
 
+    def keep(self, new: Value) -> None:
+        """Store a new one, as a revision of what the table is called."""
+        with self._database.write(self.of.table.name) as connection:
+            self.put(connection, new)
+
     def update(self, connection: sa.Connection, id: str, **values: Any) -> None:
         """Store other values of some columns, in a transaction."""
         kept = with_messages_of(values, self.of.table.c.keys())
