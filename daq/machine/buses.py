@@ -90,7 +90,7 @@ class Word(Scaled):
 
     @property
     def asks_decimals(self) -> bool:
-        """Whether the device is asked how many decimals there are."""
+        """True if the device is asked how many decimals there are."""
         return bool(self.decimals_key) and getattr(self, self.decimals_key) is not None
 
     @model_validator(mode="after")

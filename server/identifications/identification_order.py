@@ -19,7 +19,7 @@ from server.recordings.recording_store import Recordings
 
 @dataclass(frozen=True)
 class Wish:
-    """What a client asks for; ``recordings`` are (id, role or None for the role that it was recorded in)."""
+    """Wish of a client; ``recordings`` are (id, role or None for the role that it was recorded in)."""
 
     machine: str
     recordings: tuple[tuple[str, str | None], ...]

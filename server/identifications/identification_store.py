@@ -1,4 +1,4 @@
-"""What is identified from recordings: which recordings in which roles, with which options and which outcome."""
+"""Identifications from recordings: which recordings in which roles, with which options and which outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where webhooks may be delivered to: a closed grammar, and what the administrator lists.
+"""Places that webhooks may be delivered to: a closed grammar, and what the administrator lists.
 
 =============================================  ====================================================================
 an entry of ``webhook_places``                 lets webhooks go to
@@ -37,7 +37,7 @@ _WRAPPED = (ipaddress.ip_network("64:ff9b::/96"), ipaddress.ip_network("2002::/1
 
 @dataclass(frozen=True)
 class Receiver:
-    """What listens to webhooks; ``target``: path and query, ``network``: into which its name has to resolve."""
+    """Listener to webhooks; ``target``: path and query, ``network``: into which its name has to resolve."""
 
     scheme: str
     host: str

@@ -1,4 +1,4 @@
-"""What hosts share of the data directory: one folder or object store, with files named by their content.
+"""Share of the data directory that hosts have in common: one folder or object store, with files named by their content.
 
 Alone, a service needs none: every file is where it was written (:class:`DataFolder`). With ``storage_url`` whoever
 makes a file that another host needs puts it there, and whoever needs one that is not in its own data directory fetches

@@ -18,7 +18,7 @@ STAGES = ("record", "identify", "compare", "propose")
 
 @dataclass(frozen=True)
 class Plan:
-    """What a recalibration does.
+    """Plan of a recalibration.
 
     Attributes
     ----------

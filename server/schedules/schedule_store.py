@@ -20,7 +20,7 @@ from server.recalibrations.recalibration_store import Plan, Recalibration, Recal
 
 
 class Schedule(Stored, table="schedules", noun="schedule"):
-    """When a machine is recalibrated, and what a slot does; slots up to ``considered`` (UTC) have had their turn."""
+    """Times to recalibrate a machine, and what a slot does; slots up to ``considered`` (UTC) have had their turn."""
 
     id: Id
     machine: OfMachine

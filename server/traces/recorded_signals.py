@@ -25,7 +25,7 @@ SPECTRUM_ROWS = 4096
 
 @dataclass(frozen=True)
 class About:
-    """What the columns are.
+    """Names and units of the columns, and what stands beside them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What all repositories do: read by id, list page by page, newest first, narrowed to what whoever asks may see."""
+"""Common base of repositories: read by id, list page by page, newest first, narrowed to what whoever asks may see."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ANY_TIME = Between()
 
 
 class Narrowing(TypedDict, total=False):
-    """What narrows a list; None narrows nothing.
+    """Conditions that narrow a list; None narrows nothing.
 
     ``machines`` are those that whoever asks may see, the others but ``between`` what a row has in the column of that
     name.
@@ -54,7 +54,7 @@ class Narrowing(TypedDict, total=False):
 
 
 class Repository(Generic[Value]):
-    """What is kept in one table.
+    """Keeper of one table.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What all routes share: the service behind them, pages, error responses in the OpenAPI description."""
+"""Common parameters of all routes: the service behind them, pages, error responses in the OpenAPI description."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ async def _between(
 
 
 class Page(TypedDict):
-    """Which part of a list somebody asks for, and of which machines it may be: the first arguments of a list."""
+    """Part of a list that somebody asks for, and of which machines it may be: the first arguments of a list."""
 
     limit: int
     after: int
