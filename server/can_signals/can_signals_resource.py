@@ -18,7 +18,6 @@ from daq.messages import with_messages
 from daq.whole_files import digest_of, write_whole
 from server.can_signals.can_signals_schemas import (
     CanBus,
-    CanFile,
     CanFileReplaced,
     CanSignal,
     CanSignalList,
@@ -269,13 +268,7 @@ def _listed(files: SignalFiles, machine: str, only: str | None, search: str, lim
         machine=machine,
         version=row.version,
         buses=[
-            CanBus(
-                name=bus["name"],
-                files=[CanFile(**file, sha256=files.digest(machine, file["name"])) for file in bus["files"]],
-                problems=bus["problems"],
-                messages=bus["messages"],
-                left_out=bus["left_out"],
-            )
+            CanBus(**bus | {"files": [file | {"sha256": files.digest(machine, file["name"])} for file in bus["files"]]})
             for bus in buses
         ],
         found=len(found),
