@@ -274,31 +274,17 @@ def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) ->
         yield Sentence("daq.not_change_once_although", name=name, noise_std=channel.noise_std, unit=unit)
     declared = math.hypot(channel.noise_std or 0.0, (channel.resolution or 0.0) / math.sqrt(12.0))
     if channel.noise_std and rest.noise > NOISY * declared:
-        yield (
-            Sentence(
-                "daq.noise_times_noise_std_resolution",
-                name=name,
-                noise=rest.noise,
-                unit=unit,
-                noise_2=rest.noise / declared,
-            )
-        )
+        noise, times = rest.noise, rest.noise / declared
+        yield Sentence("daq.noise_times_noise_std_resolution", name=name, noise=noise, unit=unit, noise_2=times)
     if channel.range is not None and not channel.range[0] < rest.mean < channel.range[1]:
         yield Sentence("daq.outside_range", name=name, mean=rest.mean, unit=unit, range=list(channel.range))
     if not (rest.moved or math.isnan(rest.drift)) and abs(rest.drift) > max(DRIFTS * rest.drift_std, rest.noise):
-        yield (Sentence("daq.drifts_minute", name=name, drift=rest.drift, drift_std=rest.drift_std, unit=unit))
+        yield Sentence("daq.drifts_minute", name=name, drift=rest.drift, drift_std=rest.drift_std, unit=unit)
     span = 0.0 if channel.range is None else channel.range[1] - channel.range[0]
     zero_due = depressurised and channel.quantity in PRESSURES
     if zero_due and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
-        yield (
-            Sentence(
-                "daq.shows_without_pressure",
-                name=name,
-                mean=rest.mean,
-                unit=unit,
-                offset=channel.source.offset - rest.mean,
-            )
-        )
+        offset = channel.source.offset - rest.mean
+        yield Sentence("daq.shows_without_pressure", name=name, mean=rest.mean, unit=unit, offset=offset)
 
 
 def check_page(check: MachineCheck) -> str:
