@@ -22,7 +22,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed, Shown
-from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import Parts, Resource
 from server.platform.settings import Settings
 
@@ -187,12 +187,7 @@ def get(id: str, response: Response, service: ServiceDep) -> CalibrationResource
     return _tagged(service[Calibrations].get(id), response)
 
 
-@router.get(
-    "/{id}/model.json",
-    response_class=JSONResponse,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 422)},
-    dependencies=READ,
-)
+@router.get("/{id}/model.json", **sends({"application/json": {"schema": {}}}, 404, 422), dependencies=READ)
 def model(id: str, service: ServiceDep) -> JSONResponse:
     """Download the fitted model (schema ``hilfit/model/1``), with the calibration's id in its provenance.
 

@@ -38,7 +38,18 @@ from server.platform.errors import (
     UnsupportedFormatError,
 )
 from server.platform.files import DataDirectory, receive
-from server.platform.http.route_parameters import NONE_YET, KnownTags, Limit, OneMachine, ServiceDep, Tags, problems
+from server.platform.http.route_parameters import (
+    BYTES,
+    NONE_YET,
+    KnownTags,
+    Limit,
+    OneMachine,
+    ServiceDep,
+    Tags,
+    problems,
+    sends,
+    takes,
+)
 from server.platform.processes.file_children import FileChildren, refusal
 from server.platform.resource import Resource
 
@@ -203,8 +214,7 @@ def _state(path: Path) -> tuple[str, int, int]:
 
 
 router = APIRouter(prefix="/can-signals", tags=["machines"], route_class=TypedRoute)
-_BYTES: dict[str, Any] = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
-_FILE: dict[str, Any] = {"requestBody": {"required": True, "description": "The bytes of the file", "content": _BYTES}}
+_FILE = {"application/octet-stream": BYTES}
 DbcFile = Annotated[str, Query(min_length=1, max_length=1000, description="As the machine's file names it in dbc")]
 
 
@@ -221,12 +231,7 @@ async def list_signals(
     return await service.heavy.run(principal.id, _listed, service[SignalFiles], machine, bus, search, limit)
 
 
-@router.get(
-    "/file",
-    response_class=FileResponse,
-    responses={200: {"content": _BYTES}, **problems(404, 422, 429, 503)},
-    dependencies=[require("read")],
-)
+@router.get("/file", **sends(_FILE, 404, 422, 429, 503), dependencies=[require("read")])
 async def file(service: ServiceDep, principal: PrincipalDep, machine: OneMachine, name: DbcFile) -> FileResponse:
     """Download a DBC file that a machine's file names."""
     path = await service.heavy.run(principal.id, service[SignalFiles].path, machine, name)
@@ -238,7 +243,7 @@ async def file(service: ServiceDep, principal: PrincipalDep, machine: OneMachine
 @router.post(
     "/upload",
     responses=problems(404, 409, 412, 413, 415, 422, 429, 503),
-    openapi_extra=_FILE,
+    openapi_extra=takes(_FILE, "The bytes of the file"),
     dependencies=[require("engineer")],
 )
 async def upload(

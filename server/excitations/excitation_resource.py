@@ -21,7 +21,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Parts, Resource
 
 
@@ -102,12 +102,7 @@ def get(id: str, service: ServiceDep) -> ExcitationResource:
     return _resource(service[Excitations].get(id))
 
 
-@router.get(
-    "/{id}/motion.csv",
-    response_class=FileResponse,
-    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/motion.csv", **sends({"text/csv": {}}, 404, 409, 422), dependencies=[require("read")])
 def motion(id: str, service: ServiceDep) -> FileResponse:
     """Download the motion file, for the arm's own controller."""
     excitation = service[Excitations].get(id)

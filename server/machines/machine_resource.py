@@ -31,7 +31,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Listed
-from server.platform.http.route_parameters import KnownTags, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import TEXT, KnownTags, PageDep, ServiceDep, problems, sends, takes
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, PartName, Parts, Phase, Resource, Running
 from server.platform.service import Service
@@ -118,13 +118,7 @@ class AcquisitionWish(Body, json_schema_extra={"examples": [{"enabled": True}]})
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 YAML = "application/yaml"
 Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
-_FILE: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "description": "The text of a machine file (YAML, or JSON, which is YAML too)",
-        "content": {YAML: {"schema": {"type": "string"}}},
-    }
-}
+_FILE = takes({YAML: TEXT}, "The text of a machine file (YAML, or JSON, which is YAML too)")
 
 
 @router.post(
@@ -170,12 +164,7 @@ async def get(
     return detail
 
 
-@router.get(
-    "/{name}/file",
-    response_class=Response,
-    responses={200: {"content": {YAML: {"schema": {"type": "string"}}}}, **problems(404, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{name}/file", **sends({YAML: TEXT}, 404, 422), dependencies=[require("read")])
 def file(name: str, service: ServiceDep, version: Version = None) -> Response:
     """Read a machine file as it was uploaded."""
     row = service[Machines].get(name, version)

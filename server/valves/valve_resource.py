@@ -24,7 +24,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Resource
 from server.valves.valve_fits import ValveFit, ValveFits, ValveKind, ValveOrders, ValveResults, valve_recordings, valves
 
@@ -84,23 +84,13 @@ def get(id: str, service: ServiceDep) -> ValveResource:
     return ValveResource.of(service[ValveFits].get(id))
 
 
-@router.get(
-    "/{id}/valve.json",
-    response_class=FileResponse,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/valve.json", **sends({"application/json": {}}, 404, 409, 422), dependencies=[require("read")])
 def report(id: str, service: ServiceDep) -> FileResponse:
     """Download the result (schema ``hilfit/valve/1``)."""
     return FileResponse(service[ValveResults].written(id, VALVE_REPORT), media_type="application/json")
 
 
-@router.get(
-    "/{id}/inverse.zip",
-    response_class=Response,
-    responses={200: {"content": {"application/zip": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/inverse.zip", **sends({"application/zip": {}}, 404, 409, 422), dependencies=[require("read")])
 def inverse(
     id: str,
     service: ServiceDep,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, TypedDict
 
-from fastapi import Depends, Header, Query, Request
+from fastapi import Depends, Header, Query, Request, Response
 
 from server.platform.authorization.guard import PrincipalDep
 from server.platform.authorization.named_things import Names
@@ -94,3 +94,25 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return a route's error responses, for its ``responses``; the application adds the schema."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     return {status: {"description": status_phrase(status), "content": content} for status in statuses}
+
+
+#: Content that is a text, and content that is a file's bytes.
+TEXT: dict[str, Any] = {"schema": {"type": "string"}}
+BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+
+
+class Sending(TypedDict):
+    """Arguments of a route that answers with content of its own, not with a body."""
+
+    response_class: type[Response]
+    responses: dict[int | str, dict[str, Any]]
+
+
+def sends(content: dict[str, Any], *statuses: int) -> Sending:
+    """Describe the answer of a route by its content, by media type, and its error responses."""
+    return {"response_class": Response, "responses": {200: {"content": content}, **problems(*statuses)}}
+
+
+def takes(content: dict[str, Any], description: str) -> dict[str, Any]:
+    """Describe the request of a route that is sent a file by its content, by media type; for its ``openapi_extra``."""
+    return {"requestBody": {"required": True, "description": description, "content": content}}
