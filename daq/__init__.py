@@ -18,7 +18,7 @@ there may be many on one computer, needs neither recordings nor what reads and r
 =================  =================================================================================================
 
 A room imports only those above it in this list (a contract in ``pyproject.toml``). Beside the rooms: errors, quality
-flags, units, motion files, and what reads YAML from strangers.
+flags, types of arrays, units, motion files, and what reads YAML from strangers.
 """
 
 from __future__ import annotations
@@ -43,28 +43,10 @@ if TYPE_CHECKING:
     from daq.recordings.recording import ROLES, Recording, read_recording, write_recording
 
 __all__ = [
-    "ROLES",
-    "AcquisitionError",
-    "BusError",
-    "Channel",
-    "CommissioningError",
-    "Cylinder",
-    "DiskFullError",
-    "HilfitError",
-    "InputError",
-    "Joint",
-    "Machine",
-    "MachineFileError",
-    "Quality",
-    "Recording",
-    "RecordingError",
-    "StorageError",
-    "load_machine",
-    "machine_to_yaml",
-    "parse_machine",
-    "read_recording",
-    "write_recording",
-]
+    "ROLES", "AcquisitionError", "BusError", "Channel", "CommissioningError", "Cylinder", "DiskFullError",
+    "HilfitError", "InputError", "Joint", "Machine", "MachineFileError", "Quality", "Recording", "RecordingError",
+    "StorageError", "load_machine", "machine_to_yaml", "parse_machine", "read_recording", "write_recording",
+]  # fmt: skip
 
 #: Where these names are, what loads least first.
 _HOMES = ("errors", "quality", "machine.machine_file", "recordings.recording")

@@ -28,8 +28,9 @@ from rich.table import Table
 
 from daq.errors import HilfitError, InputError
 
-#: Of every command that a program may call, and of every command about one machine.
+#: Of every command that a program may call, that writes one file, and that is about one machine.
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")]
 MachineFile = Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")]
 
 #: Seconds over which the speed is averaged that the remaining time is told from: stages report far apart.

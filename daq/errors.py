@@ -45,6 +45,13 @@ class InputError(HilfitError):
     """A file, key, channel or option is wrong. The command line ends with exit code 2."""
 
 
+class BadValueError(ValueError):
+    """A value that cannot be, with the parameters of :class:`HilfitError`; pydantic's validators may raise it."""
+
+    def __init__(self, code: str, /, **values: Any) -> None:
+        super().__init__(Sentence(code, **values))
+
+
 class MachineFileError(InputError):
     """A machine file is unreadable, has an unknown key, or describes a machine that cannot exist."""
 

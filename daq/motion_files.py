@@ -23,11 +23,11 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
 from daq.whole_files import write_whole
 
-FloatArray = npt.NDArray[np.float64]
 Rods = Literal["pinned", "unpinned"]
 
 SCHEMA = "hilfit/motion/1"

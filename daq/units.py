@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.messages import Sentence
+from daq.arrays import FloatArray
+from daq.errors import BadValueError
 
 SI_UNITS: dict[str, str] = {
     "joint_position": "rad",
@@ -119,11 +120,11 @@ class Conversion:
     factor: float
     offset: float
 
-    def to_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def to_si(self, values: npt.ArrayLike) -> FloatArray:
         """Convert values in the declared unit to SI."""
         return self.factor * np.asarray(values, dtype=float) + self.offset
 
-    def from_si(self, values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def from_si(self, values: npt.ArrayLike) -> FloatArray:
         """Convert SI values to the declared unit."""
         return (np.asarray(values, dtype=float) - self.offset) / self.factor
 
@@ -131,7 +132,7 @@ class Conversion:
 def kept_as_sent(unit: str) -> Conversion:
     """Return the identity, of a command or a spool position; ValueError unless in :data:`AS_SENT`."""
     if unit not in AS_SENT:
-        raise ValueError(Sentence("daq.no_unit_command", value=unit[:_LONGEST], as_sent=", ".join(AS_SENT)))
+        raise BadValueError("daq.no_unit_command", value=unit[:_LONGEST], as_sent=", ".join(AS_SENT))
     return Conversion(factor=1.0, offset=0.0)
 
 
@@ -149,7 +150,7 @@ def conversion(unit: str, si_unit: str) -> Conversion:
     if (unit, si_unit) in USUAL:
         return Conversion(*USUAL[unit, si_unit])
     if not is_known(unit):
-        raise ValueError(Sentence("daq.unknown_unit", unit=unit[:_LONGEST], si_unit=si_unit))
+        raise BadValueError("daq.unknown_unit", unit=unit[:_LONGEST], si_unit=si_unit)
     import pint
 
     registry = _registry()
@@ -157,7 +158,7 @@ def conversion(unit: str, si_unit: str) -> Conversion:
         zero = float(registry.Quantity(0.0, unit).to(si_unit).magnitude)
         one = float(registry.Quantity(1.0, unit).to(si_unit).magnitude)
     except pint.DimensionalityError:
-        raise ValueError(Sentence("daq.unit_cannot_turned_into", unit=unit, si_unit=si_unit)) from None
+        raise BadValueError("daq.unit_cannot_turned_into", unit=unit, si_unit=si_unit) from None
     except Exception:  # its parser raises whatever Python's tokenizer or an assertion makes of the text
-        raise ValueError(Sentence("daq.unknown_unit", unit=unit, si_unit=si_unit)) from None
+        raise BadValueError("daq.unknown_unit", unit=unit, si_unit=si_unit) from None
     return Conversion(factor=one - zero, offset=zero)

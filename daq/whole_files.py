@@ -1,8 +1,9 @@
-"""Files that readers see whole or not at all, also after a power cut."""
+"""Files that readers see whole or not at all, also after a power cut; and by what one is known from another."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import secrets
 from collections.abc import Iterator
@@ -40,6 +41,12 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file."""
     with replacing(path) as temporary:
         temporary.write_bytes(content)
+
+
+def digest_of(path: Path) -> str:
+    """Compute SHA-256 of a file's bytes, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sync_directory(directory: Path) -> None:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.acquisition.frozen import FrozenDetector
+from daq.arrays import BoolArray, FlagArray, FloatArray, IntArray
 from daq.drivers.base import Samples
 from daq.frames.channels import ChannelTable
 from daq.frames.clock import NS, Tick
@@ -58,7 +58,7 @@ class Assembler:
         self._last = np.full(count, np.nan)
         self._last_age = np.full(count, np.nan)  # at the cycle in which it came
         self._last_cycle = np.zeros(count, dtype=np.int64)
-        self._newest: tuple[npt.NDArray[np.float64], int, float] | None = None  # values, cycle, age, if it was plain
+        self._newest: tuple[FloatArray, int, float] | None = None  # values, cycle, age, if it was plain
         self._counts = np.zeros((len(Quality), count), dtype=np.int64)
         self._plain_frames = 0  # that are not in there yet
         # Of plain frames, which share them:
@@ -107,8 +107,8 @@ class Assembler:
         return Frame(tick.cycle, sync_ns, utc_ns, tick.time, values, ages, quality)
 
     def _described(
-        self, samples: Sequence[Samples], new: npt.NDArray[np.bool_], refused: list[int], lag_s: float
-    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        self, samples: Sequence[Samples], new: BoolArray, refused: list[int], lag_s: float
+    ) -> tuple[FlagArray, FloatArray, FloatArray]:
         """Compute quality, age and interval (n,) of values: ``new``, or ``refused`` by a sentinel."""
         count = len(new)
         quality = np.full(count, Quality.MISSING, dtype=np.uint8)
@@ -124,7 +124,7 @@ class Assembler:
         ages = np.asarray(ago * self._period - (0.0 if self._lockstep else after), dtype=np.float64)
         return quality, ages, interval
 
-    def _judged(self, values: npt.NDArray[np.float64], quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    def _judged(self, values: FloatArray, quality: FlagArray) -> FlagArray:
         """Mark fresh values out of range or frozen in the quality; return the same array if there are none."""
         if self._bounded:
             beyond = (values <= self._table.low) | (values >= self._table.high)
@@ -137,20 +137,14 @@ class Assembler:
         return quality
 
     @property
-    def counts(self) -> npt.NDArray[np.int64]:
+    def counts(self) -> IntArray:
         """Frames of each quality so far, per channel, (qualities, n)."""
         self._counts[Quality.FRESH] += self._plain_frames
         self._plain_frames = 0
         return self._counts
 
     def _hold(
-        self,
-        cycle: int,
-        new: npt.NDArray[np.bool_],
-        values: npt.NDArray[np.float64],
-        ages: npt.NDArray[np.float64],
-        quality: npt.NDArray[np.uint8],
-        interval: npt.NDArray[np.float64],
+        self, cycle: int, new: BoolArray, values: FloatArray, ages: FloatArray, quality: FlagArray, interval: FloatArray
     ) -> None:
         """Fill what did not come with the last value, as held or stale, while it is recent; in place."""
         if self._newest is not None:

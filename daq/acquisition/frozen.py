@@ -21,8 +21,8 @@ least :data:`RUNS` such runs, and more than :data:`PLAY` of what the joint can d
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import BoolArray, FlagArray, FloatArray
 from daq.machine.machine_file import Channel, Machine
 from daq.quality import Quality
 
@@ -33,8 +33,6 @@ LEAST_RUN = 0.2  # s: a device may be busy with itself for so long
 RUNS = 20
 PLAY = 0.03  # of the range; play of that size is no longer an arm
 POSITIONS = ("joint_position", "motor_position")
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class FrozenDetector:
@@ -78,7 +76,7 @@ class FrozenDetector:
         self._way = np.zeros(len(pairs))  # longest way of the other one in a run that ended
         self._ended = np.zeros(len(pairs), dtype=np.int64)
 
-    def frozen(self, values: FloatArray, quality: npt.NDArray[np.uint8]) -> npt.NDArray[np.bool_]:
+    def frozen(self, values: FloatArray, quality: FlagArray) -> BoolArray:
         """Find channels whose value of this frame is frozen, (n,); only fresh ones are looked at."""
         fresh = quality == Quality.FRESH if quality.any() else self._all
         step = values - self._last
@@ -120,9 +118,9 @@ class FrozenDetector:
         self._known = self._noisy >= NOISY_BLOCKS
         self._some_known = bool(self._known.any())
 
-    def _by_noise(self) -> npt.NDArray[np.bool_]:
+    def _by_noise(self) -> BoolArray:
         noisy = self._known
-        still: npt.NDArray[np.bool_] = noisy & (self._run >= self._least)
+        still: BoolArray = noisy & (self._run >= self._least)
         if not still.any():
             return still
         limit = np.maximum(self._least, FACTOR * (self._longest + 1))
@@ -135,7 +133,7 @@ class FrozenDetector:
             return np.zeros_like(still)
         return still
 
-    def _by_other(self, values: FloatArray, fresh: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def _by_other(self, values: FloatArray, fresh: BoolArray) -> BoolArray:
         found = np.zeros(len(values), dtype=np.bool_)
         moved = fresh & ~(np.abs(values - self._anchor) <= self._tolerance)
         self._anchor = np.where(moved, values, self._anchor)

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import BoolArray, FlagArray
 from daq.quality import Quality
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Ledger:
         self._names = names
         self._held = np.zeros(len(names), dtype=np.int64)
 
-    def add(self, quality: npt.NDArray[np.uint8], stored: npt.NDArray[np.bool_], origin: npt.NDArray[np.uint8]) -> None:
+    def add(self, quality: FlagArray, stored: BoolArray, origin: FlagArray) -> None:
         """Add rows that are safe on disk: (N, n) flags, (N, n) presence in the file, (N,) row's origin."""
         absent = ~stored
         frames = origin == FRAME

@@ -21,6 +21,7 @@ import pyarrow as pa
 from daq.acquisition.journal import Journal
 from daq.acquisition.ledger import FRAME, LOST, SKIP, Ledger
 from daq.acquisition.ring import RingReader
+from daq.arrays import FlagArray, FloatArray, RowArray
 from daq.errors import AcquisitionError, HilfitError
 from daq.frames.channels import channel_table
 from daq.frames.events import RecordedEvents
@@ -28,7 +29,7 @@ from daq.frames.frame import row_dtype
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.quality import Quality
-from daq.recordings.recording import FloatArray, recording_table
+from daq.recordings.recording import recording_table
 
 SYNC_SECONDS = 1.0
 SILENCE_SECONDS = 10.0  # without a frame: acquisition hangs
@@ -209,7 +210,7 @@ class Recorder:
         return self._summary
 
 
-def rows_table(machine: Machine, role: str, rows: npt.NDArray[np.void], time_s: FloatArray) -> pa.Table:
+def rows_table(machine: Machine, role: str, rows: RowArray, time_s: FloatArray) -> pa.Table:
     """Build the recording's table of (N,) rows of the ring, at (N,) seconds."""
     values = np.where(np.isin(rows["quality"], UNMEASURED), np.nan, rows["values"])
     columns = [(i, channel.name) for i, channel in enumerate(machine.channels)]
@@ -248,7 +249,7 @@ def backdated(table: pa.Table, names: Sequence[str]) -> tuple[pa.Table, dict[str
     return table, added
 
 
-def _mark(values: npt.NDArray[np.float64], quality: npt.NDArray[np.integer]) -> int:
+def _mark(values: FloatArray, quality: npt.NDArray[np.integer]) -> int:
     """Mark one channel, in place; how many."""
     frozen = quality == Quality.FROZEN
     count = 0
@@ -269,10 +270,10 @@ class _Writer:
         self._role = role
         self._names = names
         self._dtype = row_dtype(len(names))
-        self._pending: list[tuple[npt.NDArray[np.void], npt.NDArray[np.uint8]]] = []
+        self._pending: list[tuple[RowArray, FlagArray]] = []
         self._counts = np.zeros((len(Quality), len(names)), dtype=np.int64)
         self._first_cycle: int | None = None
-        self._last: npt.NDArray[np.void] | None = None
+        self._last: RowArray | None = None
         self._ledger = Ledger(names)
         self.first_utc_ns: int | None = None
         self.rows = 0
@@ -280,7 +281,7 @@ class _Writer:
         empty = np.empty(0, dtype=self._dtype)
         self.journal = Journal(path, self._table(empty).schema, overwrite=overwrite)
 
-    def take(self, rows: npt.NDArray[np.void], total: int | None, overwritten: int = 0) -> None:
+    def take(self, rows: RowArray, total: int | None, overwritten: int = 0) -> None:
         """Append rows, at most up to ``total`` of them in all; so many before them the ring has lost."""
         if self._first_cycle is None:
             self._first_cycle, self.first_utc_ns = int(rows["cycle"][0]), int(rows["utc_ns"][0])
@@ -294,7 +295,7 @@ class _Writer:
             self.rows += len(rows)
             self.missed += int(np.count_nonzero(origin != FRAME))
 
-    def _fill(self, rows: npt.NDArray[np.void], overwritten: int) -> tuple[npt.NDArray[np.void], npt.NDArray[np.uint8]]:
+    def _fill(self, rows: RowArray, overwritten: int) -> tuple[RowArray, FlagArray]:
         """Insert a row, marked missing, for every cycle that is not among the rows; and return what each represents."""
         known = rows if self._last is None else np.concatenate([self._last, rows])
         cycles = np.arange(int(known["cycle"][0]), int(known["cycle"][-1]) + 1)
@@ -331,7 +332,7 @@ class _Writer:
         stored = np.column_stack([np.isfinite(table.column(name).to_numpy()) for name in self._names])
         self._ledger.add(rows["quality"], stored, origin)
 
-    def _table(self, rows: npt.NDArray[np.void]) -> pa.Table:
+    def _table(self, rows: RowArray) -> pa.Table:
         time_s: FloatArray = (rows["cycle"] - (self._first_cycle or 0)) / self._machine.rate_hz
         return rows_table(self._machine, self._role, rows, time_s)
 

@@ -25,9 +25,9 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 import orjson
 
+from daq.arrays import RowArray
 from daq.errors import AcquisitionError
 from daq.frames.frame import Frame, frame_from_row, row_dtype
 from daq.messages import put_together, with_their_messages
@@ -55,7 +55,7 @@ _ATTACHING = threading.Lock()
 class Rows:
     """Result of one read: rows in order, and the number before the first of them that is lost for good."""
 
-    rows: npt.NDArray[np.void]
+    rows: RowArray
     missed: int
 
 
@@ -65,16 +65,14 @@ class _Ring:
     def __init__(self, memory: shared_memory.SharedMemory) -> None:
         self._memory = memory
         buffer = _buffer(memory)
-        self._header: npt.NDArray[np.void] = np.ndarray((1,), dtype=_HEADER, buffer=buffer)
+        self._header: RowArray = np.ndarray((1,), dtype=_HEADER, buffer=buffer)
         if self._header["magic"][0] != MAGIC:
             self.close()
             raise AcquisitionError("daq.shared_memory_no_ring", memory=memory.name)
         self._written = self._header["written"]
         self._slots = int(self._header["slots"][0])
         self.dtype = row_dtype(int(self._header["channels"][0]))
-        self._slot: npt.NDArray[np.void] = np.ndarray(
-            (self._slots,), dtype=_slot_dtype(self.dtype), buffer=buffer, offset=_START
-        )
+        self._slot: RowArray = np.ndarray((self._slots,), dtype=_slot_dtype(self.dtype), buffer=buffer, offset=_START)
         self._before = self._slot["before"]
         self._after = self._slot["after"]
         self._row = self._slot["row"]
@@ -151,7 +149,7 @@ class RingWriter(_Ring):
         self._header["writer_pid"] = os.getpid()
         self._header["closed"] = 0
 
-    def write(self, row: npt.NDArray[np.void]) -> None:
+    def write(self, row: RowArray) -> None:
         """Append one row (shape (1,) of the ring's dtype); the oldest one goes if the ring is full."""
         self.write_frame(frame_from_row(row[0]))
 
@@ -244,7 +242,7 @@ class RingReader(_Ring):
             time.sleep(poll)
         return True
 
-    def latest(self) -> npt.NDArray[np.void] | None:
+    def latest(self) -> RowArray | None:
         """Copy the newest row, shape (1,), without moving this reader; None before the first one."""
         while (written := self.written) > 0:
             slot = (written - 1) % self._slots

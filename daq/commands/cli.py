@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from daq.commands import cli_bus, cli_machine
-from daq.console import Json, MachineFile, may_be_written, print_json, progress_bar, reported, working
+from daq.console import Force, Json, MachineFile, may_be_written, print_json, progress_bar, reported, working
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, load_machine
 from daq.recordings.recording_files import SUFFIXES
@@ -72,7 +72,7 @@ def record(
     restore: Annotated[
         bool, typer.Option("--restore", help="At the end put CANopen nodes back to what they were.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Acquire from the machine's buses and record."""
@@ -171,7 +171,7 @@ def replay(
     machine: Annotated[Path, typer.Option("--machine", help="The machine file.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="File to write: .parquet or .csv.")],
     role: Annotated[Role, typer.Option(help="What the recording is for.")] = Role.operation,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Make a recording from a raw trace, by the same drivers, without the machine."""
@@ -227,7 +227,7 @@ def export(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="File to write: .parquet, .csv, .mf4 (MDF4), .mcap or .mat.")
     ],
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Write a recording in another format."""
@@ -255,7 +255,7 @@ def import_recording(
         bool, typer.Option("--resample", help="Bring another rate to the machine's with a zero-phase low pass.")
     ] = False,
     role: Annotated[Role | None, typer.Option(help="What the recording is for.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Make a recording of another tool's file: the machine's channels in their units, time in seconds."""

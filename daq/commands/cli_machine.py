@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from daq.console import Json, may_be_written, print_json, reported
+from daq.console import Force, Json, may_be_written, print_json, reported
 from daq.errors import InputError
 from daq.machine.machine_file import Machine, parse_machine
 
@@ -77,7 +77,7 @@ def import_kinematics(
     source: Annotated[Path, typer.Argument(help="A URDF, xacro or MJCF file.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Machine file to write.")] = Path("machine.yaml"),
     tip: Annotated[str | None, typer.Option(help="Link (body) where the arm ends, if it branches.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Json = False,
 ) -> None:
     """Make the kinematic part of a machine file from an arm's model; what it lacks is marked TODO."""
@@ -114,7 +114,7 @@ def new(
         Path | None, typer.Option(help="Machine file (of 'machine import') whose joints are taken over.")
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: take what is proposed.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace the file if it is there.")] = False,
+    force: Force = False,
     json: Annotated[bool, typer.Option("--json", help="Print the result as JSON; asks nothing.")] = False,
 ) -> None:
     """Make the buses and channels of a machine file from a scan, EDS and DBC files; asks what each value is."""

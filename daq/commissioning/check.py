@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.cycles import AcquisitionStatistics
 from daq.acquisition.ring import RingReader
+from daq.arrays import RowArray
 from daq.commissioning.can_questions import FoundNode
 from daq.commissioning.identities import identity_findings, mapping_of, scale_finding
 from daq.commissioning.rest import AtRest, at_rest
@@ -116,7 +116,7 @@ def check_machine_buses(
     return replace(found, delays=delays)
 
 
-def delays_of_frames(machine: Machine, rows: npt.NDArray[np.void]) -> tuple[BusDelay, ...]:
+def delays_of_frames(machine: Machine, rows: RowArray) -> tuple[BusDelay, ...]:
     """Estimate delays between the buses from frames (N,) of a motion; cycles that were skipped are gaps."""
     from daq.commissioning.delays import bus_delays
 
@@ -132,7 +132,7 @@ def delays_of_frames(machine: Machine, rows: npt.NDArray[np.void]) -> tuple[BusD
 
 def machine_check(
     machine: Machine,
-    rows: npt.NDArray[np.void],
+    rows: RowArray,
     statistics: AcquisitionStatistics,
     nodes: Mapping[tuple[str, int], FoundNode],
     notes: Sequence[str],
@@ -192,9 +192,7 @@ def _asked(machine: Machine) -> tuple[dict[tuple[str, int], FoundNode], list[str
     return found, notes
 
 
-def _acquired(
-    machine: Machine, seconds: float, show: ShowProgress
-) -> tuple[npt.NDArray[np.void], AcquisitionStatistics]:
+def _acquired(machine: Machine, seconds: float, show: ShowProgress) -> tuple[RowArray, AcquisitionStatistics]:
     parts = []
     with (
         AcquisitionProcess(machine, strict=False) as acquisition,
@@ -212,7 +210,7 @@ def _acquired(
     return np.concatenate(parts)[:wanted], statistics
 
 
-def _channel(machine: Machine, index: int, channel: Channel, rows: npt.NDArray[np.void]) -> ChannelCheck:
+def _channel(machine: Machine, index: int, channel: Channel, rows: RowArray) -> ChannelCheck:
     values = machine.conversion(channel).from_si(rows["values"][:, index])
     rest = at_rest(rows["time"], values, rows["ages"][:, index], rows["quality"][:, index])
     source = channel.source
@@ -276,31 +274,17 @@ def _of_channel(channel: Channel, checked: ChannelCheck, depressurised: bool) ->
         yield Sentence("daq.not_change_once_although", name=name, noise_std=channel.noise_std, unit=unit)
     declared = math.hypot(channel.noise_std or 0.0, (channel.resolution or 0.0) / math.sqrt(12.0))
     if channel.noise_std and rest.noise > NOISY * declared:
-        yield (
-            Sentence(
-                "daq.noise_times_noise_std_resolution",
-                name=name,
-                noise=rest.noise,
-                unit=unit,
-                noise_2=rest.noise / declared,
-            )
-        )
+        noise, times = rest.noise, rest.noise / declared
+        yield Sentence("daq.noise_times_noise_std_resolution", name=name, noise=noise, unit=unit, noise_2=times)
     if channel.range is not None and not channel.range[0] < rest.mean < channel.range[1]:
         yield Sentence("daq.outside_range", name=name, mean=rest.mean, unit=unit, range=list(channel.range))
     if not (rest.moved or math.isnan(rest.drift)) and abs(rest.drift) > max(DRIFTS * rest.drift_std, rest.noise):
-        yield (Sentence("daq.drifts_minute", name=name, drift=rest.drift, drift_std=rest.drift_std, unit=unit))
+        yield Sentence("daq.drifts_minute", name=name, drift=rest.drift, drift_std=rest.drift_std, unit=unit)
     span = 0.0 if channel.range is None else channel.range[1] - channel.range[0]
     zero_due = depressurised and channel.quantity in PRESSURES
     if zero_due and channel.source is not None and abs(rest.mean) > ZERO * span > 0:
-        yield (
-            Sentence(
-                "daq.shows_without_pressure",
-                name=name,
-                mean=rest.mean,
-                unit=unit,
-                offset=channel.source.offset - rest.mean,
-            )
-        )
+        offset = channel.source.offset - rest.mean
+        yield Sentence("daq.shows_without_pressure", name=name, mean=rest.mean, unit=unit, offset=offset)
 
 
 def check_page(check: MachineCheck) -> str:

@@ -21,15 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
+from daq.arrays import FloatArray
 from daq.kinematics.chain import about
 from daq.machine.machine_file import Channel, Machine
 from daq.machine.travel import lever_arm
 from daq.recordings.recording_checks import runs
-
-FloatArray = npt.NDArray[np.float64]
 
 LONGEST_S = 0.3  # delays that are looked for
 BLOCKS = 12

@@ -11,7 +11,6 @@ from collections import deque
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
@@ -20,6 +19,7 @@ from rich.text import Text
 from daq.acquisition.acquisition import AcquisitionProcess
 from daq.acquisition.cycles import AcquisitionStatistics
 from daq.acquisition.ring import RingReader
+from daq.arrays import RowArray
 from daq.machine.machine_file import Machine
 from daq.quality import MEASURED, Quality
 
@@ -35,7 +35,7 @@ class _Picture:
         self._conversions = [machine.conversion(channel) for channel in machine.channels]
         self._rows: deque[np.void] = deque(maxlen=max(2, round(WINDOW_S * machine.rate_hz)))
 
-    def add(self, rows: npt.NDArray[np.void]) -> None:
+    def add(self, rows: RowArray) -> None:
         """Add rows that came."""
         self._rows.extend(rows)
 

@@ -6,11 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FlagArray, FloatArray
 from daq.quality import MEASURED, Quality
-
-FloatArray = npt.NDArray[np.float64]
 
 MOVING = 3.0  # deviations of the noise, by which values of a machine at rest do not scatter
 BLOCKS = 10
@@ -46,7 +44,7 @@ class AtRest:
     jitter_ms: float
 
 
-def at_rest(time: FloatArray, values: FloatArray, ages: FloatArray, quality: npt.NDArray[np.uint8]) -> AtRest:
+def at_rest(time: FloatArray, values: FloatArray, ages: FloatArray, quality: FlagArray) -> AtRest:
     """Look at one channel.
 
     Parameters

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FlagArray, FloatArray, IntArray
 from daq.drivers.found_setups import FoundSetups
 from daq.errors import MachineFileError
 from daq.frames.events import EventLog
@@ -100,11 +100,11 @@ class Samples:
         and not from when the driver was triggered
     """
 
-    raw: npt.NDArray[np.float64]
-    quality: npt.NDArray[np.uint8]
-    cycles_ago: npt.NDArray[np.int64]
-    after_sync_s: npt.NDArray[np.float64]
-    interval: npt.NDArray[np.float64] | None = None
+    raw: FloatArray
+    quality: FlagArray
+    cycles_ago: IntArray
+    after_sync_s: FloatArray
+    interval: FloatArray | None = None
     plain: bool = False
     from_tick: bool = False
 

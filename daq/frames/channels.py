@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import MachineFileError
 from daq.frames.frame import row_dtype
 from daq.machine.buses import Word
 from daq.machine.machine_file import Channel, Machine
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FlagArray, FloatArray, RowArray
 from daq.quality import Quality
 
 __all__ = ["Frame", "Quality", "frame_from_row", "row_dtype", "row_from_frame"]
@@ -33,9 +33,9 @@ class Frame:
     monotonic_ns: int
     utc_ns: int
     time: float
-    values: npt.NDArray[np.float64]
-    ages: npt.NDArray[np.float64]
-    quality: npt.NDArray[np.uint8]
+    values: FloatArray
+    ages: FloatArray
+    quality: FlagArray
 
 
 @lru_cache(maxsize=64)
@@ -54,7 +54,7 @@ def row_dtype(channels: int) -> np.dtype[np.void]:
     )
 
 
-def row_from_frame(frame: Frame) -> npt.NDArray[np.void]:
+def row_from_frame(frame: Frame) -> RowArray:
     """Convert the frame to an array of shape (1,) of :func:`row_dtype`."""
     row = np.empty(1, dtype=row_dtype(len(frame.values)))
     row["cycle"], row["monotonic_ns"], row["utc_ns"] = frame.cycle, frame.monotonic_ns, frame.utc_ns

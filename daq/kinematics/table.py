@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.kinematics.chain import Chain, about
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Sine below which two axes count as parallel. Files that round quarter turns to four digits are 1e-5 off, and the
 #: common normal of axes that are parallel but for that may be a kilometre away.

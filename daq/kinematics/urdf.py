@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import InputError
 from daq.kinematics.chain import Axis, Chain, turning
-
-FloatArray = npt.NDArray[np.float64]
 
 #: rad: a roll, pitch or yaw that is nearer to a quarter turn was rounded ("1.57" is 0.0008 off).
 ROUNDED = 1e-3

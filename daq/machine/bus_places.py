@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 
 _SERIAL = re.compile(r"/dev/tty[A-Za-z0-9_.\-]*|/dev/pts/[0-9]+|/dev/serial/by-(id|path)/[A-Za-z0-9][^/\s]*|COM[0-9]+")
 _NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.\-]*[A-Za-z0-9])?")
@@ -44,14 +44,14 @@ SERIAL_INTERFACES = ("slcan", "serial")
 def serial_port(text: str) -> str:
     """Check a serial port's name in the operating system (ValueError if none)."""
     if not _SERIAL.fullmatch(text):
-        raise ValueError(Sentence("daq.no_serial_port", text=text))
+        raise BadValueError("daq.no_serial_port", text=text)
     return text
 
 
 def host_name(text: str) -> str:
     """Check a host's name or address (ValueError for anything else)."""
     if len(text) > 253 or not (_NAME.fullmatch(text) or _address(text)):
-        raise ValueError(Sentence("daq.no_host", text=text))
+        raise BadValueError("daq.no_host", text=text)
     return text
 
 
@@ -90,15 +90,15 @@ def check_can(interface: str, channel: str, options: Mapping[str, object]) -> No
     if interface in SERIAL_INTERFACES:
         serial_port(channel)
     elif not _CHANNEL.fullmatch(channel):
-        raise ValueError(Sentence("daq.channel_none", channel=channel, interface=interface))
+        raise BadValueError("daq.channel_none", channel=channel, interface=interface)
     try:
         _OPTIONS[interface].model_validate(dict(options))
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in first["loc"])
         known = ", ".join(_OPTIONS[interface].model_fields)
-        raise ValueError(
-            Sentence("daq.options_takes", key=key, lower=first["msg"].lower(), interface=interface, known=known)
+        raise BadValueError(
+            "daq.options_takes", key=key, lower=first["msg"].lower(), interface=interface, known=known
         ) from None
 
 
@@ -107,7 +107,7 @@ def check_entry(entry: str) -> str:
     kind, _, what = entry.partition(":")
     host, _, port = what.rpartition(":")
     if kind not in _KINDS or not what or (kind == "tcp" and not (host and (port == "*" or port.isdecimal()))):
-        raise ValueError(Sentence("daq.no_place", entry=entry))
+        raise BadValueError("daq.no_place", entry=entry)
     return entry
 
 

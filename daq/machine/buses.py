@@ -17,6 +17,7 @@ from pydantic import (
     model_validator,
 )
 
+from daq.errors import BadValueError
 from daq.machine.bus_places import SERIAL_INTERFACES, CanInterface, Host, PortNumber, SerialPort, check_can
 from daq.machine.machine_file_errors import NAME_PATTERN, did_you_mean
 from daq.messages import Sentence
@@ -80,23 +81,23 @@ class Word(Scaled):
         if self.mask is None:
             return self
         if self.data_type.startswith("float"):
-            raise ValueError(Sentence("daq.mask_integers", data_type=self.data_type))
+            raise BadValueError("daq.mask_integers", data_type=self.data_type)
         if self.mask >> (int(self.data_type.lstrip("uint"))):
-            raise ValueError(Sentence("daq.mask_more_bits", mask=f"{self.mask:X}", data_type=self.data_type))
+            raise BadValueError("daq.mask_more_bits", mask=f"{self.mask:X}", data_type=self.data_type)
         if (low := self.mask & -self.mask) and (self.mask // low + 1) & self.mask // low:
-            raise ValueError(Sentence("daq.mask_gap", mask=f"{self.mask:X}"))
+            raise BadValueError("daq.mask_gap", mask=f"{self.mask:X}")
         return self
 
     @property
     def asks_decimals(self) -> bool:
-        """Whether the device is asked how many decimals there are."""
+        """True if the device is asked how many decimals there are."""
         return bool(self.decimals_key) and getattr(self, self.decimals_key) is not None
 
     @model_validator(mode="after")
     def _decimals_from_one(self) -> Word:
         beside = [key for key in ("decimals", "mask", "modulo", "zero") if getattr(self, key)]
         if self.asks_decimals and beside:
-            raise ValueError(Sentence("daq.not_go_together", decimals_key=self.decimals_key, beside=beside[0]))
+            raise BadValueError("daq.not_go_together", decimals_key=self.decimals_key, beside=beside[0])
         return self
 
 
@@ -106,7 +107,7 @@ def _number(value: Any, what: str) -> Any:
         try:
             return int(value, 0)
         except ValueError:
-            raise ValueError(Sentence("daq.is_none", value=value, what=what)) from None
+            raise BadValueError("daq.is_none", value=value, what=what) from None
     return value
 
 
@@ -145,7 +146,7 @@ class CanSource(Word):
             if value is not None:
                 object_of(value)
         except ValueError:
-            raise ValueError(Sentence("daq.no_object", value=value)) from None
+            raise BadValueError("daq.no_object", value=value) from None
         return value
 
 
@@ -183,7 +184,7 @@ class SignalSource(Scaled):
     @model_validator(mode="after")
     def _one_name(self) -> SignalSource:
         if self.message is not None and self.pgn is not None:
-            raise ValueError(Sentence("daq.message_pgn_both_say", signal=self.signal))
+            raise BadValueError("daq.message_pgn_both_say", signal=self.signal)
         return self
 
 
@@ -217,9 +218,9 @@ class CanNode(FileModel):
             try:
                 object_of(place)
             except ValueError:
-                raise ValueError(Sentence("daq.no_object_write", key=key)) from None
+                raise BadValueError("daq.no_object_write", key=key) from None
             if data_type and data_type.strip() not in get_args(DataType):
-                raise ValueError(Sentence("daq.unknown_data_type", key=key))
+                raise BadValueError("daq.unknown_data_type", key=key)
         return value
 
 
@@ -277,7 +278,7 @@ class CanopenBus(_CanBus):
     @model_validator(mode="after")
     def _led_by_one(self) -> CanopenBus:
         if self.sync == "external" and not self.listen_only:
-            raise ValueError(Sentence("daq.sync_external_means_another"))
+            raise BadValueError("daq.sync_external_means_another")
         return self
 
 
@@ -348,7 +349,7 @@ class OtherBus(AnyBus):
         kind = value.get("type") if isinstance(value, dict) else None
         hint = did_you_mean(str(kind), BUS_TYPES)
         if hint:
-            raise ValueError(Sentence("daq.no_bus_type", kind=kind, hint=hint))
+            raise BadValueError("daq.no_bus_type", kind=kind, hint=hint)
         return value
 
     @property
@@ -368,7 +369,7 @@ class KnownDelay(FileModel):
     @model_validator(mode="after")
     def _two_buses(self) -> KnownDelay:
         if self.bus == self.behind:
-            raise ValueError(Sentence("daq.bus_cannot_behind_itself", bus=self.bus))
+            raise BadValueError("daq.bus_cannot_behind_itself", bus=self.bus)
         return self
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.errors import MachineFileError
+from daq.errors import BadValueError, MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.device_files import check_device_file
 from daq.machine.machine_file_errors import did_you_mean
@@ -185,17 +185,17 @@ def _message(databases: Sequence[Database], source: SignalSource) -> Message:
     named = list(_named(messages, source))
     if not named:
         if source.pgn is not None:
-            raise ValueError(Sentence("daq.no_message_pgn_bus", pgn=f"{source.pgn:04X}"))
+            raise BadValueError("daq.no_message_pgn_bus", pgn=f"{source.pgn:04X}")
         hint = did_you_mean(str(source.message), [message.name for message in messages])
-        raise ValueError(Sentence("daq.no_message_bus_files", message=source.message, hint=hint or "; correct message"))
+        raise BadValueError("daq.no_message_bus_files", message=source.message, hint=hint or "; correct message")
     found = [message for message in named if any(signal.name == source.signal for signal in message.signals)]
     if not found:
         hint = did_you_mean(source.signal, sorted({signal.name for message in named for signal in message.signals}))
         where = "" if source.message is None and source.pgn is None else Sentence("daq.in_message", named=named[0].name)
-        raise ValueError(Sentence("daq.no_signal", signal=source.signal, where=where, hint=hint or "; correct signal"))
+        raise BadValueError("daq.no_signal", signal=source.signal, where=where, hint=hint or "; correct signal")
     if len(found) > 1:
         names = ", ".join(message.name for message in found[:4])
-        raise ValueError(Sentence("daq.signal_messages", signal=source.signal, count=len(found), names=names))
+        raise BadValueError("daq.signal_messages", signal=source.signal, count=len(found), names=names)
     return found[0]
 
 
@@ -214,8 +214,8 @@ def is_j1939(message: Message, source: SignalSource) -> bool:
     """Return whether a message is taken by PGN; ValueError (one line) if a channel cannot use it."""
     asked = source.pgn is not None or source.source_address is not None
     if asked and not message.is_extended_frame:
-        raise ValueError(Sentence("daq.message_bits_no_j", message=message.name))
+        raise BadValueError("daq.message_bits_no_j", message=message.name)
     j1939 = message.is_extended_frame and (asked or message.protocol == "j1939")
     if j1939 and message.length > _CAN_BYTES:
-        raise ValueError(Sentence("daq.message_bytes_j_sends", message=message.name, length=message.length))
+        raise BadValueError("daq.message_bytes_j_sends", message=message.name, length=message.length)
     return j1939

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from daq.errors import BadValueError
 from daq.machine.buses import CanopenBus, CanSource, Word, object_of
 from daq.machine.joints import Joint, unique
 from daq.machine.machine_file_errors import did_you_mean
@@ -54,7 +55,7 @@ def incoherences(machine: Machine) -> list[str]:
 def _one_sync(machine: Machine) -> None:
     led = [bus.name for bus in machine.buses if isinstance(bus, CanopenBus) and bus.sync == "external"]
     if len(led) > 1:
-        raise ValueError(Sentence("daq.buses_both_say_sync", led=led))
+        raise BadValueError("daq.buses_both_say_sync", led=led)
 
 
 def _delayed_buses(machine: Machine) -> None:
@@ -64,7 +65,7 @@ def _delayed_buses(machine: Machine) -> None:
         for name in (delay.bus, delay.behind):
             _known(name, names, "bus", f"delays[{number}]")
         if frozenset((delay.bus, delay.behind)) in known:
-            raise ValueError(Sentence("daq.delays_told_twice", number=number, bus=delay.bus, behind=delay.behind))
+            raise BadValueError("daq.delays_told_twice", number=number, bus=delay.bus, behind=delay.behind)
         known.add(frozenset((delay.bus, delay.behind)))
 
 
@@ -77,7 +78,7 @@ def _one_supply(machine: Machine) -> None:
         ("flow_limit", supply.flow_limit, hydraulics.pump_flow, "pump_flow"),
     ):
         if one is not None and other is not None and one != other:
-            raise ValueError(Sentence("daq.supply_here_hydraulics", key=key, one=one, other=other, name=name))
+            raise BadValueError("daq.supply_here_hydraulics", key=key, one=one, other=other, name=name)
 
 
 def _of(*checks: tuple[Callable[..., None] | Any, ...]) -> list[str]:
@@ -95,18 +96,18 @@ def _known(name: str, names: Iterable[str], what: str, place: str) -> None:
     options = list(names)
     if name not in options:
         hint = did_you_mean(name, options) or Sentence("daq.there_are", options=options)
-        raise ValueError(Sentence("daq.place_names_none", place=place, what=what, name=name, hint=hint))
+        raise BadValueError("daq.place_names_none", place=place, what=what, name=name, hint=hint)
 
 
 def _channel(machine: Machine, index: int, channel: Channel) -> None:
     place = f"channels[{index}] ({channel.name})"
     if channel.quantity in JOINT_QUANTITIES:
         if channel.joint is None:
-            raise ValueError(Sentence("daq.belongs_joint", place=place, quantity=channel.quantity))
+            raise BadValueError("daq.belongs_joint", place=place, quantity=channel.quantity)
         _known(channel.joint, (joint.name for joint in machine.joints), "joint", place)
         _has(place, channel.quantity, machine.joint(channel.joint))
     elif channel.joint is not None:
-        raise ValueError(Sentence("daq.belongs_machine", place=place, quantity=channel.quantity))
+        raise BadValueError("daq.belongs_machine", place=place, quantity=channel.quantity)
     try:
         machine.conversion(channel)
     except ValueError as error:
@@ -118,7 +119,7 @@ def _channel(machine: Machine, index: int, channel: Channel) -> None:
         _known(channel.source.bus, buses, "bus", place)
         bus = buses[channel.source.bus]
         if not isinstance(channel.source, bus.source):
-            raise ValueError(Sentence("daq.source_not_fit_bus", place=place, bus=bus.name, type=bus.type))
+            raise BadValueError("daq.source_not_fit_bus", place=place, bus=bus.name, type=bus.type)
     if channel.quantity == "joint_position" and channel.joint is not None and isinstance(channel.source, Word):
         _turns_once(place, machine.conversion(channel), channel.source, machine.joint(channel.joint))
 
@@ -131,32 +132,30 @@ def _turns_once(place: str, to_si: Conversion, source: Word, joint: Joint) -> No
     low, high = sorted(float(to_si.to_si(source.offset + end)) for end in (-half, half))
     limits = joint.limits.position
     if limits[0] < low or limits[1] > high:
-        raise ValueError(
-            Sentence(
-                "daq.encoder_begins_anew_moves",
-                place=place,
-                low=low,
-                high=high,
-                joint=joint.name,
-                limit=limits[0],
-                limit_2=limits[1],
-            )
+        raise BadValueError(
+            "daq.encoder_begins_anew_moves",
+            place=place,
+            low=low,
+            high=high,
+            joint=joint.name,
+            limit=limits[0],
+            limit_2=limits[1],
         )
 
 
 def _has(place: str, quantity: str, joint: Joint) -> None:
     """Check that a channel's joint has what the channel measures."""
     if quantity in MOTOR_QUANTITIES and joint.drive is None:
-        raise ValueError(Sentence("daq.no_drive_no", place=place, joint=joint.name, quantity=quantity))
+        raise BadValueError("daq.no_drive_no", place=place, joint=joint.name, quantity=quantity)
     if quantity == "motor_effort" and joint.drive is not None and joint.drive.effort == "link_side":
-        raise ValueError(Sentence("daq.drive_says_effort_link_side", place=place, joint=joint.name))
+        raise BadValueError("daq.drive_says_effort_link_side", place=place, joint=joint.name)
     if quantity in CYLINDER_QUANTITIES:
         if joint.cylinder is None:
-            raise ValueError(Sentence("daq.no_cylinder_no", place=place, joint=joint.name, quantity=quantity))
+            raise BadValueError("daq.no_cylinder_no", place=place, joint=joint.name, quantity=quantity)
         if joint.cylinder.vented is not None and quantity == f"{joint.cylinder.vented}_pressure":
-            raise ValueError(Sentence("daq.chamber_vented", place=place, joint=joint.name))
+            raise BadValueError("daq.chamber_vented", place=place, joint=joint.name)
         if quantity in SENT_QUANTITIES and joint.cylinder.valve is None:
-            raise ValueError(Sentence("daq.no_valve_no", place=place, joint=joint.name, quantity=quantity))
+            raise BadValueError("daq.no_valve_no", place=place, joint=joint.name, quantity=quantity)
 
 
 def _sets_nothing(machine: Machine, channel: Channel) -> None:
@@ -168,8 +167,8 @@ def _sets_nothing(machine: Machine, channel: Channel) -> None:
         for node in bus.nodes if isinstance(bus, CanopenBus) and bus.name == source.bus else ():
             for key in node.settings if node.node == source.node else ():
                 if object_of(key.partition(" ")[0]) == (source.object, source.subindex):
-                    raise ValueError(
-                        Sentence("daq.buses_node_settings_would", bus=bus.name, node=node.node, channel=channel.name)
+                    raise BadValueError(
+                        "daq.buses_node_settings_would", bus=bus.name, node=node.node, channel=channel.name
                     )
 
 
@@ -177,15 +176,13 @@ def _in_the_valves_unit(place: str, unit: str, joint: Joint) -> None:
     """Check that a command is in the unit of its valve's range and neutral."""
     valve = None if joint.cylinder is None else joint.cylinder.valve
     if valve is not None and hasattr(valve, "unit") and valve.unit != unit:
-        raise ValueError(
-            Sentence("daq.valve_units_differ", place=place, unit=unit, joint=joint.name, unit_2=valve.unit)
-        )
+        raise BadValueError("daq.valve_units_differ", place=place, unit=unit, joint=joint.name, unit_2=valve.unit)
 
 
 def _couplings(machine: Machine, joint: Joint) -> None:
     for coupling in () if joint.drive is None else joint.drive.coupled:
         if coupling.joint == joint.name:
-            raise ValueError(Sentence("daq.joints_drive_coupled_names", joint=joint.name))
+            raise BadValueError("daq.joints_drive_coupled_names", joint=joint.name)
         names = (other.name for other in machine.joints)
         _known(coupling.joint, names, "joint", f"joints.{joint.name}: drive.coupled")
 
@@ -195,38 +192,38 @@ def _measured(machine: Machine, name: str) -> None:
     present = [c.quantity for c in machine.channels if c.joint == name]
     for quantity in sorted(set(present)):
         if present.count(quantity) > 1:
-            raise ValueError(Sentence("daq.joints_more_channel", name=name, quantity=quantity))
+            raise BadValueError("daq.joints_more_channel", name=name, quantity=quantity)
     drive, cylinder = machine.joint(name).drive, machine.joint(name).cylinder
     positions = {"joint_position", "piston_position", "motor_position"}
     if not positions & set(present):
         kinds = "joint_position or " + ("motor_position" if drive else "piston_position")
-        raise ValueError(Sentence("daq.joints_no_position", name=name, kinds=kinds))
+        raise BadValueError("daq.joints_no_position", name=name, kinds=kinds)
     pressures = {"head_pressure", "rod_pressure"} & set(present)
     if cylinder is not None and cylinder.vented is not None and pressures:
         return
     if "external_force" in present and len(pressures) < 2:
-        raise ValueError(Sentence("daq.joints_external_force_needs_head_pressure", name=name))
+        raise BadValueError("daq.joints_external_force_needs_head_pressure", name=name)
     if drive is not None and "joint_effort" not in present:
         _driven(machine, name, link_side=drive.effort == "link_side")
         return
     if len(pressures) == 1 and not {"cylinder_force", "joint_effort"} & set(present):
         missing = ({"head_pressure", "rod_pressure"} - pressures).pop()
-        raise ValueError(Sentence("daq.joints_no_effort_pressure", name=name, missing=missing))
+        raise BadValueError("daq.joints_no_effort_pressure", name=name, missing=missing)
     if "command" in present:  # of its valve the curve and the delay can be told without any effort
         return
     if not pressures and not {"cylinder_force", "joint_effort"} & set(present):
-        raise ValueError(Sentence("daq.joints_no_effort", name=name))
+        raise BadValueError("daq.joints_no_effort", name=name)
 
 
 def _driven(machine: Machine, name: str, *, link_side: bool) -> None:
     """Check that every motor that acts on the joint is measured."""
     if link_side:
-        raise ValueError(Sentence("daq.joints_no_effort_drive", name=name))
+        raise BadValueError("daq.joints_no_effort_drive", name=name)
     column = [joint.name for joint in machine.joints].index(name)
     for row in np.flatnonzero(machine.ratios[:, column]):
         motor = machine.joints[row].name
         if machine.channel("motor_effort", motor) is None:
-            raise ValueError(Sentence("daq.joints_no_effort_add", name=name, motor=motor))
+            raise BadValueError("daq.joints_no_effort_add", name=name, motor=motor)
 
 
 def _velocities_are_measured(machine: Machine) -> None:
@@ -237,7 +234,7 @@ def _velocities_are_measured(machine: Machine) -> None:
         for other in np.flatnonzero(machine.ratios[number]):
             if other not in measured:
                 own, missing = machine.joints[number].name, machine.joints[other].name
-                raise ValueError(Sentence("daq.joints_motor_velocity_holds_speed", own=own, missing=missing))
+                raise BadValueError("daq.joints_motor_velocity_holds_speed", own=own, missing=missing)
 
 
 def _motors_determine(machine: Machine) -> None:
@@ -246,4 +243,4 @@ def _motors_determine(machine: Machine) -> None:
         R = machine.ratios[np.ix_(unknown, unknown)]
         if not np.all(np.linalg.svd(R / np.diag(R)[:, None], compute_uv=False) > 1e-9):
             name = next(joint.name for joint in machine.joints if joint.drive is not None and joint.drive.coupled)
-            raise ValueError(Sentence("daq.joints_drive_all_motors", name=name))
+            raise BadValueError("daq.joints_drive_all_motors", name=name)

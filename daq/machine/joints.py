@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, field_validator, model_validator
 
+from daq.arrays import FloatArray
+from daq.errors import BadValueError
 from daq.machine.buses import FileModel, Name
 from daq.machine.linkages import FourBar, Linkage, Pins, ThreePin, reduced
 from daq.machine.valves import Valve
@@ -26,7 +27,7 @@ Convention = Literal["standard", "modified"]
 def ordered(interval: Interval, what: str) -> Interval:
     """Return the interval; ValueError unless it goes from low to high."""
     if interval[0] >= interval[1]:
-        raise ValueError(Sentence("daq.must_go_low_high", what=what, interval=interval[0], interval_2=interval[1]))
+        raise BadValueError("daq.must_go_low_high", what=what, interval=interval[0], interval_2=interval[1])
     return interval
 
 
@@ -34,7 +35,7 @@ def unique(names: list[str], what: str) -> None:
     """Refuse names of which one is there twice with a ValueError."""
     for name in names:
         if names.count(name) > 1:
-            raise ValueError(Sentence("daq.name_repeated", what=what, name=name, name_2=names.count(name)))
+            raise BadValueError("daq.name_repeated", what=what, name=name, name_2=names.count(name))
 
 
 class DenavitHartenberg(FileModel):
@@ -78,7 +79,7 @@ class Cylinder(FileModel):
     @model_validator(mode="after")
     def _rod_fits(self) -> Cylinder:
         if self.rod >= self.bore:
-            raise ValueError(Sentence("daq.rod_must_thinner_bore", rod=self.rod, bore=self.bore))
+            raise BadValueError("daq.rod_must_thinner_bore", rod=self.rod, bore=self.bore)
         return self
 
     @property
@@ -116,10 +117,10 @@ class Drive(FileModel):
     @model_validator(mode="after")
     def _turns(self) -> Drive:
         if self.ratio == 0:
-            raise ValueError(Sentence("daq.ratio_must_not"))
+            raise BadValueError("daq.ratio_must_not")
         for index, coupling in enumerate(self.coupled):
             if coupling.ratio == 0:
-                raise ValueError(Sentence("daq.coupled_ratio_must_not", index=index))
+                raise BadValueError("daq.coupled_ratio_must_not", index=index)
         unique([coupling.joint for coupling in self.coupled], "coupled joint")
         return self
 
@@ -142,7 +143,7 @@ class Joint(FileModel):
     @model_validator(mode="after")
     def _one_drive(self) -> Joint:
         if self.cylinder is not None and self.drive is not None:
-            raise ValueError(Sentence("daq.both_cylinder_drive"))
+            raise BadValueError("daq.both_cylinder_drive")
         return self
 
     @model_validator(mode="after")
@@ -152,7 +153,7 @@ class Joint(FileModel):
             return self
         linkage = self.cylinder.linkage
         if self.type != "revolute":
-            raise ValueError(Sentence("daq.cylinder_linkage_type_needs", type=linkage.type))
+            raise BadValueError("daq.cylinder_linkage_type_needs", type=linkage.type)
         if linkage.angle is None:
             linkage = linkage.model_copy(update={"angle": self.dh.theta})
             cylinder = self.cylinder.model_copy(update={"linkage": linkage})
@@ -172,33 +173,27 @@ class Joint(FileModel):
             shortest, longest = abs(linkage.a - linkage.b), linkage.a + linkage.b
             what = "a, b, retracted" if self.cylinder.linkage is linkage else Sentence("daq.four_points_retracted")
             if linkage.retracted >= longest or linkage.retracted + stroke <= shortest:
-                raise ValueError(
-                    Sentence(
-                        "daq.cylinder_linkage_cannot_close",
-                        shortest=shortest,
-                        longest=longest,
-                        retracted=linkage.retracted,
-                        retracted_2=linkage.retracted + stroke,
-                        what=what,
-                    )
+                raise BadValueError(
+                    "daq.cylinder_linkage_cannot_close",
+                    shortest=shortest,
+                    longest=longest,
+                    retracted=linkage.retracted,
+                    retracted_2=linkage.retracted + stroke,
+                    what=what,
                 )
         if x.max() <= 0 or x.min() >= stroke:
-            raise ValueError(
-                Sentence(
-                    "daq.cylinder_linkage_cannot_close_within",
-                    value=x.min(),
-                    value_2=x.max(),
-                    stroke=stroke,
-                    zero=_ZEROS[self.cylinder.linkage.type],
-                )
+            raise BadValueError(
+                "daq.cylinder_linkage_cannot_close_within",
+                value=x.min(),
+                value_2=x.max(),
+                stroke=stroke,
+                zero=_ZEROS[self.cylinder.linkage.type],
             )
         if np.any(np.diff(x) >= 0) and np.any(np.diff(x) <= 0):
-            raise ValueError(Sentence("daq.cylinder_linkage_passes_dead", turn=_TURNS[self.cylinder.linkage.type]))
+            raise BadValueError("daq.cylinder_linkage_passes_dead", turn=_TURNS[self.cylinder.linkage.type])
         tolerance = 1e-6 + 1e-3 * stroke
         if x.min() < -tolerance or x.max() > stroke + tolerance:
-            raise ValueError(
-                Sentence("daq.cylinder_stroke_exceeded_limits", stroke=stroke, value=x.min(), value_2=x.max())
-            )
+            raise BadValueError("daq.cylinder_stroke_exceeded_limits", stroke=stroke, value=x.min(), value_2=x.max())
         return self
 
 
@@ -221,7 +216,7 @@ _TURNS = {
 }
 
 
-def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
+def _chain_closes(linkage: FourBar, q: FloatArray) -> None:
     """Refuse a four-bar chain that opens, or is stretched, somewhere in ``q``.
 
     Stretched, coupler and rocker are in line: the link is then held whatever the cylinder does, ``r`` is infinite.
@@ -232,6 +227,4 @@ def _chain_closes(linkage: FourBar, q: npt.NDArray[np.float64]) -> None:
     worst = int(np.argmax(np.abs(cosine)))
     reach = float(np.linalg.norm(linkage.link_pin(q)[0][worst]))
     least, most = abs(linkage.coupler_arm - linkage.coupler), linkage.coupler_arm + linkage.coupler
-    raise ValueError(
-        Sentence("daq.cylinder_linkage_cannot_close_rad", angle=q[worst], reach=reach, least=least, most=most)
-    )
+    raise BadValueError("daq.cylinder_linkage_cannot_close_rad", angle=q[worst], reach=reach, least=least, most=most)

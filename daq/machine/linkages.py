@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from daq.arrays import FloatArray
+from daq.errors import BadValueError
 from daq.machine.buses import FileModel
-from daq.messages import Sentence
 
-FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]  # m, in the plane that the joint's axis is perpendicular to
 Length = Annotated[float, Field(gt=0)]  # m
 
@@ -184,7 +184,7 @@ def _polar(point: Point, origin: Point) -> tuple[float, float]:
 
 def _apart(first: str, a: Point, second: str, b: Point) -> None:
     if a == b:
-        raise ValueError(Sentence("daq.same_point", first=first, second=second, first_2=a[0], first_3=a[1]))
+        raise BadValueError("daq.same_point", first=first, second=second, first_2=a[0], first_3=a[1])
 
 
 def reduced(linkage: Linkage) -> ThreePin | Rack | Direct | Polynomial | FourBar:

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from daq import safe_yaml
-from daq.errors import MachineFileError
+from daq.arrays import FloatArray
+from daq.errors import BadValueError, MachineFileError
 from daq.machine.buses import (
     Bus,
     CanBus,
@@ -51,7 +51,7 @@ from daq.machine.joints import (
 from daq.machine.machine_file_errors import Problem, all_problems, short
 from daq.machine.quantities import JOINT_QUANTITIES, SENT_QUANTITIES, Quantity
 from daq.machine.valves import Supply, Valve
-from daq.messages import Sentence, first_of
+from daq.messages import first_of
 from daq.units import AS_SENT, Conversion, conversion, kept_as_sent, si_unit
 
 __all__ = [
@@ -105,12 +105,10 @@ class Hydraulics(FileModel):
     @model_validator(mode="after")
     def _supply_above_tank(self) -> Hydraulics:
         if self.supply_pressure is not None and self.supply_pressure <= self.tank_pressure:
-            raise ValueError(
-                Sentence(
-                    "daq.supply_pressure_pa_must_above",
-                    supply_pressure=self.supply_pressure,
-                    tank_pressure=self.tank_pressure,
-                )
+            raise BadValueError(
+                "daq.supply_pressure_pa_must_above",
+                supply_pressure=self.supply_pressure,
+                tank_pressure=self.tank_pressure,
             )
         return self
 
@@ -139,7 +137,7 @@ class Machine(FileModel):
         return self
 
     @property
-    def ratios(self) -> npt.NDArray[np.float64]:
+    def ratios(self) -> FloatArray:
         """``R`` (n, n) with ``q_motor = R q`` and ``tau = R' tau_motor``; 1 for a joint without a ``drive``."""
         R = np.eye(len(self.joints))
         places = {joint.name: number for number, joint in enumerate(self.joints)}

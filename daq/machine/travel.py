@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.machine.joints import Joint
 from daq.machine.linkages import Linkage
-
-FloatArray = npt.NDArray[np.float64]
 
 _POINTS = 401
 _STEP = 1e-5  # rad or m: a central difference of a smooth law is right to 1e-9 with it

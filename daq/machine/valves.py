@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from daq.errors import BadValueError
 from daq.machine.buses import FileModel
-from daq.messages import Sentence
 from daq.units import AS_SENT
 
 #: What is known of something that may be there: YAML's ``true`` and ``false``, or ``unknown``.
@@ -36,23 +36,23 @@ class Valve(FileModel):
     @classmethod
     def _is_a_sign(cls, value: Any) -> Any:
         if isinstance(value, bool) or value not in (1, -1):
-            raise ValueError(Sentence("daq.must_sign_command_neutral"))
+            raise BadValueError("daq.must_sign_command_neutral")
         return int(value)
 
     @field_validator("unit")
     @classmethod
     def _is_sent(cls, value: str) -> str:
         if value not in AS_SENT:
-            raise ValueError(Sentence("daq.no_unit_command", value=value[:40], as_sent=", ".join(AS_SENT)))
+            raise BadValueError("daq.no_unit_command", value=value[:40], as_sent=", ".join(AS_SENT))
         return value
 
     @model_validator(mode="after")
     def _neutral_within(self) -> Valve:
         low, high = self.range
         if low >= high:
-            raise ValueError(Sentence("daq.range_must_go_low", low=low, high=high))
+            raise BadValueError("daq.range_must_go_low", low=low, high=high)
         if not low < self.neutral < high:
-            raise ValueError(Sentence("daq.neutral_not_inside_range", neutral=self.neutral, low=low, high=high))
+            raise BadValueError("daq.neutral_not_inside_range", neutral=self.neutral, low=low, high=high)
         return self
 
     @property

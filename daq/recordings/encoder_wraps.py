@@ -10,13 +10,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray, IntArray
 from daq.machine.machine_file import Channel, Machine
 from daq.messages import Sentence
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 TURN = 2.0 * np.pi
 #: Share of a turn that a step may be off a whole one, and that the usual largest step of the motion has to stay below.

@@ -22,7 +22,8 @@ import numpy.typing as npt
 
 from daq.errors import RecordingError
 from daq.messages import Sentence, named
-from daq.recordings.recording_files import UNITS, Table, digest_of
+from daq.recordings.recording_files import UNITS, Table
+from daq.whole_files import digest_of
 
 #: Values of all columns of a file that are read into memory (2 GB); more is for Parquet.
 MAXIMUM_VALUES = 1 << 28

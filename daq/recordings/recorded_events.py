@@ -8,9 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
+from daq.arrays import IntArray
 from daq.messages import message_from_json
 
 MOST = 200  # events of a file that are taken; more is a storm, which its counts tell as well
@@ -40,9 +38,7 @@ class RecordedEvent:
     count: int
 
 
-def recorded_events(
-    metadata: Mapping[str, str], utc_ns: npt.NDArray[np.int64] | None = None
-) -> tuple[RecordedEvent, ...]:
+def recorded_events(metadata: Mapping[str, str], utc_ns: IntArray | None = None) -> tuple[RecordedEvent, ...]:
     """Read the events in a recording's metadata (``hilfit.events``), oldest first, without unreadable ones.
 
     Parameters

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from daq.arrays import BoolArray, FlagArray, FloatArray, IntArray
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
@@ -34,9 +35,6 @@ ROLES = ("unloaded", "train", "repeat", "validate", "operation")
 #: s; what is shorter holds no motion. How much a motion tells is for the identification to say, not for a clock.
 MINIMUM_SECONDS = 1.0
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-QualityArray = npt.NDArray[np.uint8]
 _Kind = TypeVar("_Kind", bound=np.generic)
 
 
@@ -72,12 +70,12 @@ class Recording:
     time: FloatArray
     values: Mapping[str, FloatArray]
     age: Mapping[str, FloatArray] = field(default_factory=dict)
-    quality: Mapping[str, QualityArray] = field(default_factory=dict)
+    quality: Mapping[str, FlagArray] = field(default_factory=dict)
     cycle: IntArray | None = None
     utc_ns: IntArray | None = None
     notes: tuple[str, ...] = ()
     events: tuple[RecordedEvent, ...] = ()
-    bridged: npt.NDArray[np.bool_] | None = None
+    bridged: BoolArray | None = None
 
     def __len__(self) -> int:
         return len(self.time)
@@ -101,7 +99,7 @@ class Recording:
         )
 
     @property
-    def joined(self) -> npt.NDArray[np.bool_]:
+    def joined(self) -> BoolArray:
         """For every step between rows (N-1,) whether it is one period of the clock and of the counter."""
         joined = checks.regular_steps(self.time, self.rate_hz)
         return joined if self.cycle is None else joined & (np.diff(self.cycle) == 1)
@@ -151,7 +149,7 @@ def read_recording(
     time = np.asarray(table.columns["time"], dtype=np.float64)
     checks.time_runs(path, time, machine.rate_hz)
     values: MutableMapping[str, FloatArray] = _shelf(table)
-    quality: MutableMapping[str, QualityArray] = _shelf(table)
+    quality: MutableMapping[str, FlagArray] = _shelf(table)
     age: MutableMapping[str, FloatArray] = _shelf(table)
     for channel, raw, flags, to_si in channel_columns(path, table, machine, time):
         name = channel.name

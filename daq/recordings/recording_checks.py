@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import BoolArray, FlagArray, FloatArray, IntArray
 from daq.errors import RecordingError
 from daq.machine.machine_file import JOINT_QUANTITIES, Channel, Machine
 from daq.machine.quantities import SENT_QUANTITIES
@@ -20,8 +20,6 @@ from daq.quality import Quality
 from daq.recordings.map_draft import UnknownColumnsError
 from daq.recordings.recording_files import Table
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 PRESSURES = frozenset(
     {"head_pressure", "rod_pressure", "supply_pressure", "tank_pressure", "head_port_pressure", "rod_port_pressure"}
 )
@@ -45,14 +43,14 @@ def regular_steps(time: FloatArray, rate_hz: float) -> BoolArray:
     return np.asarray(np.abs(np.diff(time) * rate_hz - 1.0) <= STEP_TOLERANCE)
 
 
-def lost_between(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
+def lost_between(time: FloatArray, rate_hz: float) -> IntArray:
     """Count rows lost in every step between two: 0 also where a step is no whole number of periods; (N-1,)."""
     periods = np.diff(time) * rate_hz
     whole = np.rint(periods)
     return np.where(np.abs(periods - whole) <= STEP_TOLERANCE, np.maximum(whole - 1, 0), 0).astype(np.int64)
 
 
-def uneven_steps(time: FloatArray, rate_hz: float) -> npt.NDArray[np.int64]:
+def uneven_steps(time: FloatArray, rate_hz: float) -> IntArray:
     """Find steps that contradict a rate: too many that are no whole number of periods, or rows lost."""
     irregular, lost = ~regular_steps(time, rate_hz), lost_between(time, rate_hz) > 0
     odd = irregular & ~lost
@@ -187,7 +185,7 @@ def time_runs(path: Path, time: FloatArray, rate_hz: float) -> None:
         )
 
 
-def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> None:
+def counter_runs(path: Path, cycle: IntArray, time: FloatArray) -> None:
     """Check that the cycle counter increases strictly."""
     steps = np.diff(cycle)
     if np.any(steps <= 0):
@@ -195,9 +193,7 @@ def counter_runs(path: Path, cycle: npt.NDArray[np.int64], time: FloatArray) -> 
         raise RecordingError("daq.cycle_not_increase_row", path=path, row=row + 1, time=time[row])
 
 
-def values_are_numbers(
-    path: Path, name: str, values: FloatArray, time: FloatArray, quality: npt.NDArray[np.uint8] | None
-) -> None:
+def values_are_numbers(path: Path, name: str, values: FloatArray, time: FloatArray, quality: FlagArray | None) -> None:
     """Check that every value is finite unless its quality marks it as unmeasured."""
     if np.any(np.isinf(values)):
         row = int(np.flatnonzero(np.isinf(values))[0])

@@ -5,7 +5,6 @@ Nothing here knows what a column means; :mod:`daq.recordings.recording` does.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,10 +18,11 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
+from daq.arrays import FloatArray, IntArray
 from daq.errors import RecordingError
 from daq.recordings.csv_files import names_differ, read_csv
 from daq.scratch import Scratch, ScratchColumns
-from daq.whole_files import replacing
+from daq.whole_files import digest_of, replacing
 
 PARQUET_MAGIC = b"PAR1"
 ARROW_STREAM_MAGIC = b"\xff\xff\xff\xff"
@@ -41,7 +41,7 @@ _BUFFER = 1 << 20
 class Table:
     """Columns of a file, all of one length, in file order, and the file's metadata."""
 
-    columns: Mapping[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]]
+    columns: Mapping[str, FloatArray | IntArray]
     metadata: Mapping[str, str]
     sha256: str
 
@@ -108,12 +108,6 @@ def read_table(path: Path) -> Table:
     names_differ(path, table.column_names)
     columns = {name: _numeric(path, name, table.column(name)) for name in table.column_names}
     return Table(columns, _metadata(table.schema), digest)
-
-
-def digest_of(path: Path) -> str:
-    """Compute SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _moments_counted(table: pa.Table) -> pa.Table:
@@ -184,7 +178,7 @@ def _is_numeric(path: Path, name: str, kind: pa.DataType) -> bool:
     return bool(pa.types.is_integer(kind))
 
 
-def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> npt.NDArray[np.float64] | npt.NDArray[np.int64]:
+def _numeric(path: Path, name: str, column: pa.ChunkedArray) -> FloatArray | IntArray:
     whole = _is_numeric(path, name, column.type)
     if not pa.types.is_floating(column.type) and not (whole and column.null_count == 0):
         column = column.cast(pa.float64())

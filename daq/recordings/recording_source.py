@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
+from daq.arrays import FlagArray, FloatArray, IntArray
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
 from daq.messages import Sentence, listed
@@ -27,8 +28,6 @@ from daq.recordings.resampling import PASSBAND, Resampled, grid, resample
 from daq.units import Conversion, conversion
 
 SCHEMA = "hilfit/recording/1"
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def load_table(
@@ -148,7 +147,7 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
     values = {name: column for part in done for name, column in part.values.items()}
     known = np.flatnonzero(np.any([np.isfinite(column) for column in values.values()], axis=0))
     kept = slice(int(known[0]), int(known[-1]) + 1) if len(known) else slice(0, 0)
-    result: dict[str, npt.NDArray[np.float64] | npt.NDArray[np.int64]] = {"time": at[kept]}
+    result: dict[str, FloatArray | IntArray] = {"time": at[kept]}
     for channel in machine.channels:
         if channel.name not in values:
             continue  # of no joint, and in no table
@@ -165,7 +164,7 @@ def _resampled(path: Path, machine: Machine, tables: Sequence[Table]) -> tuple[T
 
 def channel_columns(
     path: Path, table: Table, machine: Machine, time: FloatArray
-) -> Iterator[tuple[Channel, FloatArray, npt.NDArray[np.uint8] | None, Conversion]]:
+) -> Iterator[tuple[Channel, FloatArray, FlagArray | None, Conversion]]:
     """Iterate over a table's channels: values (N,) as on disk, qualities (N,) where there are any, and unit.
 
     The unit is the one that the file carries, else the one that the machine file declares.

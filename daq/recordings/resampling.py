@@ -15,11 +15,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.recordings.recording_checks import runs, same_rate
-
-FloatArray = npt.NDArray[np.float64]
 
 #: Ripple and leakage of the low pass: 3e-4 of an amplitude, a third of what 1e-3 allows.
 ATTENUATION_DB = 70.0

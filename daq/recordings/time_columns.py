@@ -13,10 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from daq.messages import Sentence
+from daq.arrays import FloatArray
+from daq.errors import BadValueError
 from daq.units import conversion
-
-FloatArray = npt.NDArray[np.float64]
 
 _MOMENT = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?\s?(Z|UTC|[+-]\d\d:?\d\d)?", re.IGNORECASE)
 #: Seconds since 1970 that a recording's clock may show: 1973 to 2096. In ms, us and ns these do not overlap.
@@ -69,15 +68,15 @@ def _moments(values: npt.NDArray[Any]) -> FloatArray:
             continue
         text = str(value).strip()
         if not looks_like_moment(text):
-            raise ValueError(Sentence("daq.row_no_moment", text=text[:40], row=row + 1))
+            raise BadValueError("daq.row_no_moment", text=text[:40], row=row + 1)
         try:
             moment = datetime.fromisoformat(re.sub(r"\s?(Z|UTC)$", "+00:00", text, flags=re.IGNORECASE))
         except ValueError as error:
-            raise ValueError(Sentence("daq.row_no_moment_correct", text=text[:40], row=row + 1, error=error)) from None
+            raise BadValueError("daq.row_no_moment_correct", text=text[:40], row=row + 1, error=error) from None
         if first is None:
             first = moment
         if (moment.tzinfo is None) != (first.tzinfo is None):
-            raise ValueError(Sentence("daq.row_time_zone", text=text[:40], row=row + 1))
+            raise BadValueError("daq.row_time_zone", text=text[:40], row=row + 1)
         stamps[row] = (_zoned(moment) - _zoned(first)).total_seconds()
     return stamps
 

@@ -14,13 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
+from daq.arrays import IntArray
 from daq.errors import RecordingError
 from daq.machine.machine_file import Channel, Machine
 from daq.messages import Sentence
 from daq.quality import MEASURED
 from daq.recordings import recording_checks as gates
 from daq.recordings.column_map import ColumnMap
-from daq.recordings.encoder_wraps import IntArray, unwrapped, wrap_text
+from daq.recordings.encoder_wraps import unwrapped, wrap_text
 from daq.recordings.foreign_files import is_foreign
 from daq.recordings.recording import MINIMUM_SECONDS, ROLES, Recording
 from daq.recordings.recording_files import read_table

@@ -1,4 +1,4 @@
-"""Who is known: devices, API keys, pairing; and the layer in front of all routes.
+"""Principals that are known: devices, API keys, pairing; and the layer in front of all routes.
 
 - :mod:`server.access.pairing`: one-time codes that become device tokens
 - :mod:`server.access.holder_store`: devices and API keys, stored hashed

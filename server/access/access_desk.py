@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from daq.messages import Sentence
 from server.access.connections import Connections
 from server.access.holder_store import Holder, Holders
 from server.access.pairing import Code, PairingCodes
@@ -111,5 +110,5 @@ class Access:
             return None
         for name in machines:
             if not self._machines.versions(name):
-                raise InvalidError(Sentence("server.machines_no_machine", name=name))
+                raise InvalidError("server.machines_no_machine", name=name)
         return tuple(dict.fromkeys(machines))

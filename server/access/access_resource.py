@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
-from daq.messages import Sentence
 from server.access.access_desk import Access
 from server.access.connections import Presence
 from server.access.holder_store import Holder, principals
@@ -159,7 +158,7 @@ def me(service: ServiceDep, principal: PrincipalDep) -> PrincipalResource:
 def end_me(service: ServiceDep, principal: PrincipalDep) -> None:
     """End the session of whoever asks: its token is worth nothing from now on, and its streams are closed."""
     if principal.kind not in ("device", "key"):
-        raise ConflictError(Sentence("server.whoever_computer_no_session"))
+        raise ConflictError("server.whoever_computer_no_session")
     service[Access].holders.remove(principal.id, "device" if principal.kind == "device" else "key")
 
 

@@ -1,4 +1,4 @@
-"""What paired devices and keys have open: who was here when, and streams that end with the token that opened them.
+"""Open streams of paired devices and keys: who was here when, and streams that end with the token that opened them.
 
 A stream is authorised when it is opened, and may then run for days. It is therefore kept here by its principal, and
 ended when that is revoked or expires.
@@ -16,7 +16,7 @@ from datetime import datetime
 
 @dataclass(frozen=True)
 class Presence:
-    """When (UTC) and from where a principal asked last since the service started, and how many streams it has open."""
+    """Last request of a principal since the start of the service: moment (UTC) and place; and its open streams."""
 
     seen: str | None = None
     address: str | None = None

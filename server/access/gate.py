@@ -15,7 +15,6 @@ from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from daq.messages import Sentence
 from server.access.access_desk import Access
 from server.access.connections import Stream
 from server.access.rates import Rate, Rates
@@ -75,7 +74,7 @@ class Gate:
             await send({"type": "websocket.close", "code": 1013})  # before it is accepted: the client sees 403
             return
         if seconds:
-            error = TooManyError(Sentence("server.too_many_requests", seconds=seconds))
+            error = TooManyError("server.too_many_requests", seconds=seconds)
             await refused(Request(scope), error, {"Retry-After": str(seconds)})(scope, receive, send)
             return
         if principal is None and scope["path"].startswith(CLOSED) and scope["path"] not in OPEN:
@@ -128,7 +127,7 @@ class Gate:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
             return
-        unknown = UnauthenticatedError(Sentence("server.pair_device_first_send"))
+        unknown = UnauthenticatedError("server.pair_device_first_send")
         await refused(Request(scope), unknown)(scope, receive, send)
 
     async def _principal(self, scope: Scope) -> Principal | None:

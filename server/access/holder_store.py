@@ -14,7 +14,6 @@ from typing import Annotated, Literal
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.platform.authorization.principals import Principal, Role
 from server.platform.database.engine import Database, later
 from server.platform.database.repository import Repository
@@ -137,7 +136,7 @@ class Holders(Repository[Holder]):
         with self._database.write("access") as connection:
             unbound = holder.role == "admin" and holder.machines is None and self._valid(holder) is not None
             if unbound and self._admins(connection) == 1:
-                raise ConflictError(Sentence("server.last_admin", kind=kind, id=id), "last_admin")
+                raise ConflictError("server.last_admin", kind=kind, id=id).about("last_admin")
             connection.execute(principals.delete().where(principals.c.id == id))
         self._forget()
         self._removed(id)

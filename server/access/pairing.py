@@ -18,7 +18,6 @@ import argon2
 import segno
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.platform.authorization.principals import Role
 from server.platform.database.engine import Database, later
 from server.platform.database.stored import Kept, Stored
@@ -96,7 +95,7 @@ class PairingCodes:
         with self._database.write() as connection:
             connection.execute(pairing_codes.delete().where(_closed(now)))
             if connection.execute(sa.select(sa.func.count()).select_from(pairing_codes)).scalar_one() >= MOST_OPEN:
-                raise TooManyError(Sentence("server.pairing_codes_open", most_open=MOST_OPEN))
+                raise TooManyError("server.pairing_codes_open", most_open=MOST_OPEN)
             connection.execute(pairing_codes.insert().values(**new.columns()))
         return Code(digits, role, machines, new.expires)
 
@@ -125,7 +124,7 @@ class PairingCodes:
                     return PairingCode.read(row)
             connection.execute(pairing_codes.update().values(failures=pairing_codes.c.failures + 1))
         # Raised after the transaction: raised within, it would undo the count.
-        raise ForbiddenError(Sentence("server.no_open_pairing_code"))
+        raise ForbiddenError("server.no_open_pairing_code")
 
 
 def pairing_url(base: str, digits: str, fingerprint: str | None = None) -> str:

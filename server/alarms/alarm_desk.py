@@ -12,7 +12,6 @@ from functools import partial
 import sqlalchemy as sa
 import structlog
 
-from daq.messages import Sentence
 from server.alarms import alarm_lifecycle as lifecycle
 from server.alarms.alarm_lifecycle import KINDS, Alarm, Severity, Timer, step
 from server.platform.database.engine import Database
@@ -147,7 +146,7 @@ class Alarms(Repository[Alarm]):
     def _change(self, id: str, to: Callable[[Alarm], Alarm], tags: Tags = None) -> Alarm:
         def checked(alarm: Alarm) -> Alarm:
             if tags is not None and lifecycle.tag(alarm) not in tags:
-                raise PreconditionError(Sentence("server.alarm_changed_meanwhile", id=id))
+                raise PreconditionError("server.alarm_changed_meanwhile", id=id)
             return to(alarm)
 
         before = self.get(id)

@@ -217,11 +217,6 @@ def _watch(parts: Parts) -> Watch:
     return Watch(parts[Acquisition], parts[Alarms], parts[FREE], parts[Sessions].end_all, troubles, look)
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    watch = parts[Watch]
-    yield Running(Phase.WATCHING, watch.rounds.start, watch.rounds.stop)
-
-
 def _metrics(parts: Parts) -> Iterator[Metric]:
     active = GaugeMetricFamily("hilfit_alarms_active", "Active alarms.", labels=["machine", "kind", "severity"])
     for alarm in parts[Alarms].active():
@@ -239,6 +234,6 @@ ALARMS = Resource(
         Alarms: lambda parts: Alarms(parts[Database]),
         Watch: _watch,
     },
-    running=_running,
+    running=lambda parts: [Running(Phase.WATCHING, parts[Watch].rounds.start, parts[Watch].rounds.stop)],
     metrics=_metrics,
 )

@@ -28,16 +28,16 @@ import structlog
 
 from daq.errors import HilfitError
 from daq.messages import Sentence
-from daq.whole_files import sync_directory, write_whole
+from daq.whole_files import digest_of, sync_directory, write_whole
 from server.backups.backup_files import BackupContent, copy_named, fetch_results
 from server.platform.database.database_copies import check_restore, copy_database, newer, restore_database
+from server.platform.database.engine import as_stored
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.database.site_marker import SiteMarker
 from server.platform.errors import StartError
 from server.platform.files import DataDirectory, sync_tree
 from server.platform.http.bodies import Shown
 from server.platform.processes.rounds import Rounds
-from server.platform.storage import digest
 
 MANIFEST = "manifest.json"
 DAILY = timedelta(days=1)
@@ -102,7 +102,7 @@ class Backups:
                 missing = self._copy(partial)
                 manifest = {
                     "hilfit": version("hilfit"),
-                    "created": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+                    "created": as_stored(moment),
                     "kind": kind,
                     "store": SCHEMA_VERSION,
                     "missing": list(missing),
@@ -248,14 +248,14 @@ def _reason(error: OSError) -> str:
 
 def _sum_of(path: Path) -> str:
     try:
-        return digest(path)
+        return digest_of(path)
     except OSError as error:
         raise StartError("server.backup_not_readable", path=path, reason=error.strerror) from None
 
 
 def _files_of(directory: Path) -> list[dict[str, str | int]]:
     return [
-        {"path": str(path.relative_to(directory)), "sha256": digest(path), "bytes": path.stat().st_size}
+        {"path": str(path.relative_to(directory)), "sha256": digest_of(path), "bytes": path.stat().st_size}
         for path in sorted(directory.rglob("*"))
         if path.is_file()
     ]

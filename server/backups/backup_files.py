@@ -1,4 +1,4 @@
-"""Which files a backup has to hold: those that the copied store names; and copying them while others write and delete.
+"""Files that a backup has to hold: those that the copied store names; and copying them while others write and delete.
 
 A running service makes and removes files all the time: places of stages that are over, statistics, uploads. What is
 copied is therefore not what a folder happens to hold but what the store names. A file that went before it was copied is
@@ -29,7 +29,7 @@ _UNFINISHED = (".journal", ".partial")
 
 @dataclass(frozen=True)
 class BackupContent:
-    """What a backup has to hold, as the resources declare it."""
+    """Content that a backup has to hold, as the resources declare it."""
 
     parts: tuple[BackedUp, ...]
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from fastapi import APIRouter
 from pydantic import BaseModel
 
@@ -50,14 +48,9 @@ def _backups(parts: Parts) -> Backups:
     return Backups(parts[DataDirectory], content, parts[Database].url, utc_now, directory)
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    daily = parts[DailyBackups]
-    yield Running(Phase.CLOCKS, daily.rounds.start, daily.rounds.stop)
-
-
 BACKUPS = Resource(
     name="backups",
     routers=(router,),
     provides={Backups: _backups, DailyBackups: lambda parts: DailyBackups(parts[Backups], parts[TROUBLES])},
-    running=_running,
+    running=lambda parts: [Running(Phase.CLOCKS, parts[DailyBackups].rounds.start, parts[DailyBackups].rounds.stop)],
 )

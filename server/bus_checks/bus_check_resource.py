@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from fastapi import APIRouter, Query
 from pydantic import BeforeValidator
 
+from daq.arrays import RowArray
 from daq.machine.machine_file import CanopenBus, Machine
 from daq.messages import Sentence, messages_in
 from server.machines.acquisition import Acquisition
@@ -20,9 +21,6 @@ from server.platform.http.route_parameters import ServiceDep, problems
 from server.platform.resource import Resource
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from daq.acquisition.cycles import AcquisitionStatistics
     from daq.commissioning.can_questions import FoundNode
     from daq.commissioning.check import ChannelCheck, MachineCheck
@@ -48,7 +46,7 @@ def _checked(acquisition: Acquisition, name: str, seconds: float, depressurised:
     with RingReader(feed.ring_name, from_start=True) as ring:
         rows = ring.read().rows
     if len(rows) < LEAST_S * machine.rate_hz:
-        raise UnavailableError(Sentence("server.machine_been_acquired_less", name=name, least_s=LEAST_S))
+        raise UnavailableError("server.machine_been_acquired_less", name=name, least_s=LEAST_S)
     return check_running(machine, rows, feed.statistics(), seconds=seconds, depressurised=depressurised)
 
 
@@ -171,7 +169,7 @@ def _of_device(channel: ChannelCheck) -> dict[str, Any]:
 
 def check_running(
     machine: Machine,
-    rows: npt.NDArray[np.void],
+    rows: RowArray,
     statistics: AcquisitionStatistics,
     *,
     seconds: float = 20.0,

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from daq.messages import Sentence
 from fitting.pipeline.stage_names import VALVE_REPORT
 from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import content_of, content_of_valves
@@ -49,7 +48,7 @@ class Calibrations(CalibrationStore):
         try:
             content = read(json.loads(path.read_text()))
         except (ValueError, KeyError, TypeError) as error:
-            raise InvalidError(Sentence("server.cannot_read", name=name, source=source, error=f"{error!r}")) from None
+            raise InvalidError("server.cannot_read", name=name, source=source, error=f"{error!r}") from None
         return self.add(self._results[of].get(source), label, content, by, of)
 
     def model_file(self, id: str) -> dict[str, Any]:

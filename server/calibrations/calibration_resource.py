@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import JSONResponse, Response
 from pydantic import BaseModel, Field, model_validator
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 from server.audit.audit_resource import Audit
 from server.calibrations.calibration_content import Parameter
 from server.calibrations.calibration_desk import ByPolicy, Calibrations
@@ -22,7 +22,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed, Shown
-from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import KnownTags, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import Parts, Resource
 from server.platform.settings import Settings
 
@@ -89,7 +89,7 @@ class Proposal(
     @model_validator(mode="after")
     def _one(self) -> Proposal:
         if (self.identification is None) == (self.valves is None):
-            raise ValueError(Sentence("server.give_one_of_both"))
+            raise BadValueError("server.give_one_of_both")
         return self
 
 
@@ -174,10 +174,10 @@ def compare(a: Id, b: Id, service: ServiceDep) -> ComparisonResource:
     first, second = service[Calibrations].get(a), service[Calibrations].get(b)
     if first.machine != second.machine:
         raise ConflictError(
-            Sentence("server.machines_differ", first=a, machine=first.machine, second=b, machine_2=second.machine)
+            "server.machines_differ", first=a, machine=first.machine, second=b, machine_2=second.machine
         )
     if first.kind != second.kind:
-        raise ConflictError(Sentence("server.not_same_valves", first=a, second=b))
+        raise ConflictError("server.not_same_valves", first=a, second=b)
     return ComparisonResource.of(first, second)
 
 
@@ -187,12 +187,7 @@ def get(id: str, response: Response, service: ServiceDep) -> CalibrationResource
     return _tagged(service[Calibrations].get(id), response)
 
 
-@router.get(
-    "/{id}/model.json",
-    response_class=JSONResponse,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 422)},
-    dependencies=READ,
-)
+@router.get("/{id}/model.json", **sends({"application/json": {"schema": {}}}, 404, 422), dependencies=READ)
 def model(id: str, service: ServiceDep) -> JSONResponse:
     """Download the fitted model (schema ``hilfit/model/1``), with the calibration's id in its provenance.
 

@@ -15,7 +15,6 @@ from typing import Annotated, Any, Literal
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.calibrations.calibration_content import Content, Parameter
 from server.identifications.identification_store import Fit
 from server.platform.authorization.principals import Principal
@@ -153,13 +152,11 @@ class CalibrationStore(Repository[Calibration]):
         with self._database.write("calibrations") as connection:
             found = self._expected(connection, id, revisions)
             if found.state != "proposed" and not (found.state == "approved" and state == "rejected"):
-                raise ConflictError(
-                    Sentence("server.calibration_not_proposed", id=id, state=found.state, state_2=state), **_is(found)
-                )
+                refusal = ConflictError("server.calibration_not_proposed", id=id, state=found.state, state_2=state)
+                raise refusal.about(**_is(found))
             own = found.proposed_by_id == by.id and by.kind != "service"
             if state == "approved" and own and not self._approves_own:
-                text = Sentence("server.calibration_proposed_you", id=id)
-                raise ConflictError(text, "second_person", calibration=id)
+                raise ConflictError("server.calibration_proposed_you", id=id).about("second_person", calibration=id)
             approved_by = by.name if state == "approved" else found.approved_by
             self._changed(connection, found, state=state, note=note, approved_by=approved_by)
             self._step(connection, id, state, by, note)
@@ -180,7 +177,7 @@ class CalibrationStore(Repository[Calibration]):
             if found.state == "active":
                 return found
             if found.state not in ("approved", "retired"):
-                raise ConflictError(Sentence("server.calibration_not_approved", id=id, state=found.state), **_is(found))
+                raise ConflictError("server.calibration_not_approved", id=id, state=found.state).about(**_is(found))
             now = self._database.now()
             connection.execute(
                 activations.insert().values(machine=found.machine, calibration=id, time=now, undone=False)
@@ -193,10 +190,7 @@ class CalibrationStore(Repository[Calibration]):
         with self._database.write("calibrations") as connection:
             lasting = self._lasting(connection, machine, of)
             if len(lasting) < 2 or self.found(connection, lasting[0].calibration).state != "active":
-                raise ConflictError(
-                    Sentence("server.machine_had_no_other", machine=machine),
-                    "no_calibration_before",
-                )
+                raise ConflictError("server.machine_had_no_other", machine=machine).about("no_calibration_before")
             current, before = lasting
             connection.execute(activations.update().where(activations.c.number == current.number).values(undone=True))
             again = self.found(connection, before.calibration)
@@ -216,7 +210,7 @@ class CalibrationStore(Repository[Calibration]):
         with self._database.write("calibrations") as connection:
             found = self._expected(connection, id, revisions)
             if found.state != "active":
-                raise ConflictError(Sentence("server.calibration_not_in_use", id=id, state=found.state), **_is(found))
+                raise ConflictError("server.calibration_not_in_use", id=id, state=found.state).about(**_is(found))
             newest = self._lasting(connection, found.machine, found.kind)[0]
             connection.execute(activations.update().where(activations.c.number == newest.number).values(undone=True))
             self._changed(connection, found, state="retired")
@@ -244,7 +238,7 @@ class CalibrationStore(Repository[Calibration]):
     def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Calibration:
         found = self.found(connection, id)
         if revisions is not None and str(found.revision) not in revisions:
-            raise PreconditionError(Sentence("server.calibration_changed_since_you", id=id), calibration=id)
+            raise PreconditionError("server.calibration_changed_since_you", id=id).about(calibration=id)
         return found
 
     def _changed(self, connection: sa.Connection, found: Calibration, **values: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import threading
 from collections import OrderedDict
@@ -15,11 +14,10 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse
 
 from daq.machine.can_database import SUFFIXES
-from daq.messages import Sentence, with_messages
-from daq.whole_files import write_whole
+from daq.messages import with_messages
+from daq.whole_files import digest_of, write_whole
 from server.can_signals.can_signals_schemas import (
     CanBus,
-    CanFile,
     CanFileReplaced,
     CanSignal,
     CanSignalList,
@@ -40,7 +38,18 @@ from server.platform.errors import (
     UnsupportedFormatError,
 )
 from server.platform.files import DataDirectory, receive
-from server.platform.http.route_parameters import NONE_YET, KnownTags, Limit, OneMachine, ServiceDep, Tags, problems
+from server.platform.http.route_parameters import (
+    BYTES,
+    NONE_YET,
+    KnownTags,
+    Limit,
+    OneMachine,
+    ServiceDep,
+    Tags,
+    problems,
+    sends,
+    takes,
+)
 from server.platform.processes.file_children import FileChildren, refusal
 from server.platform.resource import Resource
 
@@ -100,13 +109,13 @@ class SignalFiles:
     def digest(self, machine: str, name: str) -> str | None:
         """Compute SHA-256 of a file, None if it is not there."""
         path = self._files.machines / machine / name
-        return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else None
+        return digest_of(path) if path.is_file() else None
 
     def path(self, machine: str, name: str) -> Path:
         """Locate a file that the machine's file names; NotFoundError if it names no such file."""
         row = self._machines.get(machine)
         if name not in self._names(row):
-            raise NotFoundError(Sentence("server.file_machine_names_no", machine=machine))
+            raise NotFoundError("server.file_machine_names_no", machine=machine)
         return self._files.machines / machine / name
 
     def incoming(self, machine: str, name: str) -> Path:
@@ -121,7 +130,7 @@ class SignalFiles:
         """
         path = self.path(machine, name)
         if path.suffix.lower() not in SUFFIXES:
-            raise UnsupportedFormatError(Sentence("server.file_name_not_end", suffixes=", ".join(SUFFIXES)))
+            raise UnsupportedFormatError("server.file_name_not_end", suffixes=", ".join(SUFFIXES))
         made = self._files.incoming()
         return made.with_name(made.name + path.suffix)
 
@@ -147,10 +156,10 @@ class SignalFiles:
             self._refuse_unusable(row, name, incoming)
             with self._replacing:
                 if expected is not None and not expected & {self.digest(machine, name) or NONE_YET}:
-                    raise PreconditionError(Sentence("server.somebody_replaced_meanwhile", name=name))
+                    raise PreconditionError("server.somebody_replaced_meanwhile", name=name)
                 recording = self._recorded(machine)
                 if recording is not None:
-                    raise ConflictError(Sentence("server.machine_being_recorded", machine=machine, recording=recording))
+                    raise ConflictError("server.machine_being_recorded", machine=machine, recording=recording)
                 write_whole(path, incoming.read_bytes())
             if row.acquire:
                 self._acquisition.start(machine, self._files.machine_file(machine, row.version))
@@ -172,7 +181,7 @@ class SignalFiles:
         """List DBC files that a machine's file names, each once."""
         path = self._files.machine_file(row.name, row.version)
         if not path.is_file():
-            raise NotFoundError(Sentence("server.file_machine_gone", row=row.name))
+            raise NotFoundError("server.file_machine_gone", row=row.name)
         buses = self._reader.content(path).get("buses", ())
         return list(dict.fromkeys(name for bus in buses if bus["type"] == "can_signals" for name in bus["dbc"]))
 
@@ -187,11 +196,11 @@ class SignalFiles:
         finally:
             target.unlink(missing_ok=True)
         if result.outcome == "input":
-            raise InvalidError(Sentence("server.dbc_files", error=result.error))
+            raise InvalidError("server.dbc_files", error=result.error)
         raise refusal(
             result,
-            InvalidError(Sentence("server.dbc_files_take_too")),
-            UnavailableError(Sentence("server.dbc_files_could_not", error=result.error)),
+            InvalidError("server.dbc_files_take_too"),
+            UnavailableError("server.dbc_files_could_not", error=result.error),
         )
 
 
@@ -205,8 +214,7 @@ def _state(path: Path) -> tuple[str, int, int]:
 
 
 router = APIRouter(prefix="/can-signals", tags=["machines"], route_class=TypedRoute)
-_BYTES: dict[str, Any] = {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}
-_FILE: dict[str, Any] = {"requestBody": {"required": True, "description": "The bytes of the file", "content": _BYTES}}
+_FILE = {"application/octet-stream": BYTES}
 DbcFile = Annotated[str, Query(min_length=1, max_length=1000, description="As the machine's file names it in dbc")]
 
 
@@ -223,24 +231,19 @@ async def list_signals(
     return await service.heavy.run(principal.id, _listed, service[SignalFiles], machine, bus, search, limit)
 
 
-@router.get(
-    "/file",
-    response_class=FileResponse,
-    responses={200: {"content": _BYTES}, **problems(404, 422, 429, 503)},
-    dependencies=[require("read")],
-)
+@router.get("/file", **sends(_FILE, 404, 422, 429, 503), dependencies=[require("read")])
 async def file(service: ServiceDep, principal: PrincipalDep, machine: OneMachine, name: DbcFile) -> FileResponse:
     """Download a DBC file that a machine's file names."""
     path = await service.heavy.run(principal.id, service[SignalFiles].path, machine, name)
     if not await run_in_threadpool(path.is_file):
-        raise NotFoundError(Sentence("server.no_file_beside_file", name=name, machine=machine))
+        raise NotFoundError("server.no_file_beside_file", name=name, machine=machine)
     return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
 
 @router.post(
     "/upload",
     responses=problems(404, 409, 412, 413, 415, 422, 429, 503),
-    openapi_extra=_FILE,
+    openapi_extra=takes(_FILE, "The bytes of the file"),
     dependencies=[require("engineer")],
 )
 async def upload(
@@ -270,13 +273,7 @@ def _listed(files: SignalFiles, machine: str, only: str | None, search: str, lim
         machine=machine,
         version=row.version,
         buses=[
-            CanBus(
-                name=bus["name"],
-                files=[CanFile(**file, sha256=files.digest(machine, file["name"])) for file in bus["files"]],
-                problems=bus["problems"],
-                messages=bus["messages"],
-                left_out=bus["left_out"],
-            )
+            CanBus(**bus | {"files": [file | {"sha256": files.digest(machine, file["name"])} for file in bus["files"]]})
             for bus in buses
         ],
         found=len(found),

@@ -14,15 +14,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pydantic import BaseModel, Field
-
 from daq import Machine, parse_machine
 from daq.errors import MachineFileError
 from daq.machine.buses import CanSignalsBus, SignalSource
 from daq.machine.can_database import is_j1939, listed_in, pgn_of, read_database, unusual_units
 from daq.machine.device_files import LARGEST, named_files, refuse_files_elsewhere
-from daq.messages import Sentence, message_of, messages_in
-from server.can_signals.can_signals_schemas import CanSignal
+from daq.messages import Sentence, messages_in
+from server.can_signals.can_signals_schemas import CanBus, CanFile, CanSignal
 from server.platform.http.bodies import finite
 from server.platform.processes.child_limits import DBC_CPU_S, limit_child
 from server.platform.processes.child_speech import ended
@@ -30,7 +28,7 @@ from server.platform.processes.child_speech import ended
 if TYPE_CHECKING:
     from cantools.database.can import Database, Message, Signal
 
-    from daq.machine.machine_file import Channel, Machine
+    from daq.machine.machine_file import Machine
 
 #: Signals of a bus that are listed, and characters of a name; the largest files in use have less of both.
 MOST, LONGEST = 20_000, 128
@@ -38,28 +36,10 @@ MOST, LONGEST = 20_000, 128
 MOST_VALUES, LONGEST_UNIT = 32, 40
 
 
-class OfferedFile(BaseModel):
-    """A file that a bus names: how many messages and signals it has, or why it cannot be read (one line)."""
+class OfferedBus(CanBus):
+    """A bus with its files, whose digests are the reader's to add, and their signals."""
 
-    name: str
-    messages: int = 0
-    signals: int = 0
-    error: str | None = None
-    error_message: dict[str, Any] | None = None
-
-
-class OfferedBus(BaseModel):
-    """A bus: its files, their signals, what is wrong with channels (lines), and how many signals are not listed.
-
-    ``messages``: what problems and errors of files were made of, by their text.
-    """
-
-    name: str
-    files: list[OfferedFile] = Field(default_factory=list)
-    signals: list[CanSignal] = Field(default_factory=list)
-    problems: list[str] = Field(default_factory=list)
-    messages: dict[str, Any] = Field(default_factory=dict)
-    left_out: int = 0
+    signals: list[CanSignal]
 
 
 def offered_signals(machine: Machine) -> list[OfferedBus]:
@@ -68,58 +48,57 @@ def offered_signals(machine: Machine) -> list[OfferedBus]:
 
 
 def _bus(machine: Machine, bus: CanSignalsBus) -> OfferedBus:
-    offered = OfferedBus(name=bus.name)
-    databases: list[tuple[str, Database]] = []
-    for path in bus.dbc:
-        file = OfferedFile(name=path)
-        offered.files.append(file)
-        try:
-            database = read_database(path, bus.name)
-        except MachineFileError as error:
-            file.error, file.error_message = str(error), message_of(str(error))
-            continue
-        databases.append((path, database))
-        file.messages = len(database.messages)
-        file.signals = sum(len(message.signals) for message in database.messages)
+    files = [_file(path, bus.name) for path in bus.dbc]
+    databases = [(file.name, database) for file, database in files if database is not None]
+    errors = [file.sentence("error") for file, _ in files if file.error is not None]
     channels = [c for c in machine.channels if isinstance(c.source, SignalSource) and c.source.bus == bus.name]
-    used = _used(machine, [database for _, database in databases], channels, offered)
-    _list(offered, databases, used)
-    offered.messages = messages_in([*offered.problems, *(file.error for file in offered.files)])
-    return offered
-
-
-def _used(
-    machine: Machine, databases: Sequence[Database], channels: Sequence[Channel], offered: OfferedBus
-) -> dict[tuple[str, str], list[str]]:
-    """Map message and signal to channels; what is wrong with them goes into ``offered``."""
-    if len(databases) < len(offered.files):  # a channel's message may be in the file that cannot be read
-        offered.problems += [file.error for file in offered.files if file.error is not None]
-    listed, problems = listed_in(databases, channels)
-    if len(databases) == len(offered.files):
-        offered.problems += [line for _, line in (*problems, *unusual_units(machine, listed, channels))]
+    listed, wrong = listed_in([database for _, database in databases], channels)
+    # A channel's message may be in a file that cannot be read.
+    problems = errors or [line for _, line in (*wrong, *unusual_units(machine, listed, channels))]
     used: dict[tuple[str, str], list[str]] = {}
     for one in listed:
         for wanted in one.wanted:
             used.setdefault((one.message.name, wanted.signal.name), []).append(channels[wanted.position].name)
-    return used
+    signals, left_out = _signals(bus.name, databases, used)
+    return OfferedBus(
+        name=bus.name,
+        files=[file for file, _ in files],
+        signals=signals,
+        problems=problems,
+        messages=messages_in([*problems, *errors]),
+        left_out=left_out,
+    )
 
 
-def _list(
-    offered: OfferedBus, databases: Sequence[tuple[str, Database]], used: dict[tuple[str, str], list[str]]
-) -> None:
+def _file(path: str, bus: str) -> tuple[CanFile, Database | None]:
+    """Count what is in a file that a bus names, or note why it cannot be read."""
+    try:
+        database = read_database(path, bus)
+    except MachineFileError as error:
+        return CanFile(name=path, sha256=None, messages=0, signals=0, error=str(error)), None
+    signals = sum(len(message.signals) for message in database.messages)
+    return CanFile(name=path, sha256=None, messages=len(database.messages), signals=signals, error=None), database
+
+
+def _signals(
+    bus: str, databases: Sequence[tuple[str, Database]], used: dict[tuple[str, str], list[str]]
+) -> tuple[list[CanSignal], int]:
+    """List signals of a bus, those that channels ``used`` first, and count those that are not listed."""
+    signals: list[CanSignal] = []
+    left_out = 0
     every = list(_every(databases))
     named = Counter((message.name, signal.name) for _, message, signal in every)
     grouped = Counter((pgn_of(m.frame_id), s.name) for _, m, s in every if m.is_extended_frame)
     # Those in use are never left out.
     for file, message, signal in sorted(every, key=lambda one: (one[1].name, one[2].name) not in used):
-        if len(offered.signals) >= MOST or max(len(message.name), len(signal.name)) > LONGEST:
-            offered.left_out += 1
+        if len(signals) >= MOST or max(len(message.name), len(signal.name)) > LONGEST:
+            left_out += 1
             continue
         keys, refusal = _source(message, signal, named, grouped)
         j1939 = message.is_extended_frame and message.protocol == "j1939"
-        offered.signals.append(
+        signals.append(
             CanSignal(
-                bus=offered.name, file=file, message=message.name, signal=signal.name,
+                bus=bus, file=file, message=message.name, signal=signal.name,
                 frame_id=message.frame_id, extended=message.is_extended_frame,
                 pgn=pgn_of(message.frame_id) if j1939 else None, message_bytes=message.length,
                 start_bit=signal.start, bits=signal.length,
@@ -130,9 +109,10 @@ def _list(
                 selects=signal.is_multiplexer, multiplexer=signal.multiplexer_signal,
                 multiplexer_values=list(signal.multiplexer_ids or ())[:MOST_VALUES],
                 cycle_ms=message.cycle_time or None, channels=used.get((message.name, signal.name), []),
-                source=None if keys is None else {"bus": offered.name, **keys}, refusal=refusal,
+                source=None if keys is None else {"bus": bus, **keys}, refusal=refusal,
             )
         )  # fmt: skip
+    return signals, left_out
 
 
 def _every(databases: Sequence[tuple[str, Database]]) -> Iterator[tuple[str, Message, Signal]]:

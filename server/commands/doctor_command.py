@@ -20,7 +20,7 @@ from typing import Annotated, Literal
 import typer
 
 from daq.confinement import landlock_version
-from daq.console import print_json, reported
+from daq.console import Json, print_json, reported
 
 Level = Literal["ok", "note", "problem"]
 
@@ -292,7 +292,7 @@ def doctor(
     config: Annotated[
         Path | None, typer.Option(help="Settings of the service (YAML).", dir_okay=False, show_default=False)
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
+    json: Json = False,
 ) -> None:
     """Check that this computer is ready: libraries, permissions, scheduling, CAN, time. Exit code 1 on a problem."""
     found = list(_look(machine, data_dir, config))

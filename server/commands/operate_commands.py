@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from daq.console import print_json, working
+from daq.console import Json, print_json, working
 
 
 def _no_secret(context: typer.Context, parameter: typer.CallbackParam, value: str | None) -> str | None:
@@ -38,7 +38,6 @@ def _no_secret(context: typer.Context, parameter: typer.CallbackParam, value: st
 
 Config = Annotated[Path | None, typer.Option(help="Configuration file of the service.", dir_okay=False)]
 DataDir = Annotated[Path | None, typer.Option(help="Data directory of the service.", file_okay=False)]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 DatabaseUrl = Annotated[
     str | None,
     typer.Option(help="PostgreSQL of the service, without a password; else the SQLite.", callback=_no_secret),

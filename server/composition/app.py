@@ -27,6 +27,7 @@ from server.platform.http.base_path import BasePath
 from server.platform.http.kept_answers import Conditional, KeptAnswers
 from server.platform.http.pages import CLOSED, Pages, page_files
 from server.platform.http.request_limits import BodyLimit, OwnPagesOnly, SafeHeaders
+from server.platform.http.route_parameters import TEXT, sends
 from server.platform.http.route_parameters import problems as problem_responses
 from server.platform.resource import Resource, kept_lists
 from server.platform.service import Service
@@ -224,11 +225,7 @@ def _add_health(app: FastAPI, service: Service, metrics: Metrics) -> None:
         return Health(status="ok")
 
     @app.get(
-        "/metrics",
-        tags=["health"],
-        dependencies=[require("read", every_machine=True)],
-        response_class=Response,
-        responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+        "/metrics", **sends({"text/plain": TEXT}), tags=["health"], dependencies=[require("read", every_machine=True)]
     )
     def read_metrics() -> Response:
         """Return what is counted, for Prometheus."""

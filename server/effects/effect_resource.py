@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from fastapi import APIRouter
 
-from daq.messages import Sentence
 from server.platform.authorization.guard import TypedRoute, require
 from server.platform.errors import NotFoundError
 from server.platform.http.bodies import finite
@@ -29,7 +28,7 @@ def effect(id: str) -> dict[str, Any]:
     for entry in effects():
         if entry["id"] == id:
             return entry
-    raise NotFoundError(Sentence("server.no_effect", id=id), effect=id)
+    raise NotFoundError("server.no_effect", id=id).about(effect=id)
 
 
 def _describe(entry: Effect) -> dict[str, Any]:

@@ -60,11 +60,9 @@ class ExcitationKind:
         known = [joint.name for joint in described.joints]
         for joint in options.get("joints") or ():
             if joint not in known:
-                raise InvalidError(
-                    Sentence("server.machine_no_joint", machine=machine, joint=joint, known=", ".join(known))
-                )
+                raise InvalidError("server.machine_no_joint", machine=machine, joint=joint, known=", ".join(known))
         if options.get("rods") == "unpinned" and all(joint.cylinder is None for joint in described.joints):
-            raise InvalidError(Sentence("server.machine_no_cylinder_nothing", machine=machine))
+            raise InvalidError("server.machine_no_cylinder_nothing", machine=machine)
         new = Excitation(
             id=f"exc-{secrets.token_hex(8)}",
             job=f"job-{secrets.token_hex(8)}",
@@ -157,8 +155,8 @@ class MotionDelivery:
         """
         row = self._excitations.get(excitation)
         if row.result is None:
-            raise ConflictError(Sentence("server.excitation_not_designed_yet", excitation=excitation, job=row.job))
+            raise ConflictError("server.excitation_not_designed_yet", excitation=excitation, job=row.job)
         controller = self.controller(row.machine)
         if controller is None:
-            raise ConflictError(Sentence("server.machine_real_download_motion", machine=row.machine))
+            raise ConflictError("server.machine_real_download_motion", machine=row.machine)
         controller.send(name, excitation)

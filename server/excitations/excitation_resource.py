@@ -10,7 +10,6 @@ from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 from pydantic import BaseModel, Field
 
-from daq.messages import Sentence
 from server.excitations.excitation_job import PROGRAM, ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitation, Excitations
 from server.jobs.job_places import named_results
@@ -22,7 +21,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import ConflictError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Parts, Resource
 
 
@@ -103,20 +102,13 @@ def get(id: str, service: ServiceDep) -> ExcitationResource:
     return _resource(service[Excitations].get(id))
 
 
-@router.get(
-    "/{id}/motion.csv",
-    response_class=FileResponse,
-    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/motion.csv", **sends({"text/csv": {}}, 404, 409, 422), dependencies=[require("read")])
 def motion(id: str, service: ServiceDep) -> FileResponse:
     """Download the motion file, for the arm's own controller."""
     excitation = service[Excitations].get(id)
     path = service[ExcitationKind].motion(id)
     if excitation.result is None or not path.is_file():
-        raise ConflictError(
-            Sentence("server.excitation_no_motion_job", id=id, job=excitation.job, state=excitation.state)
-        )
+        raise ConflictError("server.excitation_no_motion_job", id=id, job=excitation.job, state=excitation.state)
     return FileResponse(path, media_type="text/csv", filename=f"{excitation.machine}-{id}.csv")
 
 

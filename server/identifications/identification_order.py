@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Generic
 
 from daq import ROLES
-from daq.messages import Sentence
 from server.identifications.identification_store import Fits, Identification, Identifications, Ordered
 from server.jobs.job_store import Jobs
 from server.machines.machine_store import Machines
@@ -20,7 +19,7 @@ from server.recordings.recording_store import Recordings
 
 @dataclass(frozen=True)
 class Wish:
-    """What a client asks for; ``recordings`` are (id, role or None for the role that it was recorded in)."""
+    """Wish of a client; ``recordings`` are (id, role or None for the role that it was recorded in)."""
 
     machine: str
     recordings: tuple[tuple[str, str | None], ...]
@@ -111,17 +110,15 @@ def _chosen(database: Database, wish: Wish, needed: tuple[tuple[str, ...], ...])
         row = recordings.get(id)
         role = wanted or row.role
         if role not in ROLES:
-            raise InvalidError(Sentence("server.recording_role_unknown", id=id, role=role, roles=", ".join(ROLES)))
+            raise InvalidError("server.recording_role_unknown", id=id, role=role, roles=", ".join(ROLES))
         if id in chosen:
-            raise InvalidError(Sentence("server.recording_twice", id=id))
+            raise InvalidError("server.recording_twice", id=id)
         if row.machine != wish.machine:
-            raise InvalidError(
-                Sentence("server.recording_machine_not", id=id, machine=row.machine, machine_2=wish.machine)
-            )
+            raise InvalidError("server.recording_machine_not", id=id, machine=row.machine, machine_2=wish.machine)
         if row.state != "sealed":
-            raise InvalidError(Sentence("server.recording_not_sealed", id=id, state=row.state))
+            raise InvalidError("server.recording_not_sealed", id=id, state=row.state)
         chosen[id] = role
     for roles in needed:
         if not set(roles) & set(chosen.values()):
-            raise InvalidError(Sentence("server.no_recording_role", role=roles[0]))
+            raise InvalidError("server.no_recording_role", role=roles[0])
     return tuple(chosen.items())

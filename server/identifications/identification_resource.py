@@ -10,7 +10,6 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import Field, JsonValue
 
-from daq.messages import Sentence
 from fitting.pipeline.stage_names import NEXT_MOTION, ReportLanguage
 from server.identifications.identification_job import IdentificationKind, StageProgram, fitting_program
 from server.identifications.identification_order import IdentificationOrders, Wish
@@ -30,7 +29,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Resource
 
 #: What a fit is ordered of.
@@ -129,23 +128,13 @@ def get(id: str, service: ServiceDep) -> IdentificationResource:
     return IdentificationResource.of(service[Identifications].get(id))
 
 
-@router.get(
-    "/{id}/report.json",
-    response_class=FileResponse,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/report.json", **sends({"application/json": {}}, 404, 409, 422), dependencies=[require("read")])
 def report(id: str, service: ServiceDep) -> FileResponse:
     """Download the result (schema ``hilfit/report/1``)."""
     return FileResponse(service[IdentificationResults].written(id, "report.json"), media_type="application/json")
 
 
-@router.get(
-    "/{id}/report.html",
-    response_class=FileResponse,
-    responses={200: {"content": {"text/html": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/report.html", **sends({"text/html": {}}, 404, 409, 422), dependencies=[require("read")])
 def report_page(
     id: str,
     service: ServiceDep,
@@ -160,17 +149,12 @@ def report_page(
     return response
 
 
-@router.get(
-    "/{id}/next-experiment.csv",
-    response_class=FileResponse,
-    responses={200: {"content": {"text/csv": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/next-experiment.csv", **sends({"text/csv": {}}, 404, 409, 422), dependencies=[require("read")])
 def next_experiment(id: str, service: ServiceDep) -> FileResponse:
     """Download the motion that separates what these recordings do not (a motion file); 404 if none was designed."""
     path = service[IdentificationResults].written(id, "report.json").with_name(NEXT_MOTION)
     if not path.is_file():
-        raise NotFoundError(Sentence("server.identification_designed_no_next", id=id))
+        raise NotFoundError("server.identification_designed_no_next", id=id)
     return FileResponse(path, media_type="text/csv", filename=f"{id}-{NEXT_MOTION}")
 
 

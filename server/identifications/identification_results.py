@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-from daq.messages import Sentence
 from fitting.report import looked
 from server.identifications.identification_store import Fit, Fits, Identifications
 from server.jobs.job_places import kept_place
@@ -58,9 +57,7 @@ class FitResults:
         job = self._jobs.get(self._fits.get(id).job)
         path = self.directory(id) / name
         if job.state != "done" or not path.is_file():
-            raise ConflictError(
-                Sentence("server.no_job", one=self.fits.one, id=id, name=name, job=job.id, state=job.state)
-            )
+            raise ConflictError("server.no_job", one=self.fits.one, id=id, name=name, job=job.id, state=job.state)
         return path
 
 

@@ -1,4 +1,4 @@
-"""What is identified from recordings: which recordings in which roles, with which options and which outcome."""
+"""Identifications from recordings: which recordings in which roles, with which options and which outcome."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Annotated, Any, ClassVar, TypeVar
 import sqlalchemy as sa
 from pydantic import PlainSerializer
 
-from daq.messages import Sentence
 from server.platform.authorization.named_things import RecordingId
 from server.platform.database.repository import Repository
 from server.platform.database.schema import metadata
@@ -71,7 +70,7 @@ class Fits(Repository[Ordered]):
         for position, (recording, role) in enumerate(new.recordings):
             state = connection.execute(sa.select(recordings.c.state).where(recordings.c.id == recording)).scalar()
             if state != "sealed":
-                raise ConflictError(Sentence("server.recording_no_longer", recording=recording))
+                raise ConflictError("server.recording_no_longer", recording=recording)
             row = {self.one: new.id, "position": position, "recording": recording, "role": role}
             connection.execute(self.used.insert().values(**row))
 

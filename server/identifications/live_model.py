@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from daq import Recording
+from daq.arrays import BoolArray, FloatArray
 from daq.errors import HilfitError, InputError, RecordingError
 from fitting.arm.joint_side import at_joints
 from fitting.model.arm_model import FOREIGN, ArmModel, phase_unknown
@@ -26,7 +26,6 @@ from fitting.regression.design import full_residual, predicted_effort
 from fitting.residual.laws import Law
 from fitting.signals.preparation import segments_of
 
-FloatArray = npt.NDArray[np.float64]
 #: Signal of which a block does not hold enough.
 _MEMORY = "time_since_reversal"
 
@@ -52,7 +51,7 @@ class JointBlock:
     predicted: FloatArray
     direction: FloatArray
     tip: FloatArray
-    moving: npt.NDArray[np.bool_]
+    moving: BoolArray
 
 
 class LiveModel:

@@ -1,4 +1,4 @@
-"""Who works on a job: a fencing token, checked in the transaction that stores.
+"""Claims of jobs by who works on them: a fencing token, checked in the transaction that stores.
 
 A process that was silent for long may not be dead. When it wakes it goes on as if nothing had happened, while another
 one has its jobs. So whoever begins to run a job takes its *claim*, a number one higher than all before, and everything
@@ -32,7 +32,7 @@ job_claims = sa.Table(
 
 @dataclass(frozen=True)
 class Claim:
-    """That ``holder`` works on ``job``; it holds until a higher number was given out."""
+    """Claim of ``holder`` to work on ``job``; it holds until a higher number was given out."""
 
     job: str
     holder: str

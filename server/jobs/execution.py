@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import structlog
-from sqlalchemy.exc import DBAPIError
 
 from daq.errors import HilfitError
 from daq.messages import Sentence
@@ -22,10 +21,10 @@ from server.jobs.claims import Claim
 from server.jobs.job_host import JobHost
 from server.jobs.job_kinds import JobError, JobKind, StageRun
 from server.jobs.job_places import begin, place_name, tidy
-from server.jobs.job_store import FINAL, Job, Jobs, Result, State
-from server.platform.database.patience import PAUSE_S, Value, away
+from server.jobs.job_store import FINAL, Job, Result, State
+from server.platform.database.patience import PAUSE_S, Value, unless_away
 from server.platform.errors import ServiceStopping, TakenOver
-from server.platform.files import RESERVE_BYTES, Free, sync_tree
+from server.platform.files import RESERVE_BYTES, sync_tree
 from server.platform.processes.children import LOOK_S, Child, ChildResult
 from server.platform.storage import StorageAwayError
 
@@ -53,21 +52,15 @@ class _StageWork:
     ----------
     part : which of how many stages it is
     words : what it says of itself where it has nothing better
-    free : free bytes where its files are
-    stopping : whether the service is being stopped
     process : in which its program runs
-    timeout_s : most seconds that this may take
     """
 
-    jobs: Jobs
+    host: JobHost
     claim: Claim
     stage: str
     part: tuple[int, int]
     words: str
-    free: Free
-    stopping: Callable[[], bool]
     process: Child
-    timeout_s: float
     _starved: bool = field(default=False, init=False)
     _recorded: float = field(default=-LOOK_S, init=False)
 
@@ -80,22 +73,18 @@ class _StageWork:
             return
         self._recorded = now
         within = min(1.0, max(0.0, fraction))
-        try:
-            self.jobs.progress(self.claim.job, self.stage, (index + within) / count, text or self.words, self.claim)
-        except DBAPIError as error:
-            if not away(error):
-                raise
+        with unless_away():
+            jobs = self.host.jobs
+            jobs.progress(self.claim.job, self.stage, (index + within) / count, text or self.words, self.claim)
 
     def should_stop(self) -> bool:
         """Test whether the service is stopped, or the job cancelled."""
         # It may have ended, and left its room, by the time that the stage has.
-        self._starved = self._starved or self.free() < NO_ROOM_BYTES
-        try:
-            return self.stopping() or self.jobs.cancelling(self.claim.job, self.claim)
-        except DBAPIError as error:
-            if not away(error):
-                raise
-            return False
+        self._starved = self._starved or self.host.free() < NO_ROOM_BYTES
+        with unless_away():
+            if self.host.stopping.is_set() or self.host.jobs.cancelling(self.claim.job, self.claim):
+                return True
+        return False
 
     def child(self, program: Sequence[str], arguments: Sequence[str], log: Path) -> ChildResult:
         """Run its program; anew where somebody killed it."""
@@ -105,7 +94,7 @@ class _StageWork:
                     program,
                     arguments,
                     log=log,
-                    timeout_s=self.timeout_s,
+                    timeout_s=self.host.stage_timeout_s,
                     progress=self.progress,
                     should_stop=self.should_stop,
                 )
@@ -197,15 +186,12 @@ class Execution:
         jobs, id, recorded = self._host.jobs, self._row.id, False
         while self._host.free() <= RESERVE_BYTES:
             self._host.pause(PAUSE_S)
-            try:
+            with unless_away():
                 if not recorded and not jobs.progress(id, stage, part[0] / part[1], NO_ROOM, self._claim):
                     return False
                 recorded = True
                 if jobs.cancelling(id, self._claim):
                     return False
-            except DBAPIError as error:
-                if not away(error):
-                    raise
         return True
 
     @cached_property
@@ -218,17 +204,7 @@ class Execution:
 
     def _work(self, stage: str, part: tuple[int, int], place: Path, whole: bool) -> ChildResult:
         host, row, key = self._host, self._row, self._host.files.key
-        work = _StageWork(
-            host.jobs,
-            self._claim,
-            stage,
-            part,
-            self._kind.words(stage),
-            host.free,
-            host.stopping.is_set,
-            self._process,
-            host.stage_timeout_s,
-        )
+        work = _StageWork(host, self._claim, stage, part, self._kind.words(stage), self._process)
         _log.info("stage_started", job=row.id, stage=stage)
         try:
             inputs = self._stored(lambda: host.files.storage.local(self._wanted))

@@ -1,4 +1,4 @@
-"""Where jobs keep files: a directory for every execution of a stage, so that whoever comes late spoils nothing.
+"""Places of jobs' files: a directory for every execution of a stage, so that whoever comes late spoils nothing.
 
 ::
 

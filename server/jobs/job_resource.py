@@ -30,7 +30,7 @@ from server.platform.authorization.guard import PrincipalDep, TypedRoute, requir
 from server.platform.database.engine import Database, as_stored
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Listed
-from server.platform.http.route_parameters import PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import TEXT, PageDep, ServiceDep, problems, sends
 from server.platform.resource import Parts, Phase, Resource, Running
 from server.platform.service import Service
 from server.platform.settings import Settings
@@ -143,12 +143,7 @@ def cancel(id: str, service: ServiceDep) -> JobResource:
     return _resource(service, service[Jobs].request_cancel(id))
 
 
-@router.get(
-    "/{id}/events",
-    response_class=StreamingResponse,
-    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}, **problems(404, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/events", **sends({"text/event-stream": TEXT}, 404, 422), dependencies=[require("read")])
 async def events(
     id: str,
     service: ServiceDep,

@@ -17,6 +17,7 @@ from typing import Any
 import structlog
 from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
 
+from daq.whole_files import digest_of
 from server.jobs.claims import Claim
 from server.jobs.execution import AWAY_S, Execution
 from server.jobs.job_host import JobHost
@@ -28,7 +29,7 @@ from server.platform.errors import ServiceStopping, TakenOver
 from server.platform.files import DataDirectory
 from server.platform.processes.children import GRACE_S, LOOK_S
 from server.platform.processes.errands import Errands
-from server.platform.storage import StorageAwayError, digest, input_key
+from server.platform.storage import StorageAwayError, input_key
 
 #: Jobs of a queue that one process runs at a time. Numerical work may take all cores but those of acquisition and
 #: HTTP; what is done at machines is mostly waiting, and one machine has one at a time.
@@ -181,7 +182,7 @@ class JobRunner:
         paths = self._kinds[row.kind].inputs(row) if storage.shared else ()
         if paths:
             storage.claim(self.host.jobs.store())
-            sums = {path: digest(path) for path in paths}
+            sums = {path: digest_of(path) for path in paths}
             for path, sha256 in sums.items():
                 storage.put(path, input_key(sha256))
             self.host.jobs.note_inputs(row.id, {key(path): sha256 for path, sha256 in sums.items()})

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import orjson
 
 from daq import Machine, Quality
+from daq.arrays import FloatArray, RowArray
 from server.platform.http.bodies import finite
 
 #: Name of each quality, by its number in a frame.
@@ -32,8 +32,8 @@ class Channels:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    scale: npt.NDArray[np.float64]
-    offset: npt.NDArray[np.float64]
+    scale: FloatArray
+    offset: FloatArray
 
     @classmethod
     def of(cls, machine: Machine) -> Channels:
@@ -44,7 +44,7 @@ class Channels:
         return cls(tuple(c.name for c in machine.channels), tuple(c.unit for c in machine.channels), scale, offset)
 
 
-def snapshot(seq: int, state: str, channels: Channels | None, row: npt.NDArray[np.void] | None) -> str:
+def snapshot(seq: int, state: str, channels: Channels | None, row: RowArray | None) -> str:
     """Collect everything there is to know now: the first message, and again whenever acquisition restarts.
 
     Parameters
@@ -74,7 +74,7 @@ def snapshot(seq: int, state: str, channels: Channels | None, row: npt.NDArray[n
     return _text(content)
 
 
-def frames(seq: int, channels: Channels, rows: npt.NDArray[np.void], missed: int = 0) -> str:
+def frames(seq: int, channels: Channels, rows: RowArray, missed: int = 0) -> str:
     """Collect samples since the last message, oldest first; quality and age are those of the newest.
 
     Parameters

@@ -9,11 +9,10 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-import numpy as np
-import numpy.typing as npt
 import structlog
 
 from daq.acquisition.ring import RingReader
+from daq.arrays import RowArray
 from daq.errors import AcquisitionError
 from server.live import live_messages as messages
 from server.machines.acquisition import Acquisition
@@ -136,7 +135,7 @@ class _Stream:
         self._channels = messages.Channels.of(machine)
         return self._ring, True
 
-    def _newest(self) -> npt.NDArray[np.void] | None:
+    def _newest(self) -> RowArray | None:
         return None if self._ring is None else self._ring.latest()
 
     def _state(self) -> str:

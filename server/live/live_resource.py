@@ -26,7 +26,7 @@ from server.platform.authorization.guard import PrincipalDep, TypedRoute, requir
 from server.platform.changes import Changes
 from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
-from server.platform.http.route_parameters import MachineQuery, OneMachine, ServiceDep, problems
+from server.platform.http.route_parameters import TEXT, MachineQuery, OneMachine, ServiceDep, sends
 from server.platform.resource import Parts, Resource
 from server.platform.service import Service
 
@@ -83,15 +83,10 @@ socket_router = APIRouter(prefix="/live", tags=["live"], route_class=TypedRoute)
 SUBPROTOCOL = "hilfit.v1"
 #: Close codes (RFC 6455 section 7.4, IANA): going away; policy; try again later.
 GOING_AWAY, POLICY, TRY_AGAIN = 1001, 1008, 1013
-_FRAMES = {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": True}}
+_FRAMES = {"schema": {"type": "object", "additionalProperties": {"type": "object", "additionalProperties": True}}}
 
 
-@live_router.get(
-    "",
-    response_class=Response,
-    responses={200: {"content": {"application/json": {"schema": _FRAMES}}}, **problems(404, 409, 422, 503)},
-    dependencies=[require("read")],
-)
+@live_router.get("", **sends({"application/json": _FRAMES}, 404, 409, 422, 503), dependencies=[require("read")])
 async def snapshot(service: ServiceDep, principal: PrincipalDep, machine: MachineQuery = None) -> Response:
     """Return the newest values, with quality and age, of one machine or of all, by machine name."""
     if machine is not None:
@@ -158,12 +153,7 @@ async def status(service: ServiceDep, principal: PrincipalDep) -> Response:
 event_router = APIRouter(prefix="/events", tags=["events"], route_class=TypedRoute)
 
 
-@event_router.get(
-    "",
-    response_class=StreamingResponse,
-    dependencies=[require("read")],
-    responses={200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}}},
-)
+@event_router.get("", **sends({"text/event-stream": TEXT}), dependencies=[require("read")])
 async def events(service: ServiceDep) -> StreamingResponse:
     """Follow the revision counters of ``/status``: all of them at first, then each when it moves.
 

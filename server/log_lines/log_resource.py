@@ -6,7 +6,6 @@ import json
 import logging
 import threading
 from collections import deque
-from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
@@ -16,7 +15,7 @@ from server.platform.authorization.guard import TypedRoute, require
 from server.platform.http.bodies import Shown
 from server.platform.http.route_parameters import Limit, ServiceDep, problems
 from server.platform.logs import json_lines
-from server.platform.resource import Parts, Phase, Resource, Running
+from server.platform.resource import Phase, Resource, Running
 
 #: Lines that are kept, and characters of one: a trace of an error may be long.
 MOST, LONGEST = 5000, 20_000
@@ -135,14 +134,9 @@ def log_lines(
     return LogLines(items=[*lines], newest=max(newest, *(line.number for line in lines), 0))
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    memory = parts[LogMemory]
-    yield Running(Phase.RECOVERY, memory.start, memory.stop)
-
-
 LOG_LINES = Resource(
     name="log_lines",
     routers=(router,),
     provides={LogMemory: lambda parts: LogMemory()},
-    running=_running,
+    running=lambda parts: [Running(Phase.RECOVERY, parts[LogMemory].start, parts[LogMemory].stop)],
 )

@@ -149,7 +149,7 @@ class Supervisor:
             feed.check()
             if self._pause(self._stop, START_LOOK_S):
                 return False
-        raise UnavailableError(Sentence("server.no_frame_came_within", start_s=START_S))
+        raise UnavailableError("server.no_frame_came_within", start_s=START_S)
 
     def _watch(self, feed: AcquisitionProcess) -> None:
         """Return when ordered to stop; raise when the process has died."""
@@ -157,7 +157,7 @@ class Supervisor:
             self._set(last=with_their_messages(asdict(feed.statistics())))
             if not feed.alive:
                 feed.check()
-                raise UnavailableError(Sentence("server.acquisition_process_ended_itself"))
+                raise UnavailableError("server.acquisition_process_ended_itself")
 
 
 def _refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
@@ -165,9 +165,7 @@ def _refuse_elsewhere(machine: Machine, places: Collection[str] | None) -> None:
     for bus in machine.buses if places is not None else ():
         place = bus.place
         if not is_listed(place, places or ()):
-            raise ConflictError(
-                Sentence("server.machine_cannot_acquired_bus", machine=machine.name, bus=bus.name, place=place)
-            )
+            raise ConflictError("server.machine_cannot_acquired_bus", machine=machine.name, bus=bus.name, place=place)
 
 
 class Acquisition:
@@ -228,7 +226,7 @@ class Acquisition:
         silent = [channel.name for channel in machine.channels if channel.source is None]
         if not machine.buses or silent:
             lacking = Sentence("server.channel_no_source", channel=silent[0]) if silent else Sentence("server.no_buses")
-            raise ConflictError(Sentence("server.machine_cannot_acquired_file", machine=machine.name, what=lacking))
+            raise ConflictError("server.machine_cannot_acquired_file", machine=machine.name, what=lacking)
         _refuse_elsewhere(machine, None if own else self._places)
 
     def statistics(self, name: str) -> dict[str, Any]:
@@ -252,21 +250,15 @@ class Acquisition:
         """
         supervisor = self._supervisor(name)
         if supervisor is None:
-            raise ConflictError(
-                Sentence("server.machine_not_being_acquired", name=name),
-                "not_acquired",
-                machine=name,
-            )
+            raise ConflictError("server.machine_not_being_acquired", name=name).about("not_acquired", machine=name)
         running = supervisor.running
         if running is None:
-            state = supervisor.statistics()
-            why = Sentence("server.in_brackets", what=state["error"]) if state["error"] else ""
-            starts = state["state"] == "starting"  # which is no fault of the service, and soon over
-            raise (ConflictError if starts else UnavailableError)(
-                Sentence("server.acquisition_of_machine_is", name=name, state=state["state"], why=why),
-                f"acquisition_{state['state']}",
-                machine=name,
-            )
+            found = supervisor.statistics()
+            state, error = found["state"], found["error"]
+            why = Sentence("server.in_brackets", what=error) if error else ""
+            kind = ConflictError if state == "starting" else UnavailableError  # no fault of the service, and soon over
+            refusal = kind("server.acquisition_of_machine_is", name=name, state=state, why=why)
+            raise refusal.about(f"acquisition_{state}", machine=name)
         return running
 
     def latest(self, name: str) -> dict[str, Any]:
@@ -278,9 +270,7 @@ class Acquisition:
         with RingReader(feed.ring_name) as reader:
             row = reader.latest()
         if row is None:
-            raise ConflictError(
-                Sentence("server.machine_not_sent_frame", name=name), "acquisition_starting", machine=name
-            )
+            raise ConflictError("server.machine_not_sent_frame", name=name).about("acquisition_starting", machine=name)
         frame = frame_from_row(row[0])
         channels = {}
         for index, channel in enumerate(machine.channels):

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from daq.messages import Sentence
 from server.machines.machine_desk import MachineDesk
 from server.machines.machine_store import Machines
 from server.machines.simulation import Simulation
@@ -77,7 +76,7 @@ def begin(name: str, wish: FaultWish, service: ServiceDep) -> MachineFaults:
     """Let faults begin in the simulated machine; each ends by itself (409: this machine is not simulated)."""
     simulated = _simulated(name, service)
     if simulated is None:
-        raise ConflictError(Sentence("server.machine_not_simulated_here", name=name))
+        raise ConflictError("server.machine_not_simulated_here", name=name)
     return MachineFaults(simulated=True, offers=[], running=simulated.order("begin", faults=wish.faults))
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from daq.messages import Sentence
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import MachineRow, Machines
 from server.machines.machine_uploads import MachineUploads
@@ -87,8 +86,7 @@ class MachineDesk:
             return
         recording = self._recorded(name)
         if recording is not None:
-            raise ConflictError(
-                Sentence("server.machine_being_recorded", machine=name, recording=recording), "being_recorded"
-            )
+            refusal = ConflictError("server.machine_being_recorded", machine=name, recording=recording)
+            raise refusal.about("being_recorded")
         self._machines.set_acquire(name, False)
         self._acquisition.stop(name)

@@ -18,7 +18,6 @@ from pydantic import BaseModel
 
 from daq import Machine
 from daq.acquisition.acquisition import AcquisitionProcess
-from daq.messages import Sentence
 from server.machines.acquisition import Acquisition, Launch
 from server.machines.fault_routes import BREAKABLE
 from server.machines.fault_routes import router as fault_router
@@ -32,7 +31,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Listed
-from server.platform.http.route_parameters import KnownTags, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import TEXT, KnownTags, PageDep, ServiceDep, problems, sends, takes
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, PartName, Parts, Phase, Resource, Running
 from server.platform.service import Service
@@ -119,13 +118,7 @@ class AcquisitionWish(Body, json_schema_extra={"examples": [{"enabled": True}]})
 router = APIRouter(prefix="/machines", tags=["machines"], route_class=TypedRoute)
 YAML = "application/yaml"
 Version = Annotated[int | None, Query(ge=1, le=2**53, description="By default the current one")]
-_FILE: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "description": "The text of a machine file (YAML, or JSON, which is YAML too)",
-        "content": {YAML: {"schema": {"type": "string"}}},
-    }
-}
+_FILE = takes({YAML: TEXT}, "The text of a machine file (YAML, or JSON, which is YAML too)")
 
 
 @router.post(
@@ -171,12 +164,7 @@ async def get(
     return detail
 
 
-@router.get(
-    "/{name}/file",
-    response_class=Response,
-    responses={200: {"content": {YAML: {"schema": {"type": "string"}}}}, **problems(404, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{name}/file", **sends({YAML: TEXT}, 404, 422), dependencies=[require("read")])
 def file(name: str, service: ServiceDep, version: Version = None) -> Response:
     """Read a machine file as it was uploaded."""
     row = service[Machines].get(name, version)
@@ -197,7 +185,7 @@ async def _detail(service: Service, principal: Principal, name: str, version: in
     content = service[MachineReader].known(path)
     if content is None:  # not since this start: reading it takes a while
         if not path.is_file():
-            raise NotFoundError(Sentence("server.file_machine_gone", row=name))
+            raise NotFoundError("server.file_machine_gone", row=name)
         content = await service.heavy.run(principal.id, service[MachineReader].content, path)
     return MachineDetail(
         **row.__dict__,
@@ -252,10 +240,6 @@ def _files(connection: sa.Connection) -> NamedFiles:
     )
 
 
-def _metrics(parts: Parts) -> Iterator[Metric]:
-    return _acquisition_metrics(parts[Acquisition])
-
-
 MACHINES = Resource(
     name="machines",
     routers=(router, fault_router),
@@ -276,5 +260,5 @@ MACHINES = Resource(
     },
     running=_running,
     backed_up=BackedUp("machines", _files),
-    metrics=_metrics,
+    metrics=lambda parts: _acquisition_metrics(parts[Acquisition]),
 )

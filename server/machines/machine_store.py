@@ -6,7 +6,6 @@ from typing import Any, Unpack
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.platform.database.engine import Database, Page, page
 from server.platform.database.repository import ANY_TIME, Narrowing
 from server.platform.database.schema import metadata
@@ -59,7 +58,7 @@ class Machines:
             alike = sa.select(machines.c.name).where(sa.func.lower(machines.c.name) == name.lower())
             other = None if row is not None else connection.execute(alike).scalar()
         if other is not None:
-            raise ConflictError(Sentence("server.machine_already_reads_like", other=other, name=name))
+            raise ConflictError("server.machine_already_reads_like", other=other, name=name)
         if row is None:
             return 1
         return None if row.sha256 == sha256 else int(row.version) + 1
@@ -90,9 +89,8 @@ class Machines:
             row = connection.execute(_versions().where(machines.c.name == name, wanted)).first()
         if row is None:
             if version is None:
-                raise NotFoundError(Sentence("server.no_machine_file", machine=name), machine=name)
-            text = Sentence("server.no_machine_version", version=version, machine=name)
-            raise NotFoundError(text, machine=name)
+                raise NotFoundError("server.no_machine_file", machine=name).about(machine=name)
+            raise NotFoundError("server.no_machine_version", version=version, machine=name).about(machine=name)
         return MachineRow.of(row)
 
     def versions(self, name: str) -> tuple[MachineRow, ...]:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from daq import Machine, parse_machine
-from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.machines.inspect_machine import SHOWN_NAME
 from server.machines.machine_store import MachineRow, Machines
@@ -71,8 +70,8 @@ class MachineReader:
             target.unlink(missing_ok=True)
         raise refusal(
             result,
-            InvalidError(Sentence("server.takes_too_long_read", shown_name=SHOWN_NAME)),
-            UnavailableError(Sentence("server.could_not_read", shown_name=SHOWN_NAME, error=result.error)),
+            InvalidError("server.takes_too_long_read", shown_name=SHOWN_NAME),
+            UnavailableError("server.could_not_read", shown_name=SHOWN_NAME, error=result.error),
         )
 
     def content(self, path: Path) -> dict[str, Any]:
@@ -144,7 +143,7 @@ class MachineUploads:
             if expected is not None and version is not None and str(version - 1) not in expected:
                 known = " or ".join(sorted(expected))
                 raise PreconditionError(
-                    Sentence("server.machine_version_now_not", machine=machine.name, version=version - 1, known=known)
+                    "server.machine_version_now_not", machine=machine.name, version=version - 1, known=known
                 )
             if version is not None:
                 _refuse_protected(machine.name, protected)
@@ -175,10 +174,10 @@ class MachineUploads:
         """Parse a text's machine, and its SHA-256; one of our own without its buses' places in this run."""
         machine = ReadMachine.of(parse_machine(content.decode())) if own else self._reader.read(content)
         if not allowed(machine.name):
-            raise NotFoundError(Sentence("server.no_machine_you", machine=machine.name))
+            raise NotFoundError("server.no_machine_you", machine=machine.name)
         return machine, hashlib.sha256(_ADDRESS.sub(b"", content) if own else content).hexdigest()
 
 
 def _refuse_protected(name: str, protected: str | None) -> None:
     if name == protected:
-        raise ConflictError(Sentence("server.machine_service_simulates_another", name=name))
+        raise ConflictError("server.machine_service_simulates_another", name=name)

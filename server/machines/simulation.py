@@ -15,7 +15,6 @@ from typing import Any
 
 import structlog
 
-from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -75,15 +74,9 @@ class Simulation:
         StartError
             If they do not start; one line.
         """
-        process = self._process
-        assert process.stdin is not None and process.stdout is not None
         with closing(self):
-            with suppress(BrokenPipeError):
-                order = {"directory": str(directory), "speed": speed, "faults": self._faults}
-                process.stdin.write(json.dumps(order) + "\n")
-                process.stdin.flush()
-            line = process.stdout.readline()
-            reply = json.loads(line) if line else {"error": "its process ended; the log above says why"}
+            reply = self._asked(directory=str(directory), speed=speed, faults=self._faults)
+            reply = reply or {"error": "its process ended; the log above says why"}
             if "error" in reply:
                 raise StartError(f"--simulate: the simulated machine does not start: {reply['error']}")
             self._runs = True
@@ -110,23 +103,25 @@ class Simulation:
         UnavailableError
             If it does not answer.
         """
-        process = self._process
-        assert process.stdin is not None and process.stdout is not None
         with self._ordering:
             if not self._runs:
-                raise UnavailableError(Sentence("server.simulated_machine_not_run"))
-            try:
-                process.stdin.write(json.dumps({"order": order, **details}) + "\n")
-                process.stdin.flush()
-                line = process.stdout.readline()
-            except OSError:
-                line = ""
-        if not line:
-            raise UnavailableError(Sentence("server.simulated_machine_not_answer"))
-        reply = json.loads(line)
+                raise UnavailableError("server.simulated_machine_not_run")
+            reply = self._asked(order=order, **details)
+        if reply is None:
+            raise UnavailableError("server.simulated_machine_not_answer")
         if "error" in reply:
             raise InvalidError(reply["error"])
         return reply["result"]
+
+    def _asked(self, **order: Any) -> dict[str, Any] | None:
+        """Send its process an order; return the answer, None if it has ended."""
+        process = self._process
+        assert process.stdin is not None and process.stdout is not None
+        with suppress(OSError):
+            process.stdin.write(json.dumps(order) + "\n")
+            process.stdin.flush()
+        line = process.stdout.readline()
+        return dict(json.loads(line)) if line else None
 
 
 @contextmanager
@@ -163,13 +158,11 @@ class SimulatedController:
         """
         status = self._status()
         if name in status["rejected"]:
-            raise UnavailableError(
-                Sentence("server.simulated_controller_refused_motion", statu=status["rejected"][name])
-            )
+            raise UnavailableError("server.simulated_controller_refused_motion", statu=status["rejected"][name])
         return name in status["followed"]
 
     def _status(self) -> dict[str, Any]:
         try:
             return dict(json.loads((self._directory / "controller.json").read_text(encoding="utf-8")))
         except (OSError, ValueError):
-            raise UnavailableError(Sentence("server.simulated_machine_controller_not")) from None
+            raise UnavailableError("server.simulated_machine_controller_not") from None

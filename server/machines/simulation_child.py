@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 from server.platform.processes.child_guard import die_with
 
 if TYPE_CHECKING:
@@ -71,9 +71,9 @@ class FaultOrders:
         if script is None:
             raise ValueError("; ".join(f"{problem.key}: {problem.text}" for problem in problems))
         if len(self._left()) + len(script.faults) > MOST:
-            raise ValueError(Sentence("server.faults_most", most=MOST))
+            raise BadValueError("server.faults_most", most=MOST)
         if any(fault.every is not None for fault in script.faults):
-            raise ValueError(Sentence("server.faults_every"))
+            raise BadValueError("server.faults_every")
         FaultRunner(self._simulated, self._machine, script.faults, self._log).start()
         self._running += [
             (time.monotonic() + fault.at + fault.seconds_long, _content(fault)) for fault in script.faults

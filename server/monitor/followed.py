@@ -17,9 +17,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from daq import Machine, Recording
+from daq.arrays import FloatArray
 from fitting.model.uses.payload import WINDOW_S, weighed
 from fitting.valve import drift
-from server.identifications.live_model import FloatArray, JointBlock, LiveModel, NotLiveError
+from server.identifications.live_model import JointBlock, LiveModel, NotLiveError
 from server.monitor.cusum import Sums
 from server.monitor.drift_watcher import Watcher
 from server.monitor.monitor_order import Rules

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from daq import load_machine
 from daq.acquisition.ring import RingReader
+from daq.arrays import FloatArray, RowArray
 from daq.whole_files import write_whole
 from fitting.model.uses.overload import QUIET_S, delay_s, quick, scores_in, thresholds
 from server.identifications.live_model import LiveModel, NotLiveError
@@ -29,7 +30,6 @@ from server.monitor.monitor_order import Order, OverloadJoint, OverloadNow
 from server.monitor.residual_blocks import Windows, measured
 from server.platform.processes.child_speech import ended, send
 
-FloatArray = npt.NDArray[np.float64]
 #: Samples before the newest that are looked at again, for what a window tells of its sensors.
 _PAST = 48
 
@@ -59,12 +59,12 @@ class OverloadWatch:
         self.limits = thresholds(live.model.tails, per_hour)
         self.delay_s = delay_s(self._live.model)
         self._quiet = round(QUIET_S * live.machine.rate_hz)
-        self._rows: npt.NDArray[np.void] | None = None
+        self._rows: RowArray | None = None
         self._judged = -np.inf  # s of machine time up to which samples were judged
         self._since: int | None = None  # samples since the last exceedance; None while nothing is wrong
         self._nearest: dict[int, OverloadJoint] = {}
 
-    def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> list[OverloadNow]:
+    def push(self, rows: RowArray, missed: int = 0) -> list[OverloadNow]:
         """Return what begins or ends with these rows; ``missed`` rows were lost before them."""
         if not len(rows):
             return []

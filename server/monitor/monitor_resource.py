@@ -119,11 +119,6 @@ def _monitors(parts: Parts) -> Monitors:
     )
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    monitors = parts[Monitors]
-    yield Running(Phase.WATCHING, monitors.start, monitors.stop)
-
-
 def _metrics(parts: Parts) -> Iterator[Metric]:
     labels = ["machine", "joint"]
     residual = GaugeMetricFamily(
@@ -154,6 +149,6 @@ MONITOR = Resource(
     name="monitor",
     routers=(router,),
     provides={Monitors: _monitors},
-    running=_running,
+    running=lambda parts: [Running(Phase.WATCHING, parts[Monitors].start, parts[Monitors].stop)],
     metrics=_metrics,
 )

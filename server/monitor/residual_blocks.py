@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray, RowArray
 from daq.quality import MEASURED
-
-FloatArray = npt.NDArray[np.float64]
 
 
 class Windows:
@@ -23,9 +21,9 @@ class Windows:
     def __init__(self, overlap: int, block: int) -> None:
         self._length = overlap + block
         self._block = block
-        self._rows: npt.NDArray[np.void] | None = None
+        self._rows: RowArray | None = None
 
-    def push(self, rows: npt.NDArray[np.void], missed: int = 0) -> Iterator[npt.NDArray[np.void]]:
+    def push(self, rows: RowArray, missed: int = 0) -> Iterator[RowArray]:
         """Yield the windows that are complete with these rows; ``missed`` rows were lost before them."""
         if missed or self._rows is None:
             self._rows = rows[:0]
@@ -35,7 +33,7 @@ class Windows:
             self._rows = self._rows[self._block :]
 
 
-def measured(rows: npt.NDArray[np.void], names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
+def measured(rows: RowArray, names: tuple[str, ...]) -> tuple[FloatArray, dict[str, FloatArray]]:
     """Return time and SI values by channel; NaN where not measured in its cycle, as a recording has it."""
     values = np.where(np.isin(rows["quality"], [int(q) for q in MEASURED]), rows["values"], np.nan)
     return np.ascontiguousarray(rows["time"]), {name: values[:, index] for index, name in enumerate(names)}

@@ -1,4 +1,4 @@
-"""What the service says outward of itself: states of machines, results of jobs, alarms. Nothing comes in this way.
+"""Messages of the service to other systems: states of machines, results of jobs, alarms. Nothing comes in this way.
 
 - :mod:`server.outward.outward_message`: the one typed value that all of them are, and its schema
 - :mod:`server.outward.outward_stream`: reads what is to be said once, and gives it to all that say it

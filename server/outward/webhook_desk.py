@@ -85,7 +85,7 @@ class Webhooks:
             raise InvalidError(str(error)) from None
         if not listed(wanted, self._places):
             place = f"{wanted.scheme}://{wanted.host}:{wanted.port}"
-            raise InvalidError(Sentence("server.not_webhook_places", place=place))
+            raise InvalidError("server.not_webhook_places", place=place)
         id = f"whk-{secrets.token_hex(8)}"
         secret = self._signing.secret(id)
         new = Webhook(
@@ -97,7 +97,7 @@ class Webhooks:
             created=self._database.now(),
             created_by=who.name,
         )
-        self.store.add(new)
+        self.store.keep(new)
         return new, secret
 
     def remove(self, id: str) -> None:

@@ -69,11 +69,6 @@ class WebhookStore(Repository[Webhook]):
         super().__init__(database)
         self.deliveries = _Deliveries(database)
 
-    def add(self, new: Webhook) -> None:
-        """Store a new one."""
-        with self._database.write("webhooks") as connection:
-            self.put(connection, new)
-
     def remove(self, id: str) -> None:
         """Forget one and its deliveries; NotFoundError if there is none."""
         self.get(id)

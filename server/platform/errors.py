@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from daq.errors import HilfitError, InputError
 from daq.messages import Sentence, is_code
@@ -32,11 +32,10 @@ from daq.messages import Sentence, is_code
 class ServiceError(HilfitError):
     """A request that the service refuses; the text may be shown to whoever asked.
 
-    Parameters
+    Attributes
     ----------
-    text : one line that says what to do
-    code : what a program tells it by; by default that of its kind
-    values : what the text is about, by name
+    code : what a program knows it by; unless :meth:`about` says another one, that of its kind
+    values : what it is about, by name
     """
 
     status: ClassVar[int] = 500
@@ -49,10 +48,15 @@ class ServiceError(HilfitError):
         for name, value in declared.items():
             setattr(cls, name, value)
 
-    def __init__(self, text: str = "", code: str | None = None, **values: str | int) -> None:
-        super().__init__(text)
-        self.code = code or self.slug.replace("-", "_")
-        self.values = values
+    def __init__(self, text: str = "", /, **values: Any) -> None:
+        super().__init__(text, **values)
+        self.code = self.slug.replace("-", "_")
+        self.values: dict[str, str | int] = {}
+
+    def about(self, code: str | None = None, **values: str | int) -> Self:
+        """Return it with another ``code``, if one is given, and with what it is about."""
+        self.code, self.values = code or self.code, values
+        return self
 
 
 # RFC 9110 section 11.6.1

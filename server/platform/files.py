@@ -34,7 +34,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
 from server.platform.storage import DataFolder, SharedStorage
@@ -161,14 +160,14 @@ class DataDirectory:
         """
         try:
             if self._held is not None and not os.path.samestat((self.root / LOCK_FILE).stat(), os.fstat(self._held)):
-                raise UnavailableError(Sentence("server.data_directory_another_start"))
+                raise UnavailableError("server.data_directory_another_start")
             for directory in (self.machines, self.recordings, self.identifications):
                 directory.stat()
             probe = self.root / f".probe-{secrets.token_hex(4)}"
             probe.write_bytes(b"written")
             probe.unlink()
         except OSError as error:
-            raise UnavailableError(Sentence("server.data_directory_cannot_used", reason=error.strerror)) from None
+            raise UnavailableError("server.data_directory_cannot_used", reason=error.strerror) from None
 
 
 def private_files() -> None:
@@ -230,7 +229,7 @@ async def receive(
         async for chunk in chunks:
             size += len(chunk)
             if size > limit:
-                raise TooLargeError(Sentence("server.upload_larger_bytes", limit=limit))
+                raise TooLargeError("server.upload_larger_bytes", limit=limit)
             pending += chunk
             if len(pending) >= WRITE_BYTES:
                 await in_thread(room)
@@ -239,7 +238,7 @@ async def receive(
         await in_thread(_finish, file, bytes(pending))
     except OSError as error:
         await in_thread(path.unlink, True)
-        raise ConflictError(Sentence("server.upload_cannot_stored", reason=error.strerror)) from None
+        raise ConflictError("server.upload_cannot_stored", reason=error.strerror) from None
     except BaseException:
         path.unlink(missing_ok=True)
         raise
@@ -284,10 +283,8 @@ def require_room(free: int, needed: int = 0) -> None:
     """
     if free - needed <= RESERVE_BYTES:
         raise ConflictError(
-            Sentence(
-                "server.disk_full_mib_free",
-                free=max(free, 0) // 2**20,
-                needed=needed // 2**20,
-                reserve_bytes=RESERVE_BYTES // 2**20,
-            )
+            "server.disk_full_mib_free",
+            free=max(free, 0) // 2**20,
+            needed=needed // 2**20,
+            reserve_bytes=RESERVE_BYTES // 2**20,
         )

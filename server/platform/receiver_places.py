@@ -1,4 +1,4 @@
-"""Where webhooks may be delivered to: a closed grammar, and what the administrator lists.
+"""Places that webhooks may be delivered to: a closed grammar, and what the administrator lists.
 
 =============================================  ====================================================================
 an entry of ``webhook_places``                 lets webhooks go to
@@ -21,8 +21,8 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
+from daq.errors import BadValueError
 from daq.machine.bus_places import host_name
-from daq.messages import Sentence
 
 Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 Network = ipaddress.IPv4Network | ipaddress.IPv6Network
@@ -37,7 +37,7 @@ _WRAPPED = (ipaddress.ip_network("64:ff9b::/96"), ipaddress.ip_network("2002::/1
 
 @dataclass(frozen=True)
 class Receiver:
-    """What listens to webhooks; ``target``: path and query, ``network``: into which its name has to resolve."""
+    """Listener to webhooks; ``target``: path and query, ``network``: into which its name has to resolve."""
 
     scheme: str
     host: str
@@ -59,10 +59,10 @@ def receiver(url: str) -> Receiver:
         port = parts.port or _PORTS.get(parts.scheme, 0)
         host = host_name((parts.hostname or "").lower())
     except ValueError:
-        raise ValueError(Sentence("server.leads_nowhere", url=url)) from None
+        raise BadValueError("server.leads_nowhere", url=url) from None
     target = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
     if parts.scheme not in _PORTS or "@" in parts.netloc or parts.fragment or not _PATH.fullmatch(target):
-        raise ValueError(Sentence("server.no_receiver", url=url))
+        raise BadValueError("server.no_receiver", url=url)
     return Receiver(parts.scheme, host, port, target)
 
 
@@ -70,10 +70,10 @@ def entry(text: str) -> Receiver:
     """Parse what an entry of the list lets through (ValueError if it is none)."""
     found = _ENTRY.fullmatch(text)
     if found is None:
-        raise ValueError(Sentence("server.no_webhook_place", text=text))
+        raise BadValueError("server.no_webhook_place", text=text)
     place = receiver(found["origin"])
     if place.target != "/":
-        raise ValueError(Sentence("server.no_path_here", text=text))
+        raise BadValueError("server.no_path_here", text=text)
     network = None if found["network"] is None else ipaddress.ip_network(found["network"])
     return Receiver(place.scheme, place.host, place.port, network=network)
 

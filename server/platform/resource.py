@@ -113,7 +113,7 @@ def _text(key: Key) -> str:
 
 
 class Phase(IntEnum):
-    """When something starts; what starts first stops last."""
+    """Order in which things start; what starts first stops last."""
 
     RECOVERY = 1  # what a killed server left is put in order
     SIMULATION = 2

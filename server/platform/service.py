@@ -113,11 +113,11 @@ class Service(Parts):
         """Raise UnavailableError if the store cannot be read, or the data directory not be written."""
         self.files.check()
         if self.database.is_sqlite and not self.files.database.is_file():
-            raise UnavailableError(Sentence("server.store_file_gone"))
+            raise UnavailableError("server.store_file_gone")
         if self.database.damage is not None:
-            raise UnavailableError(Sentence("server.store_damaged", damage=self.database.damage))
+            raise UnavailableError("server.store_damaged", damage=self.database.damage)
         try:
             self.database.check()
         except SQLAlchemyError as error:
             _log.error("store_unavailable", exc_info=error)
-            raise UnavailableError(Sentence("server.store_cannot_read")) from None
+            raise UnavailableError("server.store_cannot_read") from None

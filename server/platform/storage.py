@@ -1,4 +1,4 @@
-"""What hosts share of the data directory: one folder or object store, with files named by their content.
+"""Share of the data directory that hosts have in common: one folder or object store, with files named by their content.
 
 Alone, a service needs none: every file is where it was written (:class:`DataFolder`). With ``storage_url`` whoever
 makes a file that another host needs puts it there, and whoever needs one that is not in its own data directory fetches
@@ -8,7 +8,6 @@ taken, so a copy that broke off, or a file that somebody changed, is never read.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import secrets
 import shutil
@@ -17,8 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from daq.messages import Sentence
-from daq.whole_files import replacing
+from daq.whole_files import digest_of, replacing
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
 #: Storage without folders, by fsspec's names: to make one would be to make a bucket, of a name that was mistyped.
@@ -174,7 +172,7 @@ class SharedStorage(DataFolder):
         found: dict[str, Path] = {}
         for key, sha256 in wanted.items():
             own = self.root / key
-            if own.is_file() and digest(own) == sha256:
+            if own.is_file() and digest_of(own) == sha256:
                 found[key] = own
                 continue
             found[key] = self._cache / sha256 / Path(key).name
@@ -187,7 +185,7 @@ class SharedStorage(DataFolder):
     def keep(self, directory: Path, folder: str) -> dict[str, str]:
         """Put every file there under its SHA-256; what earlier stages left is there already."""
         files = {str(path.relative_to(directory)): path for path in sorted(directory.rglob("*")) if path.is_file()}
-        sums = {name: digest(path) for name, path in files.items()}
+        sums = {name: digest_of(path) for name, path in files.items()}
         for name, sha256 in sums.items():
             self.put(files[name], f"{folder}/{sha256}")
         return sums
@@ -234,8 +232,8 @@ class SharedStorage(DataFolder):
                 self._files.get_file(f"{self._base}/{key}", str(partial))
             except Exception as error:  # each kind of storage has errors of its own
                 raise self._away(key, error) from None
-            if digest(partial) != sha256:
-                raise InvalidError(Sentence("server.not_stored_sha_differs", key=key, url=self._url))
+            if digest_of(partial) != sha256:
+                raise InvalidError("server.not_stored_sha_differs", key=key, url=self._url)
 
     def _bound(self, needed: Collection[str]) -> None:
         """Remove what was used longest ago from the cache until it is within its bound; what is needed remains."""
@@ -254,15 +252,9 @@ class SharedStorage(DataFolder):
 
     def _away(self, key: str, error: Exception) -> StorageAwayError:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        return StorageAwayError(Sentence("server.storage_url_cannot_reached", url=self._url, key=key, reason=reason))
+        return StorageAwayError("server.storage_url_cannot_reached", url=self._url, key=key, reason=reason)
 
 
 def input_key(sha256: str) -> str:
     """Return an input's key by its content, for a file of the data directory may be written again."""
     return f"inputs/{sha256}"
-
-
-def digest(path: Path) -> str:
-    """Compute SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

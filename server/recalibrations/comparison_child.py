@@ -14,15 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from daq.arrays import FloatArray
 from daq.errors import InputError
 from daq.recordings.recording import read_recording
 from server.identifications.live_model import LiveModel
 from server.platform.processes.child_speech import ended
 from server.recalibrations.recalibration_comparison import table
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def _residuals(model: LiveModel, recordings: Sequence[Path]) -> tuple[FloatArray, ...]:

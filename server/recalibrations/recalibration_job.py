@@ -46,7 +46,7 @@ LOOK_S = 1.0
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What a recalibration uses of the service.
+    """Parts of the service that a recalibration uses.
 
     Attributes
     ----------

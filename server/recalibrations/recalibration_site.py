@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from daq import load_machine
 from daq.errors import HilfitError
-from daq.messages import Sentence
 from server.excitations.excitation_job import ExcitationKind, MotionDelivery
 from server.excitations.excitation_store import Excitations
 from server.jobs.job_kinds import JobError
@@ -79,4 +78,4 @@ class Site:
         except NotFoundError as error:
             raise ConflictError(str(error)) from None
         if not row.acquire:
-            raise ConflictError(Sentence("server.machine_not_being_acquired", name=machine), "not_acquired")
+            raise ConflictError("server.machine_not_being_acquired", name=machine).about("not_acquired")

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 import sqlalchemy as sa
 from pydantic import Field
 
-from daq.messages import Sentence
 from server.jobs.job_store import FINAL, Jobs, JobState, MadeByJobs, jobs
 from server.platform.database.engine import Database
 from server.platform.database.stored import HIDDEN, Id, OfJob, OfMachine, Stored
@@ -19,7 +18,7 @@ STAGES = ("record", "identify", "compare", "propose")
 
 @dataclass(frozen=True)
 class Plan:
-    """What a recalibration does.
+    """Plan of a recalibration.
 
     Attributes
     ----------
@@ -81,10 +80,8 @@ class Recalibrations(MadeByJobs[Recalibration]):
         """
         running = self.unfinished(connection, new.machine)
         if running is not None:
-            raise ConflictError(
-                Sentence("server.machine_being_recalibrated", machine=new.machine, running=running),
-                "being_recalibrated",
-            )
+            refusal = ConflictError("server.machine_being_recalibrated", machine=new.machine, running=running)
+            raise refusal.about("being_recalibrated")
         self._jobs.insert(connection, id=new.job, kind="recalibration", label=new.label, subject=new.id, stages=STAGES)
         self.put(connection, new)
 

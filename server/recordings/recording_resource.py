@@ -25,7 +25,17 @@ from server.platform.authorization.named_things import MachineName
 from server.platform.database.engine import Database
 from server.platform.files import DataDirectory, Free, free_bytes, receive
 from server.platform.http.bodies import PLAIN, Body, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, OneMachine, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import (
+    BYTES,
+    Idempotency,
+    MachineQuery,
+    OneMachine,
+    PageDep,
+    ServiceDep,
+    problems,
+    sends,
+    takes,
+)
 from server.platform.processes.file_children import FileChildren
 from server.platform.resource import BackedUp, NamedFiles, PartName, Parts, Phase, Resource, Running
 from server.recordings.formats.exports import FORMATS, Exports, Format
@@ -112,16 +122,10 @@ class RingRecorder:
 
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=TypedRoute)
-_BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
-_FILE: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "description": "The bytes of the file",
-        "content": dict.fromkeys(
-            (*(FORMATS[kind][0] for kind in ("parquet", "csv", "mdf4")), "application/octet-stream"), _BYTES
-        ),
-    }
-}
+_UPLOADED = dict.fromkeys(
+    (*(FORMATS[kind][0] for kind in ("parquet", "csv", "mdf4")), "application/octet-stream"), BYTES
+)
+_DOWNLOADED = dict.fromkeys((media for media, _ in FORMATS.values()), BYTES)
 
 
 @router.post("", status_code=201, responses=problems(404, 409, 422, 503), dependencies=[require("operate")])
@@ -146,7 +150,7 @@ def start(
     "/upload",
     status_code=201,
     responses=problems(404, 409, 413, 415, 422),
-    openapi_extra=_FILE,
+    openapi_extra=takes(_UPLOADED, "The bytes of the file"),
     dependencies=[require("operate")],
 )
 async def upload(
@@ -204,15 +208,7 @@ def get(id: str, service: ServiceDep) -> RecordingResource:
     return resource if live is None else resource.model_copy(update={"statistics": live})
 
 
-@router.get(
-    "/{id}/data",
-    response_class=FileResponse,
-    dependencies=[require("read")],
-    responses={
-        200: {"content": dict.fromkeys((media for media, _ in FORMATS.values()), _BYTES)},
-        **problems(404, 409, 422, 503),
-    },
-)
+@router.get("/{id}/data", **sends(_DOWNLOADED, 404, 409, 422, 503), dependencies=[require("read")])
 async def data(id: str, service: ServiceDep, principal: PrincipalDep, format: Format | None = None) -> FileResponse:
     """Download a recording, by default in the form in which it is kept."""
     row = await run_in_threadpool(service[Recordings].get, id)

@@ -22,13 +22,13 @@ from daq import Machine
 from daq.acquisition.journal import journal_path
 from daq.errors import HilfitError, StorageError
 from daq.messages import Sentence
+from daq.whole_files import digest_of
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
 from server.platform.database.engine import Database
 from server.platform.database.patience import Patience
 from server.platform.errors import ConflictError, ServiceStopping, UnavailableError
 from server.platform.files import DataDirectory, Free, require_room
-from server.platform.storage import digest
 from server.recordings.recording_store import RecordingRow, Recordings
 
 #: With more free bytes than this, beyond what sealing takes, it is not the room that a journal lacks.
@@ -157,13 +157,11 @@ class Sessions:
         with self._lock:
             session = self._sessions.get(id)
         if session is None:
-            raise ConflictError(
-                Sentence("server.recording_not_running", id=id, state=state), "not_recording", recording=id
-            )
+            raise ConflictError("server.recording_not_running", id=id, state=state).about("not_recording", recording=id)
         session.stop.set()
         session.thread.join(SEALING_S)
         if session.thread.is_alive():
-            raise UnavailableError(Sentence("server.recording_ended_rows_safe", id=id))
+            raise UnavailableError("server.recording_ended_rows_safe", id=id)
         return self._recordings.get(id)
 
     def statistics(self, id: str) -> dict[str, Any] | None:
@@ -248,7 +246,7 @@ class Sessions:
         raise error
 
     def _seal(self, id: str, path: Path, statistics: dict[str, Any]) -> None:
-        sha256, size = digest(path), path.stat().st_size
+        sha256, size = digest_of(path), path.stat().st_size
         self._patience.patiently(lambda: self._recordings.seal(id, bytes=size, sha256=sha256, statistics=statistics))
         _log.info("recording_sealed", recording=id)
 

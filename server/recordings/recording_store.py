@@ -58,12 +58,10 @@ class Recordings(Repository[RecordingRow]):
                 under_way = recordings.c.machine == row.machine, recordings.c.state == "recording"
                 running = connection.execute(sa.select(recordings.c.id).where(*under_way)).scalar()
                 if running is not None:
-                    raise ConflictError(
-                        Sentence("server.machine_being_recorded_already", machine=row.machine, running=running),
-                        "being_recorded",
-                        machine=row.machine,
-                        recording=running,
+                    refusal = ConflictError(
+                        "server.machine_being_recorded_already", machine=row.machine, running=running
                     )
+                    raise refusal.about("being_recorded", machine=row.machine, recording=running)
             self.put(connection, row)
 
     def seal(self, id: str, *, bytes: int, sha256: str, statistics: dict[str, Any]) -> None:
@@ -100,12 +98,11 @@ class Recordings(Repository[RecordingRow]):
         """
         with self._database.write("recordings") as connection:
             if self.found(connection, id).state == "recording":
-                raise ConflictError(
-                    Sentence("server.recording_still_being_recorded", id=id), "being_recorded", recording=id
-                )
+                refusal = ConflictError("server.recording_still_being_recorded", id=id)
+                raise refusal.about("being_recorded", recording=id)
             used = _used_by(connection, id)
             if used is not None:
-                raise ConflictError(Sentence("server.recording_data", id=id, used=used), "in_use", recording=id)
+                raise ConflictError("server.recording_data", id=id, used=used).about("in_use", recording=id)
             connection.execute(recordings.delete().where(recordings.c.id == id))
 
 

@@ -55,12 +55,12 @@ class RecordingUploads:
         """
         self._machines.get(machine)
         if role not in ROLES:
-            raise InvalidError(Sentence("server.role_unknown", role=role, roles=", ".join(ROLES)))
+            raise InvalidError("server.role_unknown", role=role, roles=", ".join(ROLES))
         suffix = Path(name).suffix.lower()
         if suffix not in ENDINGS:
-            raise UnsupportedFormatError(Sentence("server.file_kind_unknown", name=name, endings=", ".join(ENDINGS)))
+            raise UnsupportedFormatError("server.file_kind_unknown", name=name, endings=", ".join(ENDINGS))
         if suffix == ".mf4" and find_spec("asammdf") is None:
-            raise UnsupportedFormatError(Sentence("server.service_reads_no_mdf", name=name))
+            raise UnsupportedFormatError("server.service_reads_no_mdf", name=name)
         require_room(self._free(), length)
         incoming = self._files.incoming()
         return incoming.with_name(incoming.name + suffix)
@@ -145,8 +145,8 @@ class RecordingUploads:
             return result
         raise refusal(
             replace(result, error=(result.error or "").replace(str(file), label)),
-            InvalidError(Sentence("server.cannot_read_export", shown=label)),
-            UnavailableError(Sentence("server.looking_failed", label=label, error=result.error)),
+            InvalidError("server.cannot_read_export", shown=label),
+            UnavailableError("server.looking_failed", label=label, error=result.error),
         )
 
 
@@ -165,4 +165,4 @@ def _moved(incoming: Path, target: Path) -> None:
         incoming.replace(target)
         sync_directory(target.parent)
     except OSError as error:
-        raise ConflictError(Sentence("server.upload_cannot_stored_free", reason=error.strerror)) from None
+        raise ConflictError("server.upload_cannot_stored_free", reason=error.strerror) from None

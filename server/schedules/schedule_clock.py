@@ -118,7 +118,7 @@ class ScheduleClock:
         """
         schedule = next((own for own in self._schedules.enabled() if own.machine == machine), None)
         if schedule is None:
-            raise ConflictError(Sentence("server.machine_drifts_no_enabled", machine=machine))
+            raise ConflictError("server.machine_drifts_no_enabled", machine=machine)
         _log.info("recalibration_ordered", machine=machine, job=self.order(schedule), reason=reason)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from itertools import islice
@@ -12,7 +12,6 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, Field
 
-from daq.messages import Sentence
 from server.excitations.excitation_store import Excitations
 from server.identifications.identification_resource import IdentificationOptions
 from server.jobs.job_resource import JobResource
@@ -33,7 +32,7 @@ from server.platform.http.route_parameters import (
     ServiceDep,
     problems,
 )
-from server.platform.resource import PartName, Parts, Phase, Resource, Running
+from server.platform.resource import PartName, Phase, Resource, Running
 from server.platform.service import Service
 from server.recalibrations.recalibration_site import Site
 from server.recalibrations.recalibration_store import Plan
@@ -123,7 +122,7 @@ def create(
 
     def make() -> str:
         schedule = _checked(service, wish, f"sch-{secrets.token_hex(8)}")
-        service[Schedules].add(schedule)
+        service[Schedules].keep(schedule)
         return schedule.id
 
     id = service.replays.once(principal.id, "schedules", idempotency_key, wish.model_dump(), make)
@@ -192,12 +191,10 @@ def _checked(service: Service, wish: ScheduleWish, id: str, created: str | None 
         machine = service[Excitations].get(excitation).machine
         if machine != wish.machine:
             raise InvalidError(
-                Sentence(
-                    "server.excitation_machine_not", excitation=excitation, machine=machine, machine_2=wish.machine
-                )
+                "server.excitation_machine_not", excitation=excitation, machine=machine, machine_2=wish.machine
             )
     if wish.motion == "standard" and not wish.excitations:
-        raise InvalidError(Sentence("server.standard_motion_needs_excitations"))
+        raise InvalidError("server.standard_motion_needs_excitations")
     return Schedule(
         id=id,
         label=wish.label or f"Recalibration of {wish.machine}",
@@ -219,11 +216,6 @@ def _resource(service: Service, schedule: Schedule, response: Response | None = 
 CLOCK: PartName[Callable[[], datetime]] = PartName("clock of the schedules")
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    clock = parts[ScheduleClock]
-    yield Running(Phase.CLOCKS, clock.rounds.start, clock.rounds.stop)
-
-
 SCHEDULES = Resource(
     name="schedules",
     routers=(router,),
@@ -237,5 +229,5 @@ SCHEDULES = Resource(
             parts[Database], parts[JobRunner].enqueue, parts[Site].ready, parts[CLOCK]
         ),
     },
-    running=_running,
+    running=lambda parts: [Running(Phase.CLOCKS, parts[ScheduleClock].rounds.start, parts[ScheduleClock].rounds.stop)],
 )

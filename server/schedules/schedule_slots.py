@@ -17,7 +17,6 @@ from datetime import UTC, date, datetime, time, timedelta
 from itertools import product, takewhile
 from zoneinfo import ZoneInfo, available_timezones
 
-from daq.messages import Sentence
 from server.platform.errors import InvalidError
 
 #: Years in which a day has to come that ever comes: two 29th of February on one weekday are 40 apart at most.
@@ -127,22 +126,22 @@ def check(cron: str, timezone: str, now: datetime) -> None:
         One line: the time zone is unknown, the expression is none, never comes, or comes too often.
     """
     if timezone not in available_timezones():
-        raise InvalidError(Sentence("server.timezone_unknown", timezone=timezone))
+        raise InvalidError("server.timezone_unknown", timezone=timezone)
     try:
         Cron.parse(cron)
     except ValueError:
-        raise InvalidError(Sentence("server.cron_cannot_read", cron=cron)) from None
+        raise InvalidError("server.cron_cannot_read", cron=cron) from None
     following = upcoming(cron, timezone, now)
     first = next(following, None)
     if first is None:
-        raise InvalidError(Sentence("server.cron_never_comes", cron=cron))
+        raise InvalidError("server.cron_never_comes", cron=cron)
     for _ in range(12):
         second = next(following, None)
         if second is None:
             return
         if second - first < SHORTEST:
             least = SHORTEST.seconds // 60
-            raise InvalidError(Sentence("server.cron_comes_more_often", cron=cron, least=least))
+            raise InvalidError("server.cron_comes_more_often", cron=cron, least=least)
         first = second
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence, message_of
+from daq.messages import message_of
 from server.jobs.job_store import jobs
 from server.platform.database.engine import Database
 from server.platform.database.repository import Repository
@@ -20,7 +20,7 @@ from server.recalibrations.recalibration_store import Plan, Recalibration, Recal
 
 
 class Schedule(Stored, table="schedules", noun="schedule"):
-    """When a machine is recalibrated, and what a slot does; slots up to ``considered`` (UTC) have had their turn."""
+    """Times to recalibrate a machine, and what a slot does; slots up to ``considered`` (UTC) have had their turn."""
 
     id: Id
     machine: OfMachine
@@ -67,11 +67,6 @@ class Schedules(Repository[Schedule]):
         super().__init__(database)
         self._recalibrations = Recalibrations(database)
 
-    def add(self, new: Schedule) -> None:
-        """Store a new schedule."""
-        with self._database.write("schedules") as connection:
-            self.put(connection, new)
-
     def replace(self, changed: Schedule, revisions: Tags) -> Schedule:
         """Store a changed schedule.
 
@@ -99,7 +94,7 @@ class Schedules(Repository[Schedule]):
     def _expected(self, connection: sa.Connection, id: str, revisions: Tags) -> Schedule:
         found = self.found(connection, id)
         if revisions is not None and str(found.revision) not in revisions:
-            raise PreconditionError(Sentence("server.schedule_changed_meanwhile", id=id))
+            raise PreconditionError("server.schedule_changed_meanwhile", id=id)
         return found
 
     def enabled(self) -> tuple[Schedule, ...]:

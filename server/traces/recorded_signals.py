@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from daq.messages import Sentence
+from daq.arrays import BoolArray, FloatArray
 from server.platform.errors import InvalidError
 from server.platform.files import DataDirectory
 from server.recordings.formats.exports import Exports
@@ -26,7 +25,7 @@ SPECTRUM_ROWS = 4096
 
 @dataclass(frozen=True)
 class About:
-    """What the columns are.
+    """Names and units of the columns, and what stands beside them.
 
     Attributes
     ----------
@@ -86,7 +85,7 @@ class RecordedSignals:
 
     def spectrum(
         self, row: RecordingRow, channel: str, start: float, end: float | None
-    ) -> tuple[str, float, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    ) -> tuple[str, float, FloatArray, FloatArray]:
         """Compute unit, seconds, frequencies (Hz), power spectral density (unit^2/Hz) by Welch's method.
 
         Of the longest part without a gap; Hann windows that overlap by half, the mean of each taken off
@@ -101,7 +100,7 @@ class RecordedSignals:
         whole = _longest(time, np.isfinite(values))
         values, time = values[whole], time[whole]
         if len(values) < 16:
-            raise InvalidError(Sentence("server.recording_fewer_rows_without", row=row.id, channel=channel))
+            raise InvalidError("server.recording_fewer_rows_without", row=row.id, channel=channel)
         rate = (len(time) - 1) / float(time[-1] - time[0])
         window = min(SPECTRUM_ROWS, max(16, len(values) // 4))
         from scipy import signal  # the service starts without it
@@ -155,11 +154,11 @@ def _about(kept: Any) -> About:
 def _columns(about: About, wanted: Sequence[str], row: RecordingRow) -> list[int]:
     for name in wanted:
         if name not in about.channels:
-            raise InvalidError(Sentence("server.channel_recording_none_name", name=name, row=row.id))
+            raise InvalidError("server.channel_recording_none_name", name=name, row=row.id)
     return [about.channels.index(name) for name in wanted]
 
 
-def _longest(time: npt.NDArray[np.float64], finite: npt.NDArray[np.bool_]) -> slice:
+def _longest(time: FloatArray, finite: BoolArray) -> slice:
     """Find the longest run of rows with a value and without a gap in time."""
     if len(time) < 2:
         return slice(0, 0)

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from daq import load_machine, read_recording
+from daq.arrays import IntArray
 from daq.errors import RecordingError
 from daq.machine.machine_file import Machine
 from daq.messages import message_of
@@ -57,7 +58,7 @@ def _write_signals(source: Path, target: Path, machine: Machine) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def _utc_ns(table: Table) -> npt.NDArray[np.int64] | None:
+def _utc_ns(table: Table) -> IntArray | None:
     column = table.columns.get("utc_ns")
     if column is None or not len(column) or column.dtype != np.int64:
         return None

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from daq import Machine
 from daq.acquisition.ring import RingReader
+from daq.arrays import RowArray
 from daq.errors import AcquisitionError
-from daq.messages import Sentence
 from daq.quality import MEASURED, Quality
 from server.live.live_messages import Channels
 from server.machines.acquisition import Acquisition
@@ -192,7 +192,7 @@ class _Machine:
             self.memory.add(seconds(rows), values, ~np.isin(rows["quality"], AS_IT_SHOULD))
 
 
-def seconds(rows: npt.NDArray[np.void]) -> npt.NDArray[np.float64]:
+def seconds(rows: RowArray) -> npt.NDArray[np.float64]:
     """Return (N,) s since 1970 of rows of a ring."""
     return np.asarray(rows["utc_ns"] / 1e9)
 
@@ -254,7 +254,7 @@ class SignalCollector:
         names = machine.channels.names
         unknown = [one for one in wanted or () if one not in names]
         if unknown:
-            raise InvalidError(Sentence("server.channel_machine_none_name", unknown=unknown[0], name=name))
+            raise InvalidError("server.channel_machine_none_name", unknown=unknown[0], name=name)
         columns = [names.index(one) for one in (names if wanted is None else wanted)]
         last = machine.memory.newest if end is None else end
         if last is None:

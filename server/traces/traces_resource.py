@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Annotated, Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from fastapi import APIRouter, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import BaseModel, Field, model_validator
 
-from daq.messages import Sentence
+from daq.errors import BadValueError
 from daq.recordings.recording import MINIMUM_SECONDS
 from server.machines.acquisition import Acquisition
 from server.machines.machine_store import Machines
@@ -19,7 +18,7 @@ from server.platform.authorization.guard import PrincipalDep, TypedRoute, requir
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Label, Message
 from server.platform.http.route_parameters import ServiceDep, problems
-from server.platform.resource import Parts, Phase, Resource, Running
+from server.platform.resource import Phase, Resource, Running
 from server.recordings.formats.exports import Exports
 from server.recordings.recording_resource import RecordingResource
 from server.recordings.recording_store import Recordings
@@ -98,7 +97,7 @@ class Cut(Body, json_schema_extra={"examples": [{"start": 12.5, "end": 42.5, "la
     @model_validator(mode="after")
     def _forward(self) -> Cut:
         if self.end - self.start < MINIMUM_SECONDS:
-            raise ValueError(Sentence("server.end_before_start", minimum_seconds=MINIMUM_SECONDS))
+            raise BadValueError("server.end_before_start", minimum_seconds=MINIMUM_SECONDS)
         return self
 
 
@@ -241,11 +240,6 @@ def _text(
     return orjson.dumps(content, option=orjson.OPT_SERIALIZE_NUMPY)
 
 
-def _running(parts: Parts) -> Iterator[Running]:
-    collector = parts[SignalCollector]
-    yield Running(Phase.WATCHING, collector.start, collector.stop)
-
-
 TRACES = Resource(
     name="traces",
     routers=(router, of_recordings),
@@ -253,5 +247,5 @@ TRACES = Resource(
         SignalCollector: lambda parts: SignalCollector(parts[Acquisition]),
         RecordedSignals: lambda parts: RecordedSignals(parts[DataDirectory], parts[Exports]),
     },
-    running=_running,
+    running=lambda parts: [Running(Phase.WATCHING, parts[SignalCollector].start, parts[SignalCollector].stop)],
 )

@@ -12,7 +12,6 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from daq.messages import Sentence
 from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, VALVE_STAGE
 from server.identifications.identification_job import StageProgram, fitting_program
 from server.identifications.identification_order import Wish
@@ -25,7 +24,7 @@ from server.platform.database.engine import Database
 from server.platform.errors import NotFoundError
 from server.platform.files import DataDirectory
 from server.platform.http.bodies import Body, Flag, Label, Listed
-from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems
+from server.platform.http.route_parameters import Idempotency, MachineQuery, PageDep, ServiceDep, problems, sends
 from server.platform.resource import BackedUp, PartName, Resource
 from server.valves.valve_fits import ValveFit, ValveFits, ValveKind, ValveOrders, ValveResults, valve_recordings, valves
 
@@ -85,23 +84,13 @@ def get(id: str, service: ServiceDep) -> ValveResource:
     return ValveResource.of(service[ValveFits].get(id))
 
 
-@router.get(
-    "/{id}/valve.json",
-    response_class=FileResponse,
-    responses={200: {"content": {"application/json": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/valve.json", **sends({"application/json": {}}, 404, 409, 422), dependencies=[require("read")])
 def report(id: str, service: ServiceDep) -> FileResponse:
     """Download the result (schema ``hilfit/valve/1``)."""
     return FileResponse(service[ValveResults].written(id, VALVE_REPORT), media_type="application/json")
 
 
-@router.get(
-    "/{id}/inverse.zip",
-    response_class=Response,
-    responses={200: {"content": {"application/zip": {}}}, **problems(404, 409, 422)},
-    dependencies=[require("read")],
-)
+@router.get("/{id}/inverse.zip", **sends({"application/zip": {}}, 404, 409, 422), dependencies=[require("read")])
 def inverse(
     id: str,
     service: ServiceDep,
@@ -112,7 +101,7 @@ def inverse(
     wanted = [ending for ending, own in ENDINGS.items() if format in (None, own)]
     files = sorted(path for path in folder.glob("*") if path.suffix in wanted)
     if not files:
-        raise NotFoundError(Sentence("server.valves_no_inverse_none", id=id), valve=id)
+        raise NotFoundError("server.valves_no_inverse_none", id=id).about(valve=id)
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in files:

@@ -20,8 +20,8 @@ from daq.drivers.base import Problem
 from daq.drivers.modbus.client import Answer, ModbusConnection
 from daq.drivers.modbus.driver import ModbusTcpDriver, Poller
 from daq.drivers.modbus.unit import Unit, blocks
+from daq.drivers.wire import from_registers
 from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
-from daq.wire import from_registers
 
 NS = 1_000_000_000
 PATIENCE_S = 30.0  # longer than a busy computer keeps a thread from running

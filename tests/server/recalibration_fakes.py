@@ -79,7 +79,7 @@ class Setting:
             considered=self.time.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             created="2026-01-01T00:00:00.000Z",
         )
-        self.service[Schedules].add(made)
+        self.service[Schedules].keep(made)
         return made
 
     def later(self, hours: float) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 from sim_bus_client import SYNC
 
-from daq import wire as encodings
+from daq.drivers import wire as encodings
 from daq.machine.machine_file import ModbusSource
 from sim_backends import default_machine
 from sim_backends.devices.device_plans import RegisterSignal, Signal, units_from_dict

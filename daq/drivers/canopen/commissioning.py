@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq import wire
+from daq.drivers import wire
 from daq.drivers.base import DriverContext
 from daq.drivers.can.health import BusHealth
 from daq.drivers.canopen.leadership import Leadership

@@ -200,7 +200,7 @@ class Sdo:
             try:
                 return transfer()
             except SdoAbortedError as error:
-                raise SdoRefusedError(Sentence("daq.refuses_to", place=self._place, what=what, error=error)) from None
+                raise SdoRefusedError("daq.refuses_to", place=self._place, what=what, error=error) from None
             except SdoCommunicationError as error:
                 reason = _SILENT if "No SDO response" in str(error) else "answers with something else"
             except (can.CanError, OSError) as error:

@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from daq import wire
+from daq.drivers import wire
 from daq.drivers.base import Answers, DriverContext, Problem, Samples, by_device
 from daq.drivers.can.health import CanDriver
 from daq.drivers.can.port import CanPort

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from daq import wire
+from daq.arrays import FloatArray
+from daq.drivers import wire
 from daq.errors import MachineFileError
 from daq.machine.machine_file import CanSource, Channel
 
@@ -48,7 +48,7 @@ class PdoDecoder:
             return found
         return tuple(wire.number(kind, value) for kind, value in zip(self.data_types, found, strict=True))
 
-    def array(self, data: bytes) -> npt.NDArray[np.float64]:
+    def array(self, data: bytes) -> FloatArray:
         """Unpack into an array: at once where all are of one type, as nearly always."""
         if self._alike is None:
             return np.array(self.unpack(data), dtype=np.float64)

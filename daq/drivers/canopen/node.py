@@ -15,12 +15,12 @@ from daq.drivers.canopen.leadership import BOOT_UP, OPERATIONAL, PRE_OPERATIONAL
 from daq.drivers.canopen.link import Handler, Sdo, SdoRefusedError
 from daq.drivers.canopen.mapping import Mapping, map_node
 from daq.drivers.canopen.tpdo import Cycle, Tpdo
+from daq.drivers.wire import Decimals
 from daq.errors import CommissioningError
 from daq.frames.clock import NS
 from daq.machine.buses import object_of
 from daq.machine.machine_file import CanNode, CanopenBus, CanSource, Channel
 from daq.messages import Sentence
-from daq.wire import Decimals
 
 MISSES_TOLERATED = 3  # cycles without any TPDO after which a node is not waited for any more
 MISSES_LOST = 25  # cycles without any TPDO, the heartbeat going on, after which it is commissioned again

@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 
-from daq import wire
+from daq.drivers import wire
 from daq.drivers.base import Answers, DeviceStatus, DriverContext, DriverStatistics, Problem, Samples, by_device
 from daq.drivers.modbus.client import DEVICE_FAILURE, Answer, ModbusConnection
 from daq.drivers.modbus.unit import Block, Reading, Unit, gap_is_to_blame

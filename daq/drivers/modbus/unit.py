@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from statistics import median
 
-from daq import wire
+from daq.drivers import wire
 from daq.drivers.base import Spread
 from daq.drivers.modbus.client import EXCEPTIONS, ILLEGAL_ADDRESS, Answer
+from daq.drivers.wire import Decimals
 from daq.machine.machine_file import Channel, ModbusSource
 from daq.messages import Sentence
-from daq.wire import Decimals
 
 BLOCK_REGISTERS = 125  # the most that one read may ask for (Modbus application protocol V1.1b3, 6.3)
 ROUNDS = 9  # whose median says whether a unit is slow: one answer that was late does not

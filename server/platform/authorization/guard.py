@@ -22,7 +22,6 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.routing import APIRoute
 from starlette.requests import HTTPConnection
 
-from daq.messages import Sentence
 from server.platform.authorization.named_things import Thing, names_in, things_of_path
 from server.platform.authorization.principals import LEAST_ROLE, Principal, Scope
 from server.platform.errors import ForbiddenError, ServiceError, UnauthenticatedError
@@ -43,7 +42,7 @@ def _current_principal(connection: HTTPConnection) -> Principal:
     """
     principal = connection.scope.get("hilfit.principal")
     if not isinstance(principal, Principal):
-        raise UnauthenticatedError(Sentence("server.pair_device_first_send"))
+        raise UnauthenticatedError("server.pair_device_first_send")
     return principal
 
 
@@ -69,13 +68,11 @@ def require(scope: Scope, *, every_machine: bool = False) -> Any:
             principal = _current_principal(connection)
             if not principal.may(scope):
                 raise ForbiddenError(
-                    Sentence(
-                        "server.needs_role", least_role=LEAST_ROLE[scope], principal=principal.name, role=principal.role
-                    )
+                    "server.needs_role", least_role=LEAST_ROLE[scope], principal=principal.name, role=principal.role
                 )
             if principal.machines is not None:
                 if every_machine:
-                    raise ForbiddenError(Sentence("server.about_all_machines_bound", principal=principal.name))
+                    raise ForbiddenError("server.about_all_machines_bound", principal=principal.name)
                 await _only_its_machines(connection, principal)
         except ServiceError as error:
             if connection.scope["type"] == "websocket":

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.platform.authorization.named_things import Thing
 from server.platform.authorization.principals import Principal
 from server.platform.database.engine import Database
@@ -34,11 +33,7 @@ class Ownership:
             for collection, id in sorted(things):
                 if not principal.may_see(self._machine_of(connection, collection, id)):
                     raise NotFoundError(
-                        Sentence(
-                            "server.for_principal",
-                            what=none_of(collection.removesuffix("s"), id),
-                            principal=principal.name,
-                        )
+                        "server.for_principal", what=none_of(collection.removesuffix("s"), id), principal=principal.name
                     )
 
     def machines_of_jobs(self, jobs: Iterable[str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Who asks, and what that principal may do."""
+"""Principals who ask, and what each may do."""
 
 from __future__ import annotations
 

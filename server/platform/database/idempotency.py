@@ -17,7 +17,6 @@ from typing import Any, TypeVar
 
 import sqlalchemy as sa
 
-from daq.messages import Sentence
 from server.platform.database.schema import idempotency_keys
 from server.platform.errors import ConflictError
 
@@ -40,7 +39,7 @@ class IdempotencyKey:
     def refuse_other(self, request_sha256: str) -> None:
         """Raise ConflictError if it came before with another request, of which this is the hash."""
         if request_sha256 != self.request_sha256:
-            raise ConflictError(Sentence("server.idempotency_key_came_before"), "key_used")
+            raise ConflictError("server.idempotency_key_came_before").about("key_used")
 
 
 def earlier(connection: sa.Connection, key: IdempotencyKey | None) -> str | None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import structlog
@@ -23,6 +24,16 @@ _log = structlog.stdlib.get_logger(__name__)
 def away(error: DBAPIError) -> bool:
     """Test whether an error is of the database's absence, and not of what it was asked."""
     return error.connection_invalidated or isinstance(error, OperationalError | InterfaceError)
+
+
+@contextmanager
+def unless_away() -> Iterator[None]:
+    """Do something with the database; nothing comes of it while that is away."""
+    try:
+        yield
+    except DBAPIError as error:
+        if not away(error):
+            raise
 
 
 def patiently(do: Callable[[], Value], pause: Callable[[float], object]) -> Value:

@@ -1,4 +1,4 @@
-"""What all repositories do: read by id, list page by page, newest first, narrowed to what whoever asks may see."""
+"""Common base of repositories: read by id, list page by page, newest first, narrowed to what whoever asks may see."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ ANY_TIME = Between()
 
 
 class Narrowing(TypedDict, total=False):
-    """What narrows a list; None narrows nothing.
+    """Conditions that narrow a list; None narrows nothing.
 
     ``machines`` are those that whoever asks may see, the others but ``between`` what a row has in the column of that
     name.
@@ -54,7 +54,7 @@ class Narrowing(TypedDict, total=False):
 
 
 class Repository(Generic[Value]):
-    """What is kept in one table.
+    """Keeper of one table.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Repository(Generic[Value]):
         """Return the one with this id, in a transaction; NotFoundError if there is none."""
         rows = connection.execute(sa.select(self.of.table).where(self.of.table.c.id == id)).all()
         if not rows:
-            raise NotFoundError(none_of(self.of.noun, id), **{self.of.table.name.removesuffix("s"): id})
+            raise NotFoundError(none_of(self.of.noun, id)).about(**{self.of.table.name.removesuffix("s"): id})
         return self.values(connection, rows)[0]
 
     def all(self, *where: sa.ColumnElement[bool], newest: int | None = None) -> tuple[Value, ...]:
@@ -110,6 +110,11 @@ class Repository(Generic[Value]):
     def put(self, connection: sa.Connection, new: Value) -> None:
         """Store a new one, in a transaction."""
         connection.execute(self.of.table.insert().values(**new.columns()))
+
+    def keep(self, new: Value) -> None:
+        """Store a new one, as a revision of what the table is called."""
+        with self._database.write(self.of.table.name) as connection:
+            self.put(connection, new)
 
     def update(self, connection: sa.Connection, id: str, **values: Any) -> None:
         """Store other values of some columns, in a transaction."""

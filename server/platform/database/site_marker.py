@@ -19,7 +19,7 @@ MARKER_FILE = "site.json"
 
 @dataclass(frozen=True)
 class Noted:
-    """What the marker says; ``number`` 0 and no hash: of no audit entry yet."""
+    """Content of the marker; ``number`` 0 and no hash: of no audit entry yet."""
 
     store: str
     number: int = 0

@@ -1,4 +1,4 @@
-"""What a resource keeps, declared once: a :class:`Stored` gives its table, and what is shown of it.
+"""Things that a resource keeps, declared once: a :class:`Stored` gives its table, and what is shown of it.
 
 ::
 
@@ -32,7 +32,7 @@ from server.platform.http.bodies import Shown, with_messages_of
 
 @dataclass(frozen=True)
 class Kept:
-    """How a field is kept, where its type does not say it.
+    """Form in which a field is kept, where its type does not say it.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ _TYPES: Mapping[Any, Any] = {str: sa.String, int: sa.Integer, float: sa.Float, b
 
 
 class Stored(Shown):
-    """What one row of a table holds."""
+    """Content of one row of a table."""
 
     table: ClassVar[sa.Table]
     #: What one is called where it is refused, of what is asked for by its id.

@@ -1,1 +1,1 @@
-"""What lies between the socket and the routes: limits, problem documents, kept answers, the page's files."""
+"""Layers between the socket and the routes: limits, problem documents, kept answers, the page's files."""

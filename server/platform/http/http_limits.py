@@ -1,4 +1,4 @@
-"""What one connection may take: uvicorn's protocol with bounds on headers, on waiting, and on connections.
+"""Bounds of one connection: uvicorn's protocol, with limits of headers, waiting and connections.
 
 httptools hands headers over when they are whole, however long they are and however long that takes; uvicorn bounds only
 how long a connection may rest between two requests. Here a request's line and headers have a size and a time, a body

@@ -133,17 +133,16 @@ def _as_ours(request: Request, error: Exception) -> ServiceError:
         case AcquisitionError():
             return UnavailableError(str(error))
         case HTTPException(status_code=400):  # nested without end, or not in UTF-8
-            return InvalidError(Sentence("server.body_no_json_can"))
+            return InvalidError("server.body_no_json_can")
         case UnicodeEncodeError():
             # JSON may hold half of a surrogate pair (RFC 8259 section 8.2), which no encoding of text can write.
-            return InvalidError(Sentence("server.text_request_not_unicode"))
+            return InvalidError("server.text_request_not_unicode")
         case DBAPIError() if away(error):  # also in a layer around the routes
             _log.error("store_unavailable", path=request.url.path, exc_info=error)
-            text = Sentence("server.store_busy_full_read")
-            return UnavailableError(text)
+            return UnavailableError("server.store_busy_full_read")
     # The text of an unexpected error may hold paths and values; it belongs in the log only.
     _log.error("request_failed", path=request.url.path, exc_info=error)
-    return ServiceError(Sentence("server.service_failed_request"))
+    return ServiceError("server.service_failed_request")
 
 
 async def _refused(request: Request, error: Exception) -> JSONResponse:
@@ -186,8 +185,8 @@ async def _storage_failed(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, OSError)
     _log.error("storage_failed", path=request.url.path, exc_info=error)
     full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    text = Sentence("server.disk_full") if full else Sentence("server.data_directory_cannot_used_log")
-    return refused(request, UnavailableError(text), {"Retry-After": "30"})
+    why = UnavailableError("server.disk_full" if full else "server.data_directory_cannot_used_log")
+    return refused(request, why, {"Retry-After": "30"})
 
 
 async def _cut(request: Request, error: Exception) -> JSONResponse:

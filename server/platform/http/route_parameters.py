@@ -1,13 +1,12 @@
-"""What all routes share: the service behind them, pages, error responses in the OpenAPI description."""
+"""Common parameters of all routes: the service behind them, pages, error responses in the OpenAPI description."""
 
 from __future__ import annotations
 
 from datetime import datetime
 from typing import Annotated, Any, TypedDict
 
-from fastapi import Depends, Header, Query, Request
+from fastapi import Depends, Header, Query, Request, Response
 
-from daq.messages import Sentence
 from server.platform.authorization.guard import PrincipalDep
 from server.platform.authorization.named_things import Names
 from server.platform.database.engine import as_stored
@@ -59,14 +58,14 @@ async def _between(
     for moment in (since, until):
         try:
             if moment is not None and (moment.tzinfo is None or not as_stored(moment)):
-                raise InvalidError(Sentence("server.no_time_zone", moment=moment.isoformat()))
+                raise InvalidError("server.no_time_zone", moment=moment.isoformat())
         except OverflowError:
-            raise InvalidError(Sentence("server.since_until_moments_utc")) from None
+            raise InvalidError("server.since_until_moments_utc") from None
     return Between(since, until, label)
 
 
 class Page(TypedDict):
-    """Which part of a list somebody asks for, and of which machines it may be: the first arguments of a list."""
+    """Part of a list that somebody asks for, and of which machines it may be: the first arguments of a list."""
 
     limit: int
     after: int
@@ -95,3 +94,25 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return a route's error responses, for its ``responses``; the application adds the schema."""
     content = {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}}
     return {status: {"description": status_phrase(status), "content": content} for status in statuses}
+
+
+#: Content that is a text, and content that is a file's bytes.
+TEXT: dict[str, Any] = {"schema": {"type": "string"}}
+BYTES: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
+
+
+class Sending(TypedDict):
+    """Arguments of a route that answers with content of its own, not with a body."""
+
+    response_class: type[Response]
+    responses: dict[int | str, dict[str, Any]]
+
+
+def sends(content: dict[str, Any], *statuses: int) -> Sending:
+    """Describe the answer of a route by its content, by media type, and its error responses."""
+    return {"response_class": Response, "responses": {200: {"content": content}, **problems(*statuses)}}
+
+
+def takes(content: dict[str, Any], description: str) -> dict[str, Any]:
+    """Describe the request of a route that is sent a file by its content, by media type; for its ``openapi_extra``."""
+    return {"requestBody": {"required": True, "description": description, "content": content}}

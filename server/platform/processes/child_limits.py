@@ -1,4 +1,4 @@
-"""What a process that reads files from outside may take: the kernel ends it beyond that.
+"""Limits of a process that reads files from outside: the kernel ends it beyond that.
 
 The limits of :func:`resource.setrlimit` hold for the process that sets them. Each is far above what an honest file
 takes, so that who meets one has sent something else.

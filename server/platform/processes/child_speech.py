@@ -1,4 +1,4 @@
-"""What a child program says at its end, in the protocol of :mod:`server.platform.processes.children`."""
+"""Last words of a child program, in the protocol of :mod:`server.platform.processes.children`."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class ChildResult:
-    """How a child ended; ``error`` is one line unless the outcome is ``done`` or ``stopped``.
+    """Outcome of a child; ``error`` is one line unless the outcome is ``done`` or ``stopped``.
 
     ``killed``: somebody else ended it by SIGKILL, a person or the kernel that ran out of memory. ``exceeded``: it was
     ended by a signal (``killed`` or not), for what it took; not because its time was over, which tells of the computer.

@@ -17,7 +17,6 @@ from contextlib import asynccontextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-from daq.messages import Sentence
 from server.platform.errors import BusyError, TooManyError
 
 #: Processes that read or write files at once: a core is left to acquisition and HTTP.
@@ -78,9 +77,9 @@ class Heavy:
             If all places are taken.
         """
         if self._taken[who] >= self._share:
-            raise TooManyError(Sentence("server.your_requests_kind_under", share=self._share))
+            raise TooManyError("server.your_requests_kind_under", share=self._share)
         if self._taken.total() >= self._places:
-            raise BusyError(Sentence("server.service_busy_files_others"))
+            raise BusyError("server.service_busy_files_others")
         self._taken[who] += 1
         try:
             yield Place(self._slots, self._aside)

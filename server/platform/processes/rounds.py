@@ -1,4 +1,4 @@
-"""What looks again and again, on a thread of its own, until it is stopped."""
+"""Looks that are taken again and again, on a thread of their own, until it is stopped."""
 
 from __future__ import annotations
 

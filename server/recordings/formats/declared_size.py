@@ -1,4 +1,4 @@
-"""How much a compressed file says that it holds, before a byte of it is unpacked.
+"""Size that a compressed file declares, before a byte of it is unpacked.
 
 A few kilobytes of Parquet or MAT can unpack to gigabytes. What a recording holds is in its header; one that says a
 hundred times its size, and more than a recording of hours has, is none.

@@ -44,10 +44,10 @@ class Exports:
             If it is not sealed, or its file is gone.
         """
         if row.state != "sealed":
-            raise ConflictError(Sentence("server.recording_not_whole", row=row.id, state=row.state))
+            raise ConflictError("server.recording_not_whole", row=row.id, state=row.state)
         path = self._files.recording(row.id, row.format)
         if not path.is_file():
-            raise NotFoundError(Sentence("server.file_recording_gone", row=row.id))
+            raise NotFoundError("server.file_recording_gone", row=row.id)
         return path
 
     def file(self, row: RecordingRow, format: str) -> Path:
@@ -130,5 +130,5 @@ class Exports:
             if "pip install" in error
             else Sentence("server.could_not_written", shown=shown, what=what, error=error)
         )
-        too_much = InvalidError(Sentence("server.cannot_read_export", shown=shown)) if what in IMPORTS else failed
+        too_much = InvalidError("server.cannot_read_export", shown=shown) if what in IMPORTS else failed
         raise refusal(replace(result, error=error), too_much, failed)

@@ -1,4 +1,4 @@
-"""What the service and its child agree upon when a file of another tool is taken in."""
+"""Agreement of the service and its child for when a file of another tool is taken in."""
 
 from __future__ import annotations
 

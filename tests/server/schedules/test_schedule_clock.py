@@ -36,7 +36,7 @@ def test_a_machine_that_is_being_recalibrated_costs_its_schedules_nothing(
         considered=as_stored(NOW - timedelta(days=1)),
         created="",
     )
-    Schedules(database).add(schedule)
+    Schedules(database).keep(schedule)
     ordered: list[str] = []
     clock = ScheduleClock(database, ordered.append, lambda machine: None, lambda: NOW)
     assert clock.look() == tuple(ordered) and len(ordered) == 1
