@@ -189,7 +189,7 @@ def _evidence(apart: FloatArray, rival: Rival, made: FloatArray) -> tuple[float,
         if bounded is not None:
             values, gain = bounded.values, bounded.gain
         stds = np.sqrt(np.maximum(np.diag(inverse), 1e-300))
-        score = Score(term, gain, live, tuple(values), tuple(stds), True, 1.0, information, tuple(free))
+        score = Score(term, gain, live, tuple(values), tuple(stds), 1.0, information, tuple(free))
         series = np.array(orders(score))
         gains.append(gain)
         largest = np.full(len(series), USUAL_EFFORT)

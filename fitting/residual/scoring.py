@@ -49,7 +49,6 @@ class Score:
     live : number of its directions that survive the projection, and that no bound holds
     values, stds : its parameters, inside their bounds, and their standard deviations without bounds
     free : its parameters without bounds
-    plausible : False where a parameter is outside what is physically possible
     surviving : largest share of a column's norm that survives projecting the base out, 0 to 1
     information : (k, k) inverse covariance of its parameters
     places : of what acts everywhere, by which share of the gain each joint's chi-square falls (or rises: negative);
@@ -64,7 +63,6 @@ class Score:
     live: int
     values: tuple[float, ...]
     stds: tuple[float, ...]
-    plausible: bool
     surviving: float
     information: FloatArray = field(repr=False, compare=False)
     free: tuple[float, ...] = ()
@@ -87,9 +85,13 @@ class Score:
         gain = float(moved @ self.information @ moved)
         if gain > FAR_BEYOND**2 * float(null.bias @ self.information @ null.bias):
             return replace(self, null=null)  # no bias makes this: candidates are compared as they are
-        values = tuple(moved.tolist())
-        plausible = self.term.content.plausible(values, self.stds)
-        return replace(self, null=null, taken=BIAS_SHARE, gain=gain, values=values, plausible=plausible)
+        return replace(self, null=null, taken=BIAS_SHARE, gain=gain, values=tuple(moved.tolist()))
+
+    @property
+    def plausible(self) -> bool:
+        """True for a law, and for an effect whose values are ones of it."""
+        effect = self.term.content
+        return not isinstance(effect, Effect) or effect.plausible(self.values, self.stds)
 
     @cached_property
     def log_inside(self) -> float:
@@ -100,7 +102,7 @@ class Score:
         effect = self.term.content
         if not isinstance(effect, Effect):
             return 0.0
-        if not effect.plausible(self.values, self.stds):
+        if not self.plausible:
             return -np.inf
         before = effect.possible([0.0] * len(self.values), [_NEXT_TO_NOTHING] * len(self.values))
         return float(np.log(max(effect.possible(self.values, self.stds), 1e-300) / before))
@@ -394,7 +396,6 @@ def _scored(
             live=count,
             values=own,
             stds=errors,
-            plausible=not isinstance(term.content, Effect) or term.content.plausible(own, errors),
             surviving=float(surviving[number]),
             information=information[number],
             free=tuple(free.tolist()),
