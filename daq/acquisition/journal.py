@@ -210,7 +210,7 @@ def recover(directory: str | Path) -> tuple[Recovered, ...]:
     """
     directory = Path(directory)
     if not directory.is_dir():
-        raise RecordingError(f"{directory}: no such directory; give the one that recordings are written to")
+        raise RecordingError("daq.no_recordings_directory", directory=directory)
     results = []
     for journal in sorted(directory.rglob("*" + JOURNAL_SUFFIX)):
         if not journal.is_file():

@@ -25,7 +25,7 @@ from tests.server.platform.message_cases import PACKAGES, ROOT, codes, placehold
 @cache
 def sources() -> tuple[tuple[str, ast.Module], ...]:
     """All modules of the product."""
-    files = (file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")))
+    files = (file for package in (*PACKAGES, "hilfit") for file in sorted((ROOT / package).rglob("*.py")))
     return tuple(
         (str(file.relative_to(ROOT)), ast.parse(file.read_text("utf-8")))
         for file in files
