@@ -15,7 +15,7 @@ from typing import Any
 
 import structlog
 
-from daq.messages import Sentence
+from daq.messages import Sentence, put_together
 from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -83,9 +83,11 @@ class Simulation:
                 process.stdin.write(json.dumps(order) + "\n")
                 process.stdin.flush()
             line = process.stdout.readline()
-            reply = json.loads(line) if line else {"error": "its process ended; the log above says why"}
+            if not line:
+                raise StartError("server.simulation_ended")
+            reply = put_together(json.loads(line))
             if "error" in reply:
-                raise StartError(f"--simulate: the simulated machine does not start: {reply['error']}")
+                raise StartError("server.simulation_not_started", error=reply["error"])
             self._runs = True
             threading.Thread(target=self._watch, daemon=True).start()
             try:
@@ -123,7 +125,7 @@ class Simulation:
                 line = ""
         if not line:
             raise UnavailableError(Sentence("server.simulated_machine_not_answer"))
-        reply = json.loads(line)
+        reply = put_together(json.loads(line))
         if "error" in reply:
             raise InvalidError(reply["error"])
         return reply["result"]
