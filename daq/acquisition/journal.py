@@ -277,7 +277,7 @@ def _put_away(journal: Path) -> None:
     try:
         journal.rename(done)
     except OSError as error:
-        raise _storage_error(journal, "rename", error, "its rows are in the recording; move it away") from None
+        raise _storage_error(journal, "rename", error, Sentence("daq.rows_in_recording")) from None
 
 
 @dataclass(frozen=True)
