@@ -51,7 +51,7 @@ class ShowProgress(Protocol):
 def may_be_written(output: Path, force: bool) -> None:
     """Raise InputError if a file is there that nobody wants to be replaced."""
     if output.exists() and not force:
-        raise InputError(f"{output}: is there already; choose another name, or add --force")
+        raise InputError("daq.output_there_already", output=output)
 
 
 def _exit_code(error: HilfitError) -> int:
@@ -88,7 +88,7 @@ def _refuse_output_onto_input(given: Mapping[str, Any]) -> None:
         for path in value if isinstance(value, list) else [value]:
             same = name != "output" and isinstance(path, Path) and path.is_file() and output.is_file()
             if same and path.samefile(output):
-                raise InputError(f"--output {output}: is read by this command; give another name")
+                raise InputError("daq.output_is_input", output=output)
 
 
 def print_json(value: Any) -> None:

@@ -30,7 +30,7 @@ Naming: TypeAlias = Callable[[str], str | None]
 ENGLISH = "en"
 LANGUAGES = (ENGLISH, "de")
 #: Packages whose texts every page of this product has.
-_OWN = frozenset({"daq", "fitting", "server"})
+_OWN = frozenset({"daq", "fitting", "server", "sim_backends"})
 _DECIMAL_SIGNS = {ENGLISH: ".", "de": ","}
 #: A number with a point, by itself: no version, no part of a name.
 _DECIMAL = re.compile(r"(?<![\w.])([+-]?\d+)\.(\d+(?:e[+-]?\d+)?)(?![\w.])", re.ASCII)

@@ -53,7 +53,7 @@ class Seam:
     def _point(self, name: str) -> EntryPoint:
         found = {point.name: point for point in self._points()}
         if name not in found:
-            raise InputError(f"there is no {self.kind} '{name}'; use one of {', '.join(sorted(found))}")
+            raise InputError("daq.seam_none", kind=self.kind, name=name, names=sorted(found))
         return found[name]
 
     def _loaded(self, point: EntryPoint) -> Any:
@@ -61,8 +61,7 @@ class Seam:
             return point.load()
         except (ImportError, AttributeError) as error:
             raise InputError(
-                f"{self.kind} '{point.name}' ({point.value}) cannot be loaded: {error}; "
-                "install what it needs, or reinstall the package it is from"
+                "daq.seam_not_loaded", kind=self.kind, name=point.name, place=point.value, error=error
             ) from error
 
     def _made(self, point: EntryPoint, wanted: Any) -> Any:
@@ -70,20 +69,18 @@ class Seam:
         try:
             made = loaded()
         except TypeError as error:  # of an abstract class that lacks a method
-            raise InputError(f"{self.kind} '{point.name}' cannot be made: {error}") from error
+            raise InputError("daq.seam_not_made", kind=self.kind, name=point.name, error=error) from error
         if not isinstance(made, wanted):
             type_name = f"{wanted.__module__}.{wanted.__qualname__}"
-            raise InputError(
-                f"{self.kind} '{point.name}' is no {type_name}; its package has to be mended, or uninstalled"
-            )
+            raise InputError("daq.seam_other_type", kind=self.kind, name=point.name, type_name=type_name)
         return made
 
     def _points(self) -> list[EntryPoint]:
         points = list(entry_points(group=self.group))
         name, count = max(Counter(point.name for point in points).items(), key=lambda item: item[1], default=("", 0))
         if count > 1:
-            values = " and ".join(point.value for point in points if point.name == name)
-            raise InputError(f"there are {count} of the name '{name}' among the {self.kind}s: {values}; uninstall one")
+            values = [point.value for point in points if point.name == name]
+            raise InputError("daq.seam_names_twice", count=count, name=name, kind=self.kind, values=values)
         return points
 
 

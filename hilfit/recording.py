@@ -75,10 +75,10 @@ class Recording:
         columns = {name: _one_dimensional(name, column) for name, column in values.items()}
         for name, column in columns.items():
             if len(column) != len(clock):
-                raise InputError(f"{name}: has {len(column)} values, time has {len(clock)}; give one for each time")
+                raise InputError("daq.array_other_length", name=name, count=len(column), times=len(clock))
         unknown = sorted(set(units or {}) - set(columns))
         if unknown:
-            raise InputError(f"{unknown[0]}: has a unit and no values; give its array, or leave the unit out")
+            raise InputError("daq.unit_without_array", name=unknown[0])
         return cls(clock, columns, units=units or {})
 
     @classmethod
@@ -124,7 +124,7 @@ def _one_dimensional(name: str, values: npt.ArrayLike) -> FloatArray:
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"{name}: is not an array of numbers; give one number for each time") from None
+        raise InputError("daq.array_no_numbers", name=name) from None
     if array.ndim != 1:
-        raise InputError(f"{name}: has {array.ndim} dimensions; give one number for each time")
+        raise InputError("daq.array_other_dimensions", name=name, count=array.ndim)
     return array

@@ -78,7 +78,7 @@ def simulate(
     specs = _hidden(true, undeclared or [], motion or [], declared)
     script = None if faults is None else checked_faults(faults, declared)
     if workdir is not None and workdir.exists() and not workdir.is_dir():
-        raise InputError(f"{workdir}: is no directory; give another --workdir")
+        raise InputError("sim_backends.workdir_no_directory", workdir=workdir)
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())
@@ -125,9 +125,9 @@ def _write_guess(path: Path, machine: Machine, seed: int, json: bool) -> None:
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except FileExistsError:
-        raise InputError(f"{path}: is there already; use it by --truth, or give another name") from None
+        raise InputError("sim_backends.guess_there_already", path=path) from None
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); give another name") from None
+        raise InputError("sim_backends.guess_not_writable", path=path, reason=error.strerror) from None
     if json:
         print_json({"truth": str(path)})
     else:

@@ -28,6 +28,7 @@ from typing import Any, Literal
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import CanopenBus, Machine, ModbusRtuBus, ModbusTcpBus, Simulation, machine_to_yaml
+from daq.messages import Sentence
 from daq.whole_files import write_whole
 from sim_backends import backplane
 from sim_backends.devices.wiring import wire
@@ -124,7 +125,9 @@ class _Process:
                 if left <= 0:
                     left = deadline + self._waited() - waited - time.monotonic()
                     if left <= 0:
-                        raise SimulationError(f"simulated {self.name}: no answer within {patience:g} s; see {self.log}")
+                        raise SimulationError(
+                            "sim_backends.process_no_answer", process=self.name, patience=patience, log=self.log
+                        )
                 if not selector.select(left):
                     continue
                 data = os.read(descriptor, 1 << 16)
@@ -140,7 +143,9 @@ class _Process:
         self._send(content)
         answer = self.answer(ORDER_PATIENCE)
         if "error" in answer:
-            raise SimulationError(f"simulated {self.name}: {content['order']}: {answer['error']}")
+            raise SimulationError(
+                "sim_backends.process_order_failed", process=self.name, order=content["order"], error=answer["error"]
+            )
         return answer["result"]
 
     def gone(self, patience: float = 0.0) -> bool:
@@ -151,13 +156,13 @@ class _Process:
             return False
         return True
 
-    def ended(self) -> str:
+    def ended(self) -> Sentence:
         """Return one line about a process that is gone."""
+        which = {"process": self.name, "pid": self.popen.pid, "log": self.log}
         try:
-            code: Any = self.popen.wait(timeout=1.0)
+            return Sentence("sim_backends.process_ended", **which, code=self.popen.wait(timeout=1.0))
         except subprocess.TimeoutExpired:
-            code = "none yet"
-        return f"simulated {self.name}: its process {self.popen.pid} ended (exit code {code}); see {self.log}"
+            return Sentence("sim_backends.process_ending", **which)
 
     def stop(self) -> None:
         """Close its stdin, which ends it; terminate it by its pid if that does not help."""
@@ -218,9 +223,7 @@ class SimulatedMachine:
         show: Callable[[str], None] = lambda line: None,
     ) -> None:
         if not 0 < speed <= HIGHEST_SPEED:
-            raise InputError(
-                f"speed {speed:g}: must be above 0 and at most {HIGHEST_SPEED:g} machine seconds per second"
-            )
+            raise InputError("sim_backends.speed_beyond", speed=speed, highest=HIGHEST_SPEED)
         self._wiring = wire(machine)
         self._machine = machine
         self._truth = truth if truth is not None else truth_of(machine)
@@ -241,7 +244,7 @@ class SimulatedMachine:
         """Check effects as the plant's process gets them (InputError if it cannot have them)."""
         for spec in undeclared:
             if isinstance(self._truth, ValvePlantTruth) != isinstance(spec, ValveEffectSpec):
-                raise InputError(f"undeclared {spec.id}: is an effect of another kind of simulated machine")
+                raise InputError("sim_backends.undeclared_other_kind", effect=spec.id)
             if isinstance(spec, EffectSpec):
                 check_spec(spec, self._machine)
             elif isinstance(self._truth, ValvePlantTruth):
@@ -325,7 +328,9 @@ class SimulatedMachine:
                 events = selector.select(max(0.0, deadline - time.monotonic()))
                 if not events:
                     late = next(process for name, process in self._processes.items() if name not in ready)
-                    raise SimulationError(f"simulated {late.name}: not ready in {START_PATIENCE:g} s; see {late.log}")
+                    raise SimulationError(
+                        "sim_backends.process_not_ready", process=late.name, patience=START_PATIENCE, log=late.log
+                    )
                 for key, _ in events:
                     try:
                         ready[key.data.name] = key.data.answer(ORDER_PATIENCE)["ready"]
@@ -400,7 +405,7 @@ class SimulatedMachine:
         Machine time only advances while acquisition sends SYNC.
         """
         name = name.removesuffix(".csv")
-        return self._wait(name, timeout, lambda status: name in status["followed"], "follow")
+        return self._wait(name, timeout, lambda status: name in status["followed"], "sim_backends.motion_not_followed")
 
     def wait_done(self, name: str, timeout: float = 300.0) -> dict[str, Any]:
         """Wait until the motion file ``name`` has been followed to its end; the status then."""
@@ -410,9 +415,9 @@ class SimulatedMachine:
             cycles = status["followed"].get(name)
             return cycles is not None and cycles[1] is not None
 
-        return self._wait(name, timeout, over, "finish")
+        return self._wait(name, timeout, over, "sim_backends.motion_not_finished")
 
-    def _wait(self, name: str, timeout: float, reached: Reached, what: str) -> dict[str, Any]:
+    def _wait(self, name: str, timeout: float, reached: Reached, code: str) -> dict[str, Any]:
         deadline = time.monotonic() + timeout
         while True:
             status = self.controller_status()
@@ -421,11 +426,7 @@ class SimulatedMachine:
             if reached(status):
                 return status
             if time.monotonic() > deadline:
-                raise SimulationError(
-                    f"the simulated controller did not {what} '{name}' within {timeout:g} s (it is "
-                    f"{status['state']} at cycle {status['cycle']}); machine time only advances with SYNC: is "
-                    "acquisition running?"
-                )
+                raise SimulationError(code, name=name, timeout=timeout, state=status["state"], cycle=status["cycle"])
             time.sleep(0.02)
 
 
@@ -448,7 +449,4 @@ def truth_of(machine: Machine, path: Path | None = None) -> Truth | ValvePlantTr
     for known, truth in (default_machine(), default_crane()):
         if machine.joints == known.joints:
             return truth
-    raise InputError(
-        f"{machine.name}: what this machine weighs is not known, so it cannot be simulated; give the plant's "
-        "parameters by --truth FILE (--guess-truth FILE writes some to begin with)"
-    )
+    raise InputError("sim_backends.no_truth_known", machine=machine.name)

@@ -210,7 +210,7 @@ def recover(directory: str | Path) -> tuple[Recovered, ...]:
     """
     directory = Path(directory)
     if not directory.is_dir():
-        raise RecordingError(f"{directory}: no such directory; give the one that recordings are written to")
+        raise RecordingError("daq.no_recordings_directory", directory=directory)
     results = []
     for journal in sorted(directory.rglob("*" + JOURNAL_SUFFIX)):
         if not journal.is_file():
@@ -277,7 +277,7 @@ def _put_away(journal: Path) -> None:
     try:
         journal.rename(done)
     except OSError as error:
-        raise _storage_error(journal, "rename", error, "its rows are in the recording; move it away") from None
+        raise _storage_error(journal, "rename", error, Sentence("daq.rows_in_recording")) from None
 
 
 @dataclass(frozen=True)

@@ -132,16 +132,16 @@ def replay(machine: Machine, trace: Path) -> Replay:
 def _files(trace: Path, buses: list[str]) -> dict[str, Path]:
     """Return the file of each bus: by its name, or the only one of the only bus."""
     if not buses:
-        raise InputError(f"{trace}: the machine has no CAN bus with channels; a trace is of CAN")
+        raise InputError("daq.trace_without_can_bus", trace=trace)
     if not trace.parent.is_dir():
-        raise InputError(f"{trace}: no such folder; give the trace's name as it was given to --trace")
+        raise InputError("daq.no_trace_folder", trace=trace)
     if len(buses) == 1 and trace.is_file():
         return {buses[0]: trace}
     files = {bus: bus_file(trace, bus) for bus in buses}
     there = {bus: path for bus, path in files.items() if trace_files(path)}
     if not there:
-        names = ", ".join(path.name for path in files.values())
-        raise InputError(f"{trace}: no such trace; it is {names} in {trace.parent}")
+        names = [path.name for path in files.values()]
+        raise InputError("daq.no_such_trace", trace=trace, names=names, folder=trace.parent)
     return there
 
 

@@ -50,7 +50,7 @@ def bus_file(trace: Path, bus: str) -> Path:
 def check_trace(trace: Path) -> None:
     """Raise InputError if a trace cannot be written in that form."""
     if trace.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{trace}: unknown kind of trace '{trace.suffix}'; use {', '.join(SUFFIXES)}")
+        raise InputError("daq.unknown_kind_of_trace", trace=trace, suffix=trace.suffix, suffixes=SUFFIXES)
 
 
 class TraceAccess(CanAccess):

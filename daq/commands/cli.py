@@ -162,7 +162,9 @@ def _line(event: dict[str, Any]) -> str:
 
 def _writable(output: Path, force: bool, suffixes: tuple[str, ...] = SUFFIXES) -> None:
     if output.suffix.lower() not in suffixes:
-        raise InputError(f"{output}: unknown kind of file '{output.suffix}'; use {' or '.join(suffixes)}")
+        raise InputError(
+            "daq.unknown_kind_of_file", target=output, suffix=output.suffix, suffixes=" or ".join(suffixes)
+        )
     may_be_written(output, force)
 
 
@@ -187,7 +189,7 @@ def replay(
     with working(f"replaying {trace.name}", show=not json):
         result = run(described, trace)
     if not result.frames:
-        raise InputError(f"{trace}: holds no cycle of '{described.name}'; is it this machine's trace?")
+        raise InputError("daq.trace_without_cycles", trace=trace, machine=described.name)
     rows = concatenate([row_from_frame(frame) for frame in result.frames])
     write_table(output, rows_table(described, role.value, rows, rows["time"]))
     if json:
@@ -272,7 +274,7 @@ def import_recording(
                 file, described, output, named, resampled=resample, role=None if role is None else role.value
             )
     except UnknownColumnsError as error:
-        raise InputError(f"{error}; a draft of the map was written: {write_draft(error, described)}") from None
+        raise InputError("daq.draft_of_map_written", error=error, draft=write_draft(error, described)) from None
     if json:
         print_json({"file": str(output), "rows": rows, "notes": list(notes)})
         return

@@ -72,7 +72,7 @@ def check(
     from daq.commissioning.check import check_machine_buses, check_page
 
     if output is not None and output.suffix.lower() not in _PAGE:
-        raise InputError(f"{output}: the page is an HTML file; end its name with .html")
+        raise InputError("daq.page_not_html", output=output)
     described = load_machine(machine)
     delays = _recorded_delays(described, recording or [])
     with progress_bar("bus check", show=not json) as bar:
@@ -108,9 +108,7 @@ def _recorded_delays(machine: Machine, recordings: list[Path]) -> list[BusDelay]
             if known is None or delay.std < known.std:
                 best[delay.bus, delay.reference] = delay
     if recordings and not best:
-        raise InputError(
-            f"{recordings[0]}: tells no delay between buses; it takes 15 s of motion of a joint that two buses see"
-        )
+        raise InputError("daq.recording_without_delay", recording=recordings[0])
     return list(best.values())
 
 

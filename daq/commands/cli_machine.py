@@ -120,7 +120,7 @@ def new(
     """Make the buses and channels of a machine file from a scan, EDS and DBC files; asks what each value is."""
     may_be_written(output, force)
     if not (scan or eds or dbc):
-        raise InputError("machine new: says nothing about devices; give --scan, --eds or --dbc")
+        raise InputError("daq.new_without_devices")
     from daq.commissioning.wizard import Origins, write_draft
 
     origins = Origins(scan or [], eds or [], dbc or [], interface, channel, joints)

@@ -53,28 +53,25 @@ def scan(
     from daq.commissioning.modbus_scan import scan_modbus, span
 
     if output is not None and output.suffix != ".json":
-        raise InputError(f"{output}: is a JSON file; end its name with .json")
-    try:
-        asked_nodes = span(nodes, "nodes", 1, 127)
-        asked_units = None if units is None else span(units, "units", 0, 255)
-        read = None if registers is None else span(registers, "registers", 0, 0xFFFF)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+        raise InputError("daq.scan_not_json", output=output)
+    asked_nodes = span(nodes, "nodes", 1, 127)
+    asked_units = None if units is None else span(units, "units", 0, 255)
+    read = None if registers is None else span(registers, "registers", 0, 0xFFFF)
     if ask and listen_only:
-        raise InputError("bus scan: --ask and --listen-only say the opposite; keep one")
+        raise InputError("daq.scan_asks_and_listens")
     chosen = _described(interface, channel, bitrate, option or (), tcp, serial, baudrate, parity)
     used: dict[str, list[int]] = {}
     if machine is not None:
         chosen, used = _of_machine(machine, bus, chosen)
     if not chosen:
-        raise InputError("bus scan: says no bus; give a machine file, --interface, --tcp or --serial")
+        raise InputError("daq.scan_without_bus")
     results: list[CanScan | ModbusScan] = []
     for one in chosen:
         if isinstance(one, CanopenBus | CanSignalsBus):
             results.append(_of_can(one, seconds, ask, asked_nodes))
             continue
         if listen_only:
-            raise InputError(f"bus '{one.name}': Modbus is asked or silent; leave --listen-only out, or the bus")
+            raise InputError("daq.scan_modbus_not_silent", bus=one.name)
         if numbers := asked_units or _units_of(one.name, used, ask):
             results.append(scan_modbus(one, numbers, None if read is None else range(read[0], read[-1] + 1)))
     content = {"schema": SCAN_SCHEMA, "buses": [asdict(result) for result in results]}
@@ -91,7 +88,7 @@ def scan(
 def _units_of(bus: str, used: dict[str, list[int]], ask: bool) -> list[int]:
     """Choose the units of a machine file to ask: none unless requested."""
     if bus not in used:
-        raise InputError(f"bus '{bus}': say which units to ask, as --units 1-8; no others are asked")
+        raise InputError("daq.scan_without_units", bus=bus)
     if not ask:
         print(f"bus '{bus}': its units are not asked without --ask", file=sys.stderr)
     return used[bus] if ask else []
@@ -122,7 +119,7 @@ def _described(
     for text in options:
         key, equals, value = text.partition("=")
         if not equals:
-            raise InputError(f"--option {text}: write KEY=VALUE, as host=127.0.0.1")
+            raise InputError("daq.option_no_pair", text=text)
         pairs[key] = int(value) if value.isdigit() else value
     found: list[AnyBus] = []
     try:
@@ -140,16 +137,18 @@ def _described(
             )
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"bus scan: {first['loc'][-1] if first['loc'] else 'bus'}: {in_words(first)}") from None
+        raise InputError(
+            "daq.scan_bus_wrong", key=first["loc"][-1] if first["loc"] else "bus", what=in_words(first)
+        ) from None
     except ValueError:
-        raise InputError(f"--tcp {tcp}: write HOST or HOST:PORT") from None
+        raise InputError("daq.tcp_no_address", tcp=tcp) from None
     return found
 
 
 def _of_machine(path: Path, name: str | None, described: list[AnyBus]) -> tuple[list[AnyBus], dict[str, list[int]]]:
     """List buses of a machine file, and the Modbus units that its channels come from."""
     if described:
-        raise InputError("bus scan: a machine file and --interface, --tcp or --serial both say which bus; keep one")
+        raise InputError("daq.scan_two_buses_said")
     machine = load_machine(path)
     chosen = [
         bus
@@ -157,8 +156,10 @@ def _of_machine(path: Path, name: str | None, described: list[AnyBus]) -> tuple[
         if isinstance(bus, CanopenBus | CanSignalsBus | ModbusTcpBus | ModbusRtuBus) and name in (None, bus.name)
     ]
     if not chosen:
-        there = ", ".join(bus.name for bus in machine.buses) or "none"
-        raise InputError(f"{path}: has no such bus that can be scanned; there are {there}")
+        there = [bus.name for bus in machine.buses]
+        if not there:
+            raise InputError("daq.scan_no_bus", path=path)
+        raise InputError("daq.scan_no_such_bus", path=path, there=there)
     used: dict[str, set[int]] = {}
     for one in machine.channels:
         if isinstance(one.source, ModbusSource):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from daq.drivers.modbus.client import DEVICE_FAILURE, EXCEPTIONS, GATEWAY_EXCEPTIONS, ModbusConnection
+from daq.errors import InputError
 from daq.machine.machine_file import ModbusRtuBus, ModbusTcpBus
 
 TIMEOUT_S = 0.3
@@ -115,13 +116,13 @@ def _registers(connection: ModbusConnection, number: int, table: str, wanted: ra
 
 
 def span(text: str, what: str, low: int, high: int) -> list[int]:
-    """Parse the numbers of ``1-8,12`` (ValueError, in one line, if it is none of that)."""
+    """Parse the numbers of ``1-8,12`` (InputError, in one line, if it is none of that)."""
     numbers: set[int] = set()
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
-        if not first.isdigit() or (dash and not last.isdigit()):
-            raise ValueError(f"'{text}': write {what} as 1-8 or 1,4,7")
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            raise InputError("daq.span_not_numbers", text=text, what=what)
         numbers.update(range(int(first), int(last or first) + 1))
     if not numbers or min(numbers) < low or max(numbers) > high:
-        raise ValueError(f"'{text}': {what} go from {low} to {high}")
+        raise InputError("daq.span_beyond", text=text, what=what, low=low, high=high)
     return sorted(numbers)

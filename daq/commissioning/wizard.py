@@ -77,7 +77,7 @@ def write_draft(output: Path, origins: Origins, *, ask: bool) -> Written:
         try:
             Channel.model_validate(channel)
         except ValidationError as error:
-            raise InputError(f"channel {channel['name']}: {in_words(error.errors()[0])}") from None
+            raise InputError("daq.channel_wrong", channel=channel["name"], what=in_words(error.errors()[0])) from None
     head = _head(draft, whole=bool(whole))
     kept = {key: value for key, value in whole.items() if key not in ("buses", "channels")}
     text = _as_text(head, {**kept, "channels": draft.channels, "buses": buses})
@@ -136,7 +136,7 @@ def _beside(path: Path, folder: Path) -> str:
 def _node_file(text: str) -> tuple[int, Path]:
     number, equals, path = text.partition("=")
     if not equals or not number.isdigit() or not 1 <= int(number) <= 127:
-        raise InputError(f"--eds {text}: write NODE=FILE, as 11=encoder.eds")
+        raise InputError("daq.eds_no_pair", text=text)
     return int(number), Path(path)
 
 
@@ -151,9 +151,9 @@ def _scan(path: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
             TypeAdapter(Bus).validate_python(bus)
         return found
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; 'hilfit bus scan -o {path}' writes it") from None
+        raise InputError("daq.no_scan_file", path=path) from None
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise InputError(f"{path}: is no scan; 'hilfit bus scan -o FILE.json' writes one") from None
+        raise InputError("daq.not_a_scan", path=path) from None
 
 
 def _asked(offer: Offer, proposed: _Choice, joints: Sequence[str]) -> _Choice:

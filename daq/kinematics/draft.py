@@ -30,19 +30,19 @@ def read_chain(path: Path, tip: str | None = None) -> Chain:
         One line that names file, joint or link, and gives the cure.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{path}: unknown kind of file '{path.suffix}'; give .urdf, .xacro or .xml (MJCF)")
+        raise InputError("daq.chain_unknown_kind_file", path=path, suffix=path.suffix)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; give a URDF, xacro or MJCF file")
+        raise InputError("daq.no_chain_file", path=path)
     try:
         text = expanded(path) if path.suffix.lower() == ".xacro" else path.read_text(encoding="utf-8")
         root = ET.fromstring(text)
     except (ET.ParseError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{path}: is no XML ({error}); give a URDF, xacro or MJCF file") from None
+        raise InputError("daq.chain_not_xml", path=path, error=error) from None
     if root.tag == "robot":
         return urdf_chain(root, path, tip)
     if root.tag == "mujoco":
         return mjcf_chain(path, tip)
-    raise InputError(f"{path}: is <{root.tag}>; a URDF file is <robot>, an MJCF file <mujoco>")
+    raise InputError("daq.chain_other_root", path=path, tag=root.tag)
 
 
 def draft_machine(chain: Chain, source: str) -> str:
@@ -138,4 +138,4 @@ def _agree(chain: Chain, table: Table) -> None:
         off = float(np.abs(chain.pose(q) - table.pose(q)).max())
         # Axes that were made parallel may be off by their sine over the arm's length.
         if off > (_AGREES + 1e-4 * len(chain.axes)) * scale:
-            raise HilfitError(f"{chain.name}: its table is {off:.2g} off its joints; report this file")
+            raise HilfitError("daq.table_off_its_joints", chain=chain.name, off=off)

@@ -22,11 +22,11 @@ def mjcf_chain(path: Path, tip: str | None) -> Chain:
     try:
         import mujoco
     except ImportError:
-        raise InputError(f"{path}: MJCF files need MuJoCo: pip install 'hilfit[sim]', or give a URDF file") from None
+        raise InputError("daq.mjcf_needs_mujoco", path=path) from None
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
-        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+        raise InputError("daq.mjcf_not_readable", path=path, error=" ".join(str(error).split())) from None
     names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body{body}" for body in range(model.nbody)]
     chosen = _tip(model, names, path, tip)
     bodies = _way(model, chosen)
@@ -43,10 +43,7 @@ def mjcf_chain(path: Path, tip: str | None) -> Chain:
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_JOINT, joint) or f"joint{joint}"
             kind = int(model.jnt_type[joint])
             if kind not in (hinge, slide):
-                raise InputError(
-                    f"{path}: joint '{name}' of body '{names[body]}' is neither hinge nor slide; an arm stands on the "
-                    "ground: fix its base, or end the chain before it with --tip"
-                )
+                raise InputError("daq.mjcf_other_joint", path=path, name=name, body=names[body])
             low, high = (float(value) for value in model.jnt_range[joint])
             axes.append(
                 Axis(
@@ -59,7 +56,7 @@ def mjcf_chain(path: Path, tip: str | None) -> Chain:
                 )
             )
     if not axes:
-        raise InputError(f"{path}: no joint between the world and '{names[chosen]}' moves; choose another --tip")
+        raise InputError("daq.chain_without_motion_world", path=path, tip=names[chosen])
     end = np.eye(4)
     end[:3, :3], end[:3, 3] = data.xmat[chosen].reshape(3, 3), data.xpos[chosen]
     label = model.names[: model.names.find(b"\0")].decode() or path.stem
@@ -80,15 +77,15 @@ def _tip(model: Any, names: list[str], path: Path, tip: str | None) -> int:
     if tip is not None:
         if tip not in names[1:]:
             ends = [names[b] for b in range(1, model.nbody) if b not in parents]
-            raise InputError(f"{path}: there is no body '{tip}'; one of {', '.join(ends)}")
+            raise InputError("daq.chain_no_body", path=path, tip=tip, ends=ends)
         return names.index(tip)
     moving = [body for body in range(1, model.nbody) if model.body_jntnum[body]]
     last_moving = [b for b in moving if not any(b in _way(model, other)[:-1] for other in moving)]
     if not last_moving:
-        raise InputError(f"{path}: no body moves; give a model of an arm")
+        raise InputError("daq.chain_no_body_moves", path=path)
     if len(last_moving) > 1:
-        listed = ", ".join(names[body] for body in last_moving)
-        raise InputError(f"{path}: the arm branches; choose where it ends with --tip, one of {listed}")
+        ends = [names[body] for body in last_moving]
+        raise InputError("daq.chain_branches", path=path, ends=ends)
     last = last_moving[0]
     while len(children := np.flatnonzero(model.body_parentid[1:] == last) + 1) == 1:
         last = int(children[0])

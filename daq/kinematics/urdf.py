@@ -41,17 +41,17 @@ def urdf_chain(root: ET.Element, path: Path, tip: str | None) -> Chain:
     joints = [_joint(element, path) for element in root.findall("joint")]
     links = [str(element.get("name")) for element in root.findall("link")]
     if not joints or not links:
-        raise InputError(f"{path}: has no joints; give a URDF file of an arm (<robot> with <link> and <joint>)")
+        raise InputError("daq.urdf_without_joints", path=path)
     above = {joint.child: joint for joint in joints}
     roots = [link for link in links if link not in above]
     if len(roots) != 1:
-        raise InputError(f"{path}: has {len(roots)} links without a parent; an arm has one, its base")
+        raise InputError("daq.urdf_several_roots", path=path, count=len(roots))
     chosen = _tip(joints, path, roots[0], links, tip)
     way = list[_Joint]()
     link = chosen
     while link != roots[0]:
         if link not in above or len(way) > len(joints):
-            raise InputError(f"{path}: link '{link}' hangs on no parent; correct its <joint>")
+            raise InputError("daq.urdf_link_hangs", path=path, link=link)
         way.append(above[link])
         link = way[-1].parent
     notes: list[str] = []
@@ -62,7 +62,7 @@ def urdf_chain(root: ET.Element, path: Path, tip: str | None) -> Chain:
             continue
         axes.append(_axis(joint, pose, path, notes))
     if not axes:
-        raise InputError(f"{path}: no joint between '{roots[0]}' and '{chosen}' moves; choose another --tip")
+        raise InputError("daq.chain_without_motion", path=path, root=roots[0], tip=chosen)
     name = root.get("name") or path.stem
     return Chain(name, roots[0], chosen, tuple(axes), pose, np.array([0.0, 0.0, -9.81]), tuple(notes))
 
@@ -72,25 +72,19 @@ def expanded(path: Path) -> str:
     try:
         import xacro
     except ImportError:
-        raise InputError(
-            f"{path}: xacro files need the xacro package: pip install 'hilfit[xacro]', or expand it with "
-            "'xacro arm.xacro > arm.urdf' and give that"
-        ) from None
+        raise InputError("daq.xacro_needs_package", path=path) from None
     try:
         return str(xacro.process_file(str(path)).toxml())
     except Exception as error:  # its errors have no common base: it evaluates Python expressions
         text = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"{path}: xacro cannot expand it ({text}); expand it where its packages are, with 'xacro arm.xacro > "
-            "arm.urdf', and give that"
-        ) from None
+        raise InputError("daq.xacro_cannot_expand", path=path, error=text) from None
 
 
 def _joint(element: ET.Element, path: Path) -> _Joint:
     name, kind = element.get("name") or "", element.get("type") or ""
     parent, child = element.find("parent"), element.find("child")
     if not name or parent is None or child is None:
-        raise InputError(f"{path}: a <joint> ('{name}') lacks its name, parent or child; add it")
+        raise InputError("daq.urdf_joint_lacks", path=path, name=name)
     return _Joint(name, kind, parent.get("link") or "", child.get("link") or "", element)
 
 
@@ -101,11 +95,11 @@ def _tip(joints: list[_Joint], path: Path, root: str, links: list[str], tip: str
         below.setdefault(joint.parent, []).append(joint)
     if tip is not None:
         if tip not in links:
-            raise InputError(f"{path}: there is no link '{tip}'; one of {', '.join(_ends(below, root))}")
+            raise InputError("daq.chain_no_link", path=path, tip=tip, ends=_ends(below, root))
         return tip
     ends = _moving_ends(below, root)
     if len(ends) > 1:
-        raise InputError(f"{path}: the arm branches; choose where it ends with --tip, one of {', '.join(ends)}")
+        raise InputError("daq.chain_branches", path=path, ends=ends)
     return _last(below, ends[0]) if ends else root
 
 
@@ -130,13 +124,15 @@ def _last(below: Mapping[str, list[_Joint]], link: str) -> str:
     return link
 
 
-def _numbers(text: str, count: int, what: str) -> FloatArray:
+def _numbers(text: str, count: int, path: Path, joint: _Joint, key: str) -> FloatArray:
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.zeros(0)
     if values.shape != (count,) or not np.all(np.isfinite(values)):
-        raise InputError(f"{what} is '{text}'; write {count} {'numbers' if count > 1 else 'number'}")
+        if count == 1:
+            raise InputError("daq.urdf_not_number", path=path, joint=joint.name, key=key, text=text)
+        raise InputError("daq.urdf_not_numbers", path=path, joint=joint.name, key=key, text=text, count=count)
     return values
 
 
@@ -146,9 +142,8 @@ def _origin(joint: _Joint, path: Path, notes: list[str]) -> FloatArray:
     pose = np.eye(4)
     if origin is None:
         return pose
-    place = f"{path}: joint '{joint.name}': origin"
-    pose[:3, 3] = _numbers(origin.get("xyz") or _ORIGIN, 3, f"{place} xyz")
-    angles = _numbers(origin.get("rpy") or _ORIGIN, 3, f"{place} rpy")
+    pose[:3, 3] = _numbers(origin.get("xyz") or _ORIGIN, 3, path, joint, "origin xyz")
+    angles = _numbers(origin.get("rpy") or _ORIGIN, 3, path, joint, "origin rpy")
     quarters = np.round(angles / (np.pi / 2)) * (np.pi / 2)
     rounded = (np.abs(angles - quarters) < ROUNDED) & (angles != quarters)
     if np.any(np.abs(angles - quarters)[rounded] > 1e-5):
@@ -161,26 +156,21 @@ def _origin(joint: _Joint, path: Path, notes: list[str]) -> FloatArray:
 
 def _axis(joint: _Joint, pose: FloatArray, path: Path, notes: list[str]) -> Axis:
     if joint.type not in _MOVING:
-        raise InputError(
-            f"{path}: joint '{joint.name}' is {joint.type or 'of no type'}; an arm has revolute, continuous, prismatic "
-            "and fixed joints: end the chain before it with --tip"
-        )
+        if not joint.type:
+            raise InputError("daq.urdf_joint_without_type", path=path, joint=joint.name)
+        raise InputError("daq.urdf_joint_other_type", path=path, joint=joint.name, type=joint.type)
     if joint.element.find("mimic") is not None:
-        raise InputError(
-            f"{path}: joint '{joint.name}' mimics another joint, which a serial arm cannot; end the chain before it "
-            "with --tip"
-        )
+        raise InputError("daq.urdf_joint_mimics", path=path, joint=joint.name)
     axis = joint.element.find("axis")
-    place = f"{path}: joint '{joint.name}':"
-    local = _numbers((axis.get("xyz") if axis is not None else None) or "1 0 0", 3, f"{place} axis xyz")
+    local = _numbers((axis.get("xyz") if axis is not None else None) or "1 0 0", 3, path, joint, "axis xyz")
     size = float(np.linalg.norm(local))
     if size < 1e-6:
-        raise InputError(f"{place} axis xyz is zero; write the axis' direction")
+        raise InputError("daq.urdf_axis_zero", path=path, joint=joint.name)
     limit = joint.element.find("limit")
     position, velocity = None, None
     if limit is not None:
         lower, upper, speed = (
-            float(_numbers(limit.get(key) or "0", 1, f"{place} limit {key}")[0])
+            float(_numbers(limit.get(key) or "0", 1, path, joint, f"limit {key}")[0])
             for key in ("lower", "upper", "velocity")
         )
         velocity = speed if speed > 0 else None

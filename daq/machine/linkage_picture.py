@@ -34,12 +34,12 @@ def draw_linkages(machine: Machine, target: Path) -> list[Path]:
     """
     travels = [travel_of(joint) for joint in machine.joints if joint.cylinder is not None]
     if not travels:
-        raise InputError(f"{machine.name}: no joint has a cylinder, so there is no linkage to draw; leave --draw out")
+        raise InputError("daq.draw_without_cylinder", machine=machine.name)
     if target.suffix.lower() == ".svg":
         _save(_figure(travels), target)
         return [target]
     if target.suffix and not target.is_dir():
-        raise InputError(f"{target}: pictures are SVG; end the name with .svg, or give a folder")
+        raise InputError("daq.picture_not_svg", target=target)
     target.mkdir(parents=True, exist_ok=True)
     written = []
     for travel in travels:

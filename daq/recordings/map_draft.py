@@ -37,9 +37,9 @@ def write_draft(error: UnknownColumnsError, machine: Machine) -> Path:
         except FileExistsError:
             continue
         except OSError as failed:
-            raise InputError(f"{error}; a draft of the map cannot be written ({place}: {failed.strerror})") from None
+            raise InputError("daq.draft_of_map_not_written", error=error, place=place, reason=failed.strerror) from None
         return place
-    raise InputError(f"{error}; {error.path.parent} is full of drafts; fill one in")
+    raise InputError("daq.drafts_of_map_many", error=error, folder=error.path.parent)
 
 
 def draft(path: Path, columns: Sequence[str], machine: Machine) -> str:

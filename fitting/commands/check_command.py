@@ -50,7 +50,7 @@ def check(
     files = [(recorded_role(path), path) for path in recordings or ()]
     files += [(role, path) for role, paths in roles.items() for path in paths or ()]
     if not files:
-        raise InputError("check: no recording; give at least one file, or one with --train FILE")
+        raise InputError("fitting.no_recording_to_check")
     described = load_machine(machine)
     named = None if columns is None else load_map(columns, described)
     with progress_bar("checking", show=sys.stderr.isatty() and not json) as bar:

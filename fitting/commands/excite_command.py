@@ -124,9 +124,9 @@ def excite(
     base = reduce_parameters(geometry_of(described).uncoupled())
     options = _options(criterion, max_frequency)
     if kind is not None and (unpinned or count > 1 or not joint or len(joint) != 1):
-        raise InputError("--experiment: is a motion of one joint; give one --joint, and neither --unpinned nor --count")
+        raise InputError("fitting.experiment_of_one_joint")
     if unpinned and (count > 1 or max_pressure is not None or (after and not effects)):
-        raise InputError("--unpinned: free cylinders carry no load; leave --count, --max-pressure and --after out")
+        raise InputError("fitting.unpinned_without_load")
     guess = _guess(described, base, parameters)
     limits, notes = _limits(described, guess, max_flow, max_pressure)
     there = [_read(path, described) for path in after or ()]
@@ -154,7 +154,7 @@ def excite(
 def _options(criterion: str, max_frequency: float | None) -> ExcitationOptions:
     chosen: dict[str, Criterion] = {"condition": "condition", "determinant": "determinant"}
     if criterion not in chosen:
-        raise InputError(f"--criterion {criterion}: write condition or determinant")
+        raise InputError("fitting.criterion_unknown", criterion=criterion)
     options = replace(ExcitationOptions(), criterion=chosen[criterion])
     return options if max_frequency is None else replace(options, max_frequency=max_frequency)
 
@@ -199,7 +199,7 @@ def _limits(
     )
     if all(joint.cylinder is None for joint in machine.joints):
         if max_flow is not None or max_pressure is not None:
-            raise InputError(f"{machine.name}: no joint has a cylinder; leave --max-flow and --max-pressure out")
+            raise InputError("fitting.limits_without_cylinder", machine=machine.name)
         return limits, notes
     if limits.flow is None:
         notes.append("no limit on the supply flow: give --max-flow, or hydraulics.pump_flow in the machine file")
@@ -229,7 +229,7 @@ def _read(path: Path, machine: Machine) -> Motion | Recording:
         with path.open("rb") as file:
             is_motion = file.read(64).decode("utf-8-sig", "replace").startswith(f"# {SCHEMA}")
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file or a recording") from None
+        raise InputError("fitting.cannot_read_motion_recording", path=path, reason=error.strerror) from None
     if is_motion:
         return read_motion(path, machine)
     role = read_table(path).metadata.get("hilfit.role", "operation")

@@ -72,9 +72,9 @@ def identify(
     roles = {"unloaded": unloaded, "train": train, "repeat": repeat, "validate": validate, "operation": operation}
     recordings = tuple((role, path) for role, paths in roles.items() for path in paths or ())
     if not train and not operation:
-        raise InputError("identify: no training recording; give at least one with --train FILE")
+        raise InputError("fitting.identify_without_training")
     if not validate and not operation:
-        raise InputError("identify: no validation recording; give another motion with --validate FILE")
+        raise InputError("fitting.identify_without_validation")
     options = Options(
         loop=not no_loop,
         bandwidth_hz=bandwidth,
@@ -123,9 +123,7 @@ def show_effect(
     except KeyError:
         near = difflib.get_close_matches(effect_id, [one.id for one in effects()], n=1)
         meant = Sentence("fitting.did_you_mean", near=near[0]) if near else ""
-        raise InputError(
-            f"there is no effect '{effect_id}'{meant}; 'hilfit effects list' shows all {len(effects())}"
-        ) from None
+        raise InputError("fitting.effect_unknown", effect=effect_id, hint=meant, count=len(effects())) from None
     content: dict[str, Any] = {
         "id": entry.id,
         "title": entry.title,

@@ -47,7 +47,7 @@ def valve(
 
     require_formats(to or [])
     if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; give a folder with -o")
+        raise InputError("fitting.folder_is_file", path=output)
     options = Options(not no_loop, bandwidth, columns=None if columns is None else str(columns), resample=resample)
     files = [*(("operation", path) for path in recordings), *(("validate", path) for path in validate or [])]
     with progress_bar("valve", show=sys.stderr.isatty() and not json) as bar:

@@ -66,5 +66,5 @@ def _report(path: Path) -> dict[str, Any]:
     try:
         content = json_text.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        raise InputError(f"{path}: cannot be read as JSON; give the valve.json of hilfit valve") from None
+        raise InputError("fitting.not_a_valve_report", path=path) from None
     return content if isinstance(content, dict) else {}

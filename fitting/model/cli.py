@@ -264,7 +264,7 @@ def _begins(path: Path, text: str) -> bool:
         with path.open("rb") as file:
             return file.read(len(text)) == text.encode()
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give a motion file or a recording") from None
+        raise InputError("fitting.cannot_read_motion_recording", path=path, reason=error.strerror) from None
 
 
 def _energy_rows(found: Energy) -> dict[str, dict[str, float | None]]:
@@ -296,7 +296,7 @@ def overload(
     before = [_opened(model, path, columns, resample)[1] for path in usual or ()]
     tails = learn(loaded, before) if usual else loaded.tails
     if tails is None:
-        raise InputError(f"{model}: does not say what is usual; give recordings of the unchanged machine with --usual")
+        raise InputError("fitting.model_without_usual", model=model)
     limits = thresholds(tails, false_alarms)
     found = overloads(loaded, seen, limits)
     late = delay_s(quick(loaded))

@@ -18,6 +18,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from daq.validation_words import in_words
 from daq.whole_files import replacing
 from fitting.arm.base_parameters import BaseParameters
@@ -207,7 +208,8 @@ def model_from_json(content: Any, name: str = "model") -> ArmModel:
         first = error.errors()[0]
         raise _damaged(name, ".".join(map(str, first["loc"])) or "machine", in_words(first)) from None
     except ArithmeticError as error:
-        raise _damaged(name, "machine", f"cannot be calculated with ({error.args[-1]})") from None
+        what = Sentence("fitting.part_not_calculable", reason=str(error.args[-1]))
+        raise _damaged(name, "machine", what) from None
     model = ArmModel(
         machine=machine,
         steps=tuple(file.corrections),
@@ -242,7 +244,7 @@ def _fit_from_json(file: _Fit, name: str, place: str) -> dict[str, Any]:
             at = f"{place}terms.{number}"
             raise InputError("fitting.not_known_here", name=name, at=at, error=error) from None
         except (TypeError, ValueError, AttributeError, IndexError):
-            raise _damaged(name, f"{place}terms.{number}", "is no effect and no law") from None
+            raise _damaged(name, f"{place}terms.{number}", Sentence("fitting.part_no_effect")) from None
     return {
         "terms": tuple(terms),
         "passes": tuple(
@@ -264,10 +266,10 @@ def _require_sound(model: ArmModel, name: str, place: str) -> None:
         }
         below = next((key for key, own in sizes.items() if min(own, default=0.0) < 0), None)
         if below is not None:
-            raise _damaged(name, below, "is below zero")
+            raise _damaged(name, below, Sentence("fitting.part_below_zero"))
         known = np.isfinite(np.diag(model.covariance))
         own = model.covariance[np.ix_(known, known)]
-        wrong = _damaged(name, f"{place}covariance", "is none: it has a negative variance or is not symmetric")
+        wrong = _damaged(name, f"{place}covariance", Sentence("fitting.part_no_covariance"))
         if not np.isfinite(own).all() or np.any(np.diag(own) < 0):
             raise wrong
         size = np.sqrt(np.maximum(np.diag(own), 1e-300))
@@ -277,20 +279,20 @@ def _require_sound(model: ArmModel, name: str, place: str) -> None:
             raise wrong
         held = motion.gravity(model, model.limits.mean(axis=0), temperature=model.usual_oil)
         if not np.isfinite(held).all():
-            raise _damaged(name, f"{place}passes", "makes efforts that are not finite")
+            raise _damaged(name, f"{place}passes", Sentence("fitting.part_efforts_not_finite"))
     except (HilfitError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as e:
         if isinstance(e, InputError) and str(e).startswith(f"{name}: "):
             raise
         what = str(e).splitlines()[0] if str(e) else type(e).__name__
-        raise _damaged(name, place.rstrip(".") or "model", f"cannot be calculated with ({what})") from None
+        reason = Sentence("fitting.part_not_calculable", reason=what)
+        raise _damaged(name, place.rstrip(".") or "model", reason) from None
 
 
 def _require_shapes(model: ArmModel, name: str, place: str) -> None:
     for number, term in enumerate(model.terms):
         if term.joint is not None and not 0 <= term.joint < len(model.joints):
-            raise _damaged(
-                name, f"{place}terms.{number}.joint", f"is {term.joint}, the machine has {len(model.joints)} joints"
-            )
+            what = Sentence("fitting.part_other_joint", joint=term.joint, count=len(model.joints))
+            raise _damaged(name, f"{place}terms.{number}.joint", what)
     joints, count, base, n = len(model.joints), len(model.parameter_names), model.base, len(model.base.independent)
     standard = len(base.standard_names)
     wanted: dict[str, tuple[Any, tuple[int, ...]]] = {
@@ -310,9 +312,10 @@ def _require_shapes(model: ArmModel, name: str, place: str) -> None:
     for key, (own, right) in wanted.items():
         found = getattr(own, "shape", None) or (len(own or ()),)
         if own is not None and found != right:
-            raise _damaged(name, key, f"has shape {found}, it must be {right}")
+            raise _damaged(name, key, Sentence("fitting.part_other_shape", shape=str(found), right=str(right)))
     if n and max(base.independent) >= standard:
-        raise _damaged(name, "base.independent", f"names column {max(base.independent)} of {standard}")
+        what = Sentence("fitting.part_beyond_columns", column=max(base.independent), count=standard)
+        raise _damaged(name, "base.independent", what)
 
 
 def save_model(path: str | Path, model: ArmModel) -> Path:

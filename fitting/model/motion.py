@@ -64,12 +64,12 @@ def on_motion(
     motion = [_rows(values, n, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))]
     count = len(motion[0])
     if any(len(values) != count for values in motion):
-        raise InputError(f"q, qd and qdd have {', '.join(str(len(m)) for m in motion)} rows; they must be as many")
+        raise InputError("fitting.motion_rows_differ", counts=[str(len(m)) for m in motion])
     past = next((term.id for term in kept.terms if t is None and over_time(term)), None)
     if past is not None:
-        raise InputError(f"{past} needs the motion before each moment; give t=, s since it began")
+        raise InputError("fitting.term_needs_time", term=past)
     if temperature is None and heated(kept):
-        raise InputError("a law of the oil's temperature is part of this model; give temperature= in K")
+        raise InputError("fitting.model_needs_temperature")
     time = np.broadcast_to(np.asarray(0.0 if t is None else t, dtype=float), (count,))
     heat = None if temperature is None else np.broadcast_to(np.asarray(temperature, dtype=float), (count,))
     outside = None if external is None else np.broadcast_to(np.asarray(external, dtype=float), (count, n))
@@ -113,13 +113,11 @@ def _in_steps(model: ArmModel, t: npt.ArrayLike) -> ArmModel:
         return model
     steps = np.diff(times)
     if not len(steps) or steps[0] <= 0 or np.any(np.abs(steps - steps[0]) > _EVEN * steps[0]):
-        raise InputError(f"{past[0]} needs the motion before each moment; give t= of two rows or more, in even steps")
+        raise InputError("fitting.term_needs_even_time", term=past[0])
     if abs(steps.mean() * rate - 1.0) < _EVEN:
         return model
     if model.bandwidth_hz > 0.2 / steps.mean():
-        raise InputError(
-            f"{past[0]} needs {5 * model.bandwidth_hz:g} rows a second or more; t= has {1 / steps.mean():.3g}"
-        )
+        raise InputError("fitting.term_needs_rate", term=past[0], least=5 * model.bandwidth_hz, rate=1 / steps.mean())
     return replace(model, filters=filter_bank(1.0 / float(steps.mean()), model.bandwidth_hz))
 
 
@@ -200,10 +198,10 @@ def forward(
     n = len(model.joints)
     position, speed = _rows(q, n, "q"), _rows(qd, n, "qd")
     if (effort is None) == (head is None or rod is None):
-        raise InputError("forward: give joint efforts (effort=), or both pressures (head= and rod=)")
+        raise InputError("fitting.forward_effort_or_pressures")
     if effort is None:
         if any(joint.cylinder is None for joint in model.arm.joints):
-            raise InputError("forward: not every joint has a cylinder; give joint efforts (effort=)")
+            raise InputError("fitting.forward_without_cylinder")
         areas = np.array([(j.cylinder.head_area, j.cylinder.rod_area) for j in model.arm.joints if j.cylinder])
         force = np.asarray(head, dtype=float) * areas[:, 0] - np.asarray(rod, dtype=float) * areas[:, 1]
         effort = levers(model, position) * force
@@ -212,10 +210,7 @@ def forward(
     inertia = inertia_matrix(model, position)
     wrong = worst_pose(model, position, inertia)
     if wrong is not None:
-        raise InputError(
-            f"forward: {wrong.text}; no acceleration follows from an effort there, possible=True takes the "
-            "nearest model that has none below zero"
-        )
+        raise InputError("fitting.forward_not_definite", reason=wrong.text)
 
     def solve(efforts: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.solve(inertia, efforts[:, :, None])[:, :, 0])
@@ -253,9 +248,7 @@ def settled(
         found = found + step
         if once or np.max(np.abs(step)) <= _CLOSE * max(float(np.max(np.abs(found))), scale):
             return found
-    raise InputError(
-        "accelerations do not settle: an effect that grows with the force is larger than the inertia's effort"
-    )
+    raise InputError("fitting.accelerations_not_settled")
 
 
 @dataclass(frozen=True)
@@ -355,7 +348,7 @@ def levers(model: ArmModel, q: FloatArray) -> FloatArray:
 def _rows(values: npt.ArrayLike, joints: int, name: str) -> FloatArray:
     array = np.atleast_2d(np.asarray(values, dtype=float))
     if array.ndim != 2 or array.shape[1] != joints:
-        raise InputError(f"{name} has shape {np.shape(values)}; it must be (samples, {joints})")
+        raise InputError("fitting.rows_other_shape", name=name, shape=str(np.shape(values)), joints=joints)
     if not np.isfinite(array).all():
-        raise InputError(f"{name} holds a value that is not finite")
+        raise InputError("fitting.rows_not_finite", name=name)
     return array

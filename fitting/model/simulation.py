@@ -97,19 +97,17 @@ def simulate(
     n = len(model.joints)
     start = [np.asarray(values, dtype=float).ravel() for values in (q, np.zeros(n) if qd is None else qd)]
     if any(values.shape != (n,) or not np.isfinite(values).all() for values in start):
-        raise InputError(f"simulate: q and qd must be {n} finite numbers each, one per joint")
+        raise InputError("fitting.simulate_other_state", joints=n)
     if not seconds > 0:
-        raise InputError(f"simulate: {seconds:g} s is no time; give seconds above 0")
+        raise InputError("fitting.simulate_no_time", seconds=seconds)
     plant, ends = _plant(model, friction_speed or 0.0, possible), clock() + within_s
     if plant.heated and temperature is None:
-        raise InputError("simulate: a law of the oil's temperature is part of this model; give temperature= in K")
+        raise InputError("fitting.simulate_needs_temperature")
     oil = (temperature,) if plant.heated and temperature is not None else ()
 
     def slope(t: float, state: FloatArray) -> FloatArray:
         if clock() > ends:
-            raise HilfitError(
-                f"simulate: at {t:.3g} s after {within_s:g} s of calculating; give within_s=, or smaller efforts"
-            )
+            raise HilfitError("fitting.simulate_too_long", time=t, within=within_s)
         position, speed = state[:n], state[n:]
         return np.concatenate(
             [speed, plant.acceleration(t, position, speed, np.asarray(effort(t, position, speed)), oil)]
@@ -121,7 +119,7 @@ def simulate(
         slope, (0.0, times[-1]), np.concatenate(start), method, times, rtol=_RELATIVE, atol=_ABSOLUTE
     )
     if not found.success or not np.isfinite(found.y).all():
-        raise HilfitError(f"simulate: the integrator gave up ({found.message}); try method='Radau' or smaller efforts")
+        raise HilfitError("fitting.simulate_gave_up", reason=found.message)
     positions, speeds = found.y[:n].T, found.y[n:].T
     efforts = np.array([np.asarray(effort(t, a, b)) for t, a, b in zip(times, positions, speeds, strict=True)])
     return Simulated(
@@ -161,7 +159,7 @@ class _Plant:
         factor, failed = dpotrf(inertia)
         if failed or np.any(np.diagonal(factor) ** 2 < motion.DEFINITE * np.diagonal(inertia)):
             wrong = motion.worst_pose(self.model, q[None], inertia[None])  # beyond the limits of the joints
-            raise InputError(f"simulate: {'' if wrong is None else wrong.text}; no motion follows from efforts there")
+            raise InputError("fitting.simulate_not_definite", reason="" if wrong is None else wrong.text)
 
         def needed(found: FloatArray) -> FloatArray:
             return np.array(self.functions["effort"](position, speed, found.tolist(), t, *oil))
@@ -174,7 +172,7 @@ def _plant(model: ArmModel, friction_speed: float, possible: bool) -> _Plant:
     model = motion.nearest_possible(model) if possible else model
     wrong = motion.indefinite(model)
     if wrong is not None:
-        raise InputError(f"simulate: {wrong.text}; possible=True takes the nearest model that has none below zero")
+        raise InputError("fitting.simulate_plant_not_definite", reason=wrong.text)
     tracer = Tracer(motion.integrable(model, friction_speed))
     holds_force = any(term.uses_model for term in motion.at_rest(tracer.carried).terms)
     return _Plant(tracer.model, _compiled(tracer), holds_force, bool(tracer.oil), tuple(tracer.left_out))
@@ -194,9 +192,7 @@ def tracking(
     """
     times, path = np.asarray(t, dtype=float), np.asarray(q, dtype=float)
     if times.ndim != 1 or path.shape != (len(times), len(model.joints)) or np.any(np.diff(times) <= 0):
-        raise InputError(
-            f"tracking: t must rise and q have a row for each time and a column for each of {len(model.joints)} joints"
-        )
+        raise InputError("fitting.tracking_other_shape", count=len(model.joints))
     spline = scipy.interpolate.CubicSpline(times, path, bc_type="clamped")
     grid = np.linspace(times[0], times[-1], max(round((times[-1] - times[0]) * model.machine.rate_hz), 1) + 1)
     moved = motion.on_motion(

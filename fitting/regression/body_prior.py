@@ -130,7 +130,8 @@ def read_expected(path: Path) -> Drawing | Report:
         return (Report if schema == _REPORT else Drawing).model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
-        raise InputError(f"{path}: {'.'.join(str(p) for p in first['loc'])}: {in_words(first)}") from None
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError("fitting.prior_value_wrong", path=path, key=key, what=in_words(first)) from None
 
 
 def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:

@@ -79,9 +79,7 @@ def write_report(
                 temporary = together.enter_context(replacing(directory / name))
                 temporary.write_text(content, encoding="utf-8", newline="\n")
     except OSError as error:
-        raise ReportError(
-            f"{directory}: cannot write the report: {error.strerror}; choose another directory"
-        ) from error
+        raise ReportError("fitting.report_not_writable", directory=directory, reason=error.strerror) from error
     return directory / "report.json", directory / PAGE
 
 

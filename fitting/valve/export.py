@@ -52,7 +52,7 @@ def formats() -> dict[str, Callable[[ValveModel, Path], Written]]:
 def require_formats(names: Iterable[str]) -> None:
     """Refuse what is none of :func:`formats` (InputError)."""
     for name in set(names) - set(formats()):
-        raise InputError(f"--to {name}: there is no such format; use one of {', '.join(sorted(formats()))}")
+        raise InputError("fitting.valve_no_format", name=name, names=sorted(formats()))
 
 
 def export_valve(model: ValveModel, to: str, folder: Path) -> Written:

@@ -177,7 +177,7 @@ class ValveModel:
     def from_json(cls, content: Mapping[str, Any]) -> ValveModel:
         """Read a model from :meth:`to_json`'s content (InputError if it is none)."""
         if content.get("schema") != "hilfit/valve-model/1":
-            raise InputError("not a valve's model: schema is not hilfit/valve-model/1; give model of a valve report")
+            raise InputError("fitting.not_a_valve_model")
         own = {key: value for key, value in content.items() if key != "schema"}
         own["directions"] = tuple(
             Direction(**{**d, "openings": tuple(d["openings"]), "speeds": tuple(d["speeds"])})

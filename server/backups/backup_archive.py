@@ -112,7 +112,8 @@ class Backups:
                 partial.rename(self.directory / id)
                 sync_directory(self.directory)
             except OSError as error:
-                raise StartError(f"{self.directory}: the backup cannot be written ({_reason(error)}") from None
+                code = "server.backup_disk_full" if _is_full(error) else "server.backup_not_written"
+                raise StartError(code, directory=self.directory, reason=error.strerror) from None
             finally:
                 shutil.rmtree(partial, ignore_errors=True)
         found = _backup(self.directory / id)
@@ -231,19 +232,15 @@ def restore(backup: Path, files: DataDirectory, content: BackupContent, url: str
         SiteMarker(files.root, backup.parent).forget()
         restore_database(staged / stores[0], url)
     except OSError as error:
-        raise StartError(
-            f"{files.root}: {backup} cannot be restored here ({error.strerror}); free some space, or give another "
-            "--data-dir, and restore again"
-        ) from None
+        raise StartError("server.backup_not_restored", root=files.root, backup=backup, reason=error.strerror) from None
     finally:
         shutil.rmtree(staged, ignore_errors=True)
     return len(wanted)
 
 
-def _reason(error: OSError) -> str:
-    """Explain what is wrong, and what to do about it; the end of a line."""
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-    return f"{error.strerror}); " + ("free some space" if full else "see that it is there and can be written")
+def _is_full(error: OSError) -> bool:
+    """Return whether the disk has no space left, or none for this user."""
+    return error.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def _sum_of(path: Path) -> str:

@@ -156,4 +156,4 @@ def refuse_old_names(command: str, own: Any) -> None:
         name = parameter.option[2:].replace("-", "_")
         old, new = f"HILFIT_{name.upper()}", str(parameter.own.envvar)
         if old != new and old in os.environ and name not in SERVICE_OPTIONS:
-            raise InputError(f"{old}: several commands have {parameter.option}; write {new} for 'hilfit {command}'")
+            raise InputError("server.environment_name_old", old=old, option=parameter.option, new=new, command=command)

@@ -19,6 +19,7 @@ import typer
 
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
+from daq.messages import Sentence
 from daq.motion_files import LONGEST_S
 from fitting.commands.identify_command import Spoken
 
@@ -106,7 +107,7 @@ def demo(
     """Simulate an arm with an effect nobody declared, record it over its buses, identify it, and find the effect."""
     started = time.monotonic()
     if valve and (faults is not None or resolve or language != "en"):
-        raise InputError("--valve: its demo has no --faults, --resolve and --language; leave them out")
+        raise InputError("server.valve_demo_options")
     tests: list[str] = []
     with progress_bar("demo", show=not json) as bar:
 
@@ -219,7 +220,7 @@ def alone_in(output: Path) -> Iterator[None]:
     from server.platform.files import held
 
     output.mkdir(parents=True, exist_ok=True)
-    taken = "another demo is running in this directory; wait for its end, or choose another with -o"
+    taken = Sentence("server.demo_running", output=output)
     names = (*(name for name, _, _ in PLAN), "resolve-*", "valve-*")
     old = ["report.json", "report*.html", "valve.json", "inverse/valve_*", MODEL_FILE, NEXT_MOTION]
     old += [place.format(name) for name in names for place in _OF_A_MOTION]

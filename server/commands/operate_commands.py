@@ -29,10 +29,7 @@ def _no_secret(context: typer.Context, parameter: typer.CallbackParam, value: st
     source = context.get_parameter_source(name)
     typed = value is not None and source is not None and source.name == "COMMANDLINE"
     if typed and re.search("//[^/@]*:[^@]+@", value or ""):
-        raise StartError(
-            f"--{name.replace('_', '-')}: everybody here can read a password that is typed; leave it out and write it "
-            "into a file that database_password_file (HILFIT_DATABASE_PASSWORD_FILE) names, or use HILFIT_DATABASE_URL"
-        )
+        raise StartError("server.password_typed", option=name.replace("_", "-"))
     return value
 
 
@@ -76,10 +73,10 @@ def pair(
 
     found = next((known for known in ROLES if known == role), None)
     if found is None:
-        raise StartError(f"--role {role}: is no role; use one of {', '.join(ROLES)}")
+        raise StartError("server.pair_role_unknown", role=role, roles=ROLES)
     settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     if settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file():  # before one is made
-        raise StartError(f"--data-dir {settings.data_dir}: holds no store; start 'hilfit serve' once")
+        raise StartError("server.data_dir_without_store", root=settings.data_dir)
     files = DataDirectory(settings.data_dir)
     database = Database(
         settings.full_database_url or files.database,
@@ -143,7 +140,7 @@ def backup(
     settings = _settings_of(config, data_dir=data_dir, database_url=database_url)
     missing = settings.database_url is None and not (settings.data_dir / DATABASE_FILE).is_file()
     if missing or not settings.data_dir.is_dir():
-        raise StartError(f"--data-dir {settings.data_dir}: there is nothing to back up; name the service's directory")
+        raise StartError("server.data_dir_nothing_to_back_up", root=settings.data_dir)
     files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
     backups = Backups(
         files, BackupContent.of(RESOURCES), settings.database(files), utc_now, output or settings.backup_dir

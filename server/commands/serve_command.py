@@ -86,7 +86,7 @@ def _check_faults(settings: Settings) -> None:
     if not settings.simulate:
         from daq.errors import InputError
 
-        raise InputError("--faults: breaks a simulated machine; give --simulate as well")
+        raise InputError("server.faults_without_simulate")
     checked_faults(settings.faults, default_machine()[0])
 
 

@@ -130,5 +130,5 @@ def _listen(host: str, port: int) -> socket.socket:
         listening.bind((host, port))
     except OSError as error:
         listening.close()
-        raise StartError(f"--port {port}: cannot listen on {host} ({error.strerror}); give another port") from None
+        raise StartError("server.port_not_free", port=port, host=host, reason=error.strerror) from None
     return listening

@@ -19,6 +19,7 @@ from typing import Any
 import sqlalchemy as sa
 import structlog
 
+from daq.messages import Sentence
 from server.composition.declarations import RESOURCES, TABLES
 from server.jobs.executors import Heartbeat, hosts
 from server.jobs.job_kinds import NUMERICAL, JobKind
@@ -49,9 +50,9 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
         If there is no shared database, or the name is taken.
     """
     if settings.database_url is None:
-        raise StartError("database_url: is not set; workers need the PostgreSQL of their service")
+        raise StartError("server.worker_without_database")
     if name == EXECUTOR or not name.replace("-", "").replace("_", "").replace(".", "").isalnum():
-        raise StartError(f"--name {name}: use letters, digits, '-', '_' and '.', and not '{EXECUTOR}'")
+        raise StartError("server.worker_name_wrong", name=name, reserved=EXECUTOR)
     private_files()
     logs.configure()
     stopping = threading.Event()
@@ -64,9 +65,8 @@ def work(settings: Settings, name: str, ready: Callable[[], None], given: Mappin
     files = DataDirectory(settings.data_dir, settings.storage_url, settings.cache_bytes)
     waiting = Patience(stopping)
     # Two of one name would both resume the same jobs.
-    alone = held(
-        files.root / f"lock-worker-{name}", f"--name {name}", "another worker has this name; give each its own"
-    )
+    taken = Sentence("server.worker_name_taken", name=name)
+    alone = held(files.root / f"lock-worker-{name}", f"--name {name}", taken)
     with alone, suppress(ServiceStopping):
         database = Database(
             settings.full_database_url or "",

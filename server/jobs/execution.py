@@ -16,7 +16,7 @@ from typing import Any
 import structlog
 
 from daq.errors import HilfitError
-from daq.messages import Sentence
+from daq.messages import Sentence, named
 from server.jobs.claims import Claim
 from server.jobs.job_host import JobHost
 from server.jobs.job_kinds import JobError, JobKind, StageRun
@@ -235,7 +235,7 @@ class Execution:
                 if time.monotonic() > end:
                     host.patiently(lambda: host.claims.give_back(self._claim))
                     self._requeue(self._row)
-                    raise TakenOver(f"{self._row.id}: {error}") from None
+                    raise TakenOver(named(self._row.id, str(error))) from None
                 host.pause(AWAY_S)
 
     def _outcome(self, stage: str, result: ChildResult) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import Any
 import structlog
 from dbos import DBOS, DBOSPortableJSONSerializer, SetWorkflowID
 
+from daq.messages import named
 from daq.whole_files import digest_of
 from server.jobs.claims import Claim
 from server.jobs.execution import AWAY_S, Execution
@@ -250,7 +251,7 @@ class JobRunner:
         _log.warning("job_left_to_others", job=row.id, reason=why)
         self.host.pause(AWAY_S)  # in which the others have their turn, and nothing more is taken here
         self._requeue(row)
-        raise TakenOver(f"{row.id}: {why}")
+        raise TakenOver(named(row.id, why))
 
     def _requeue(self, row: Job) -> None:
         """Let any executor go on with a job, from the last stage that was recorded."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import structlog
 
+from daq.messages import put_together
 from daq.whole_files import write_whole
 from server.platform.errors import InvalidError, StartError, UnavailableError
 
@@ -76,9 +77,10 @@ class Simulation:
         """
         with closing(self):
             reply = self._asked(directory=str(directory), speed=speed, faults=self._faults)
-            reply = reply or {"error": "its process ended; the log above says why"}
+            if reply is None:
+                raise StartError("server.simulation_ended")
             if "error" in reply:
-                raise StartError(f"--simulate: the simulated machine does not start: {reply['error']}")
+                raise StartError("server.simulation_not_started", error=reply["error"])
             self._runs = True
             threading.Thread(target=self._watch, daemon=True).start()
             try:
@@ -121,7 +123,7 @@ class Simulation:
             process.stdin.write(json.dumps(order) + "\n")
             process.stdin.flush()
         line = process.stdout.readline()
-        return dict(json.loads(line)) if line else None
+        return dict(put_together(json.loads(line))) if line else None
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from daq.errors import BadValueError
+from daq.messages import listed, named, with_their_messages
 from server.platform.processes.child_guard import die_with
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class FaultOrders:
         try:
             return {"result": handlers[order["order"]](order)}
         except ValueError as error:
-            return {"error": str(error)}
+            return with_their_messages({"error": str(error)})
 
     def _offers(self) -> list[dict[str, Any]]:
         from sim_backends.faults.fault_offers import fault_offers
@@ -69,7 +70,7 @@ class FaultOrders:
 
         script, problems = fault_problems(yaml.safe_dump({"schema": SCHEMA, "faults": faults}), self._machine)
         if script is None:
-            raise ValueError("; ".join(f"{problem.key}: {problem.text}" for problem in problems))
+            raise ValueError(listed([named(problem.key, problem.text) for problem in problems]))
         if len(self._left()) + len(script.faults) > MOST:
             raise BadValueError("server.faults_most", most=MOST)
         if any(fault.every is not None for fault in script.faults):
@@ -113,7 +114,7 @@ def main(parent: int) -> int:
             for line in sys.stdin:
                 print(json.dumps(orders.answer(line)), flush=True)
     except HilfitError as error:
-        print(json.dumps({"error": str(error)}), flush=True)
+        print(json.dumps(with_their_messages({"error": str(error)})), flush=True)
         return 1
     return 0
 

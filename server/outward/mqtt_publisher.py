@@ -59,12 +59,12 @@ def mqtt_publisher(settings: Settings) -> MqttPublisher | None:
             raise ValueError
     except (ValueError, KeyError):
         # It is not repeated: somebody may have written a password into it.
-        raise StartError("mqtt_url: is no broker; write mqtts://HOST[:PORT], and the user into mqtt_user") from None
+        raise StartError("server.mqtt_no_broker") from None
     password = settings.password("mqtt")
     if (settings.mqtt_user is None) != (password is None):
-        raise StartError("mqtt_user, mqtt_password_file: belong together; give both")
+        raise StartError("server.belong_together", names=["mqtt_user", "mqtt_password_file"])
     if settings.mqtt_user is not None and parts.scheme == "mqtt" and not is_loopback(host):
-        raise StartError("mqtt_user: its password would go over the network in the clear; write mqtts:// in mqtt_url")
+        raise StartError("server.mqtt_password_in_clear")
     return MqttPublisher(
         host,
         port,
@@ -182,7 +182,7 @@ def _client(tls: ssl.SSLContext | None, user: str | None, password: str | None) 
         from paho.mqtt.client import Client  # an extra: only whoever publishes needs it
         from paho.mqtt.enums import CallbackAPIVersion
     except ImportError:
-        raise StartError("mqtt_url: needs a library that is not installed; pip install 'hilfit[mqtt]'") from None
+        raise StartError("server.mqtt_needs_extra") from None
     client = Client(CallbackAPIVersion.VERSION2, f"hilfit-{secrets.token_hex(4)}")
     client.reconnect_delay_set(1, LONGEST_PAUSE_S)
     if tls is not None:

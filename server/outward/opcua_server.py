@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 
 import structlog
 
+from daq.messages import Sentence
 from server.outward.outward_message import Message
 from server.platform.errors import StartError
 from server.platform.settings import Settings, is_loopback
@@ -62,22 +63,22 @@ def opcua_server(settings: Settings) -> OpcuaServer | None:
     try:
         import asyncua  # noqa: F401  an extra: only whoever has OPC UA clients needs it
     except ImportError:
-        raise StartError("opcua: needs a library that is not installed; pip install 'hilfit[opcua]'") from None
+        raise StartError("server.opcua_needs_extra") from None
     host, _, port = settings.opcua.rpartition(":")
     try:
         ipaddress.ip_address(host.strip("[]"))
         number = int(port)
     except ValueError:
-        raise StartError(f"opcua {settings.opcua}: is no address and port; write 127.0.0.1:4840") from None
+        raise StartError("server.opcua_no_address", address=settings.opcua) from None
     certificate = settings.opcua_cert, settings.opcua_key
     user = settings.opcua_user, settings.password("opcua")
-    for pair, names in ((certificate, "opcua_cert, opcua_key"), (user, "opcua_user, opcua_password_file")):
+    for pair, names in ((certificate, ["opcua_cert", "opcua_key"]), (user, ["opcua_user", "opcua_password_file"])):
         if any(pair) and not all(pair):
-            raise StartError(f"{names}: belong together; give both")
+            raise StartError("server.belong_together", names=names)
         if not all(pair) and not is_loopback(host.strip("[]")):
-            raise StartError(f"opcua {settings.opcua}: others could read without {names}; give both, or use 127.0.0.1")
+            raise StartError("server.opcua_open", address=settings.opcua, names=names)
     if user[0] is not None and certificate[0] is None:
-        raise StartError("opcua_user: its password would be sent in the clear; give opcua_cert and opcua_key as well")
+        raise StartError("server.opcua_password_in_clear")
     return OpcuaServer(host, number, certificate, user)
 
 
@@ -103,7 +104,7 @@ class OpcuaServer:
         self._user = user
         self._queue: deque[Message] = deque(maxlen=WAITING)
         self._started = threading.Event()
-        self._error: str | None = None
+        self._error: Sentence | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._woken: asyncio.Event | None = None
         self._stopping = False
@@ -118,9 +119,9 @@ class OpcuaServer:
         """Start serving; StartError if that is not possible."""
         self._thread.start()
         if not self._started.wait(START_S):
-            self._error = f"it did not start within {START_S:g} s"
+            self._error = Sentence("server.opcua_not_started", host=self._host, port=self.port, seconds=START_S)
         if self._error is not None:
-            raise StartError(f"opcua {self._host}:{self.port}: {self._error}")
+            raise StartError(self._error)
         _log.info("opcua_serves", url=self.url)
 
     def stop(self) -> None:
@@ -144,9 +145,10 @@ class OpcuaServer:
         try:
             asyncio.run(self._serve())
         except (OSError, ValueError) as error:  # a port that is taken, a certificate that cannot be read
-            self._error = f"cannot be served ({' '.join(str(error).split())}); give another port or other files"
+            reason = " ".join(str(error).split())
+            self._error = Sentence("server.opcua_not_served", host=self._host, port=self.port, reason=reason)
         except Exception as error:  # of the library: the service goes on without it
-            self._error = "failed unexpectedly; the log of the service says why"
+            self._error = Sentence("server.opcua_failed", host=self._host, port=self.port)
             _log.error("opcua_failed", exc_info=error)
         finally:
             self._started.set()

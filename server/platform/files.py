@@ -34,6 +34,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from daq.messages import Sentence
 from daq.whole_files import sync_directory
 from server.platform.errors import ConflictError, StartError, TooLargeError, UnavailableError
 from server.platform.storage import DataFolder, SharedStorage
@@ -47,13 +48,13 @@ TEMPORARY = ".child-"
 
 
 @contextmanager
-def held(lock: Path, place: str, taken: str) -> Iterator[int]:
+def held(lock: Path, place: str, taken: Sentence) -> Iterator[int]:
     """Hold a lock file, which goes with the process; gives its descriptor.
 
     Raises
     ------
     StartError
-        If another process holds it (then ``place`` is ``taken``), or it cannot be written.
+        If another process holds it (then ``taken`` is its text), or it cannot be written.
     """
     try:
         opened = lock.open("a")
@@ -63,7 +64,7 @@ def held(lock: Path, place: str, taken: str) -> Iterator[int]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise StartError(f"{place}: {taken}") from None
+            raise StartError(taken) from None
         yield file.fileno()
 
 
@@ -95,7 +96,7 @@ class DataDirectory:
             if self.root.stat().st_mode & 0o077:  # made before its files were private, or by somebody else
                 _make_private(self.root)
         except OSError as error:
-            raise StartError(f"--data-dir {root}: cannot be created ({error.strerror})") from None
+            raise StartError("server.data_dir_not_made", root=root, reason=error.strerror) from None
         self.storage = DataFolder(self.root) if url is None else SharedStorage(url, self.root, cache_bytes)
 
     @property
@@ -143,7 +144,7 @@ class DataDirectory:
         StartError
             If another server holds it.
         """
-        taken = "another hilfit server is using it; stop that one or give another directory"
+        taken = Sentence("server.data_dir_in_use", root=self.root)
         with held(self.root / LOCK_FILE, f"--data-dir {self.root}", taken) as self._held:
             try:
                 yield

@@ -147,7 +147,7 @@ class Settings(BaseSettings):
         try:
             return None if path is None else path.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
-            raise StartError(f"{of}_password_file {path}: cannot be read ({error})") from None
+            raise StartError("server.password_file_not_readable", service=of, path=path, error=error) from None
 
     def site(self, files: DataDirectory) -> SiteMarker:
         """Return the marker of the site that this data directory belongs to."""
@@ -201,7 +201,9 @@ def load_settings(config: Path | None = None, **given: Any) -> Settings:
             how = "--" + name.replace("_", "-")
         else:
             how = f"{config}: {name}" if name in below else f"HILFIT_{name.upper()}"
-        raise StartError(f"{how}: {in_words(first)} (found {first['input']!r})") from None
+        raise StartError(
+            "server.setting_wrong", setting=how, what=in_words(first), found=repr(first["input"])
+        ) from None
 
 
 def is_loopback(host: str) -> bool:
@@ -223,10 +225,7 @@ def refuse_open_host(settings: Settings) -> None:
         If ``host`` is not a loopback address and ``access`` is not ``required``.
     """
     if settings.access != "required" and not is_loopback(settings.host):
-        raise StartError(
-            f"--host {settings.host}: is reachable from other computers, and access control is off; "
-            "say 'access: required' in the file of --config (or HILFIT_ACCESS=required), or use 127.0.0.1"
-        )
+        raise StartError("server.host_open", host=settings.host)
 
 
 def _read_config(path: Path) -> Mapping[str, Any]:
@@ -236,12 +235,12 @@ def _read_config(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise StartError("server.not_readable", path=path, reason=error.strerror) from None
     except (UnicodeDecodeError, yaml.YAMLError) as error:
-        raise StartError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
+        raise StartError("server.config_no_yaml", path=path, error=" ".join(str(error).split())) from None
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise StartError(f"{path}: has to hold 'name: value' lines, found {type(content).__name__}")
+        raise StartError("server.config_no_lines", path=path, type=type(content).__name__)
     for key in content:
         if key not in Settings.model_fields:
-            raise StartError(f"{path}: {key}: is no setting; known are {', '.join(sorted(Settings.model_fields))}")
+            raise StartError("server.config_no_setting", path=path, key=key, known=sorted(Settings.model_fields))
     return content

@@ -111,7 +111,7 @@ class SharedStorage(DataFolder):
         self._url = url.rstrip("/")
         self._cache, self._cache_bytes = root / "cache", cache_bytes
         if not self._url.startswith("/") and "://" not in self._url:  # else fsspec takes it for a relative path
-            raise StartError(f"storage_url {url}: names no folder; write s3://bucket/folder or file:///mount/folder")
+            raise StartError("server.storage_no_folder", url=url)
         try:
             from fsspec.core import url_to_fs  # an extra: only whoever shares needs it
 
@@ -120,9 +120,7 @@ class SharedStorage(DataFolder):
             found: tuple[Any, str] = url_to_fs(self._url, use_listings_cache=False, skip_instance_cache=True, **s3)
         except (ImportError, ValueError) as error:
             reason = " ".join(str(error).split())
-            raise StartError(
-                f"storage_url {url}: cannot be used ({reason}); install hilfit[s3], or what fsspec needs for it"
-            ) from None
+            raise StartError("server.storage_not_usable", url=url, reason=reason) from None
         self._files, self._base = found
         kinds = self._files.protocol
         self._has_folders = not BUCKETS & set([kinds] if isinstance(kinds, str) else kinds)
@@ -145,10 +143,7 @@ class SharedStorage(DataFolder):
             super().claim(store)
             self.put(self.root / IDENTITY, IDENTITY)
         elif found != store:
-            raise StartError(
-                f"{self}: belongs to another store than the database; give each service one of its own, or remove "
-                f"the file {IDENTITY} there if it is to be this one's"
-            )
+            raise StartError("server.storage_other_store", storage=self, file=IDENTITY)
 
     def put(self, path: Path, key: str) -> None:
         """Put a file there unless one of its size is; StorageAwayError if it cannot be reached or written."""

@@ -51,7 +51,7 @@ def certificate(settings: Settings, files: DataDirectory, now: Callable[[], date
     """
     if settings.tls_cert is not None or settings.tls_key is not None:
         if settings.tls_cert is None or settings.tls_key is None:
-            raise StartError("--tls-cert, --tls-key: belong together; give both")
+            raise StartError("server.belong_together", names=["--tls-cert", "--tls-key"])
         return Certificate(settings.tls_cert, settings.tls_key, _checked(settings.tls_cert, settings.tls_key), False)
     if settings.tls == "off":
         return None
@@ -74,14 +74,14 @@ def _checked(path: Path, key: Path) -> str:
     try:
         found = x509.load_pem_x509_certificate(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise StartError(f"--tls-cert {path}: is no certificate that can be read ({error}); give a PEM file") from None
+        raise StartError("server.tls_no_certificate", path=path, error=error) from None
     try:
         private = serialization.load_pem_private_key(key.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
-        raise StartError(f"--tls-key {key}: is no key that can be read ({error}); give a PEM file") from None
+        raise StartError("server.tls_no_key", key=key, error=error) from None
     form = serialization.Encoding.DER, serialization.PublicFormat.SubjectPublicKeyInfo
     if private.public_key().public_bytes(*form) != found.public_key().public_bytes(*form):
-        raise StartError(f"--tls-key {key}: is the key of another certificate than {path}; give those that fit")
+        raise StartError("server.tls_other_key", key=key, path=path)
     return found.fingerprint(hashes.SHA256()).hex()
 
 

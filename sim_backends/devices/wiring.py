@@ -36,15 +36,10 @@ def wire(machine: Machine) -> Wiring:
     """
     can = [bus for bus in machine.buses if isinstance(bus, CanopenBus)]
     if len(can) != 1:
-        raise InputError(
-            f"{machine.name}: buses: has {len(can)} CANopen buses; a simulated machine needs exactly one, because "
-            "its SYNC is the machine's clock"
-        )
+        raise InputError("sim_backends.not_one_canopen_bus", machine=machine.name, count=len(can))
     for bus in machine.buses:
         if not isinstance(bus, CanopenBus | ModbusTcpBus | ModbusRtuBus):
-            raise InputError(
-                f"{machine.name}: buses.{bus.name}: {bus.type} is not simulated; use modbus_tcp or modbus_rtu"
-            )
+            raise InputError("sim_backends.bus_not_simulated", machine=machine.name, bus=bus.name, type=bus.type)
     nodes: dict[int, list[NodeObject]] = {}
     units: dict[str, dict[int, list[RegisterSignal]]] = {
         bus.name: {} for bus in machine.buses if isinstance(bus, ModbusTcpBus | ModbusRtuBus)

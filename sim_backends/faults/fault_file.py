@@ -25,6 +25,7 @@ from daq.errors import InputError
 from daq.machine.buses import FileModel, Name
 from daq.machine.machine_file import CanopenBus, CanSource, Machine, ModbusSource, ModbusTcpBus
 from daq.machine.machine_file_errors import Problem, all_problems, did_you_mean, line_of, short
+from daq.messages import Sentence, first_of
 
 SCHEMA = "hilfit/faults/1"
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -43,7 +44,7 @@ class Fault(FileModel):
     @model_validator(mode="after")
     def _ends_before_it_comes_again(self) -> Fault:
         if self.every is not None and self.every <= self.seconds_long:
-            raise ValueError(f"every: {self.every:g} s is no longer than for: {self.seconds_long:g} s; write more")
+            raise ValueError(Sentence("sim_backends.fault_every_too_short", every=self.every, lasts=self.seconds_long))
         return self
 
 
@@ -57,7 +58,7 @@ class DeviceFault(Fault):
     @model_validator(mode="after")
     def _one_device(self) -> DeviceFault:
         if (self.node is None) == (self.unit is None):
-            raise ValueError("give either 'node' (CANopen) or 'unit' (Modbus)")
+            raise ValueError(Sentence("sim_backends.fault_node_or_unit"))
         return self
 
 
@@ -91,7 +92,7 @@ class Delay(DeviceFault):
     @model_validator(mode="after")
     def _in_the_device_s_measure(self) -> Delay:
         if (self.node is None) != (self.syncs is None) or (self.unit is None) != (self.seconds is None):
-            raise ValueError("give 'syncs' for a node, 'seconds' for a unit")
+            raise ValueError(Sentence("sim_backends.fault_delay_measure"))
         return self
 
 
@@ -233,8 +234,7 @@ def load_faults(path: str | Path, machine: Machine) -> FaultScript:
     """
     script, problems = read_faults(path, machine)
     if script is None:
-        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        raise InputError(problems[0] + more)
+        raise InputError(first_of(problems))
     return script
 
 
@@ -243,10 +243,11 @@ def read_faults(path: str | Path, machine: Machine) -> tuple[FaultScript | None,
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        return None, [f"{path}: no such file; give a fault file (YAML)"]
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "no text"
-        return None, [f"{path}: cannot be read ({reason}); give a fault file (YAML)"]
+        return None, [Sentence("sim_backends.no_fault_file", path=path)]
+    except UnicodeDecodeError:
+        return None, [Sentence("sim_backends.fault_file_no_text", path=path)]
+    except OSError as error:
+        return None, [Sentence("sim_backends.fault_file_not_readable", path=path, reason=error.strerror)]
     script, problems = fault_problems(text, machine, str(path))
     return script, [problem.under(str(path)) for problem in problems]
 
@@ -258,9 +259,10 @@ def fault_problems(text: str, machine: Machine, name: str = "fault file") -> tup
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         what = " ".join(str(getattr(error, "problem", None) or "cannot be parsed").split())
-        return None, [Problem(mark.line + 1 if mark is not None else None, "", f"not valid YAML: {what}; correct it")]
+        text = Sentence("sim_backends.fault_file_no_yaml", what=what)
+        return None, [Problem(mark.line + 1 if mark is not None else None, "", text)]
     if not isinstance(content, dict) or content.get("schema") != SCHEMA:
-        return None, [Problem(None, "", f"not a fault file; it must start with 'schema: {SCHEMA}'")]
+        return None, [Problem(None, "", Sentence("sim_backends.not_a_fault_file", schema=SCHEMA))]
     unknown = list(_unknown_faults(tree, content))
     try:
         script = FaultScript.model_validate(content)
@@ -283,8 +285,10 @@ def _unknown_faults(tree: yaml.Node | None, content: dict[str, Any]) -> Iterator
         name = entry.get("fault") if isinstance(entry, dict) else None
         if name not in FAULTS:
             where = f"faults[{number}].fault"
-            hint = did_you_mean(str(name), FAULTS) or f"; there are {', '.join(FAULTS)}"
-            what = "this key is missing" if name is None else f"there is no fault {short(repr(name))}"
+            hint = did_you_mean(str(name), FAULTS) or Sentence("daq.there_are", options=FAULTS)
+            what = Sentence("daq.value_missing")
+            if name is not None:
+                what = Sentence("sim_backends.fault_none", name=short(repr(name)))
             yield Problem(line_of(tree, ["faults", number, "fault"]), where, what + hint)
 
 
@@ -297,43 +301,47 @@ def _misfits(fault: Fault, machine: Machine) -> Iterator[tuple[str, str]]:
     name: str = getattr(fault, "bus")  # noqa: B009 (every fault but a signal's has one)
     bus = buses.get(name)
     if bus is None:
-        yield "bus", f"'{machine.name}' has no bus '{name}'{_choose(name, buses)}"
+        hint = _choose(name, buses)
+        yield "bus", Sentence("sim_backends.fault_no_bus", machine=machine.name, bus=name, hint=hint)
         return
     can = isinstance(bus, CanopenBus)
     if isinstance(fault, HalfOpen | SlowPeer):
         if isinstance(fault, HalfOpen) and not can and not isinstance(bus, ModbusTcpBus):
-            yield "bus", f"'{name}' is a serial line, which has no connections; choose a bus behind TCP"
+            yield "bus", Sentence("sim_backends.fault_serial_line", bus=name)
         return
     unit, node = getattr(fault, "unit", None), getattr(fault, "node", None)
     if not can and not isinstance(fault, DeviceFault):
-        yield "bus", f"'{name}' is {bus.type}; this fault needs a CANopen bus"
+        yield "bus", Sentence("sim_backends.fault_needs_canopen", bus=name, type=bus.type)
         return
     if can == (unit is not None):
-        yield "bus", f"'{name}' is {bus.type}; write '{'node' if can else 'unit'}', or choose another bus"
+        key = "node" if can else "unit"
+        yield "bus", Sentence("sim_backends.fault_other_device", bus=name, type=bus.type, key=key)
         return
     key, number = ("node", node) if can else ("unit", unit)
     if number is None:
         return
     there = sorted({_number(c.source) for c in machine.channels if c.source is not None and c.source.bus == name})
     if number not in there:
-        yield key, f"bus '{name}' has no {key} {number}; there are {', '.join(map(str, there))}"
+        yield key, Sentence("sim_backends.fault_no_device", bus=name, key=key, number=number, there=there)
 
 
 def _channel_misfits(fault: SignalFault, machine: Machine) -> Iterator[tuple[str, str]]:
     channels = {channel.name: channel for channel in machine.channels}
     channel = channels.get(fault.channel)
     if channel is None:
-        yield "channel", f"'{machine.name}' has no channel '{fault.channel}'{_choose(fault.channel, channels)}"
+        which = {"machine": machine.name, "channel": fault.channel}
+        yield "channel", Sentence("sim_backends.fault_no_channel", **which, hint=_choose(fault.channel, channels))
     elif not isinstance(channel.source, CanSource | ModbusSource):
-        yield "channel", f"'{fault.channel}' comes from no simulated device; choose another"
+        yield "channel", Sentence("sim_backends.fault_channel_not_simulated", channel=fault.channel)
     elif isinstance(fault, NotANumber) and not channel.source.data_type.startswith("float"):
-        yield "channel", f"'{fault.channel}' is {channel.source.data_type}, which has no NaN; choose a float one"
+        data_type = channel.source.data_type
+        yield "channel", Sentence("sim_backends.fault_channel_no_float", channel=fault.channel, data_type=data_type)
     elif isinstance(fault, Saturate) and channel.range is None:
-        yield "channel", f"'{fault.channel}' has no range that it could saturate at; choose another"
+        yield "channel", Sentence("sim_backends.fault_channel_no_range", channel=fault.channel)
 
 
 def _choose(word: str, options: dict[str, Any]) -> str:
-    return did_you_mean(word, list(options)) or f"; there are {', '.join(list(options)[:8])}"
+    return did_you_mean(word, list(options)) or Sentence("daq.there_are", options=list(options)[:8])
 
 
 def _number(source: Any) -> int:

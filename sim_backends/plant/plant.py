@@ -296,24 +296,21 @@ _NOT_SIMULATED = MOTOR_QUANTITIES | {"joint_velocity", "external_force"}
 def _fits(machine: Machine, truth: Truth) -> None:
     if len(truth.links) != len(machine.joints):
         raise InputError(
-            f"plant parameters have {len(truth.links)} links, {machine.name} has {len(machine.joints)} joints"
+            "sim_backends.truth_other_links", links=len(truth.links), machine=machine.name, joints=len(machine.joints)
         )
     for joint in machine.joints:
         known = truth.drives if joint.cylinder is None else truth.cylinders
         if joint.name not in known:
             what = "drives" if joint.cylinder is None else "cylinders"
-            raise InputError(f"plant parameters lack {what}.{joint.name}; add it")
+            raise InputError("sim_backends.truth_lacks", table=what, joint=joint.name)
     for channel in machine.channels:
         if channel.quantity in _NOT_SIMULATED:
-            raise InputError(f"channel {channel.name}: the simulated machine has no {channel.quantity}; leave it out")
+            raise InputError("sim_backends.quantity_not_simulated", channel=channel.name, quantity=channel.quantity)
     for joint in machine.joints:
         if joint.cylinder is not None and joint.cylinder.vented is not None:
-            raise InputError(f"joints.{joint.name}: the simulated machine has no vented chambers; leave vented: out")
+            raise InputError("sim_backends.vented_not_simulated", joint=joint.name)
         if joint.drive is not None and (joint.drive.coupled or joint.drive.effort == "link_side"):
-            raise InputError(
-                f"joints.{joint.name}: the simulated machine has motors of their own joints, measured before the gear; "
-                "leave coupled: and effort: out of its drive"
-            )
+            raise InputError("sim_backends.coupled_not_simulated", joint=joint.name)
 
 
 def record(

@@ -121,10 +121,10 @@ def load_truth(path: str | Path) -> Truth:
             raise ValueError("no 'links'")
         return Truth.from_dict(content)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the plant's parameters (YAML)") from None
+        raise InputError("sim_backends.no_truth_file", path=path) from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
         what = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: not a plant's parameters ({what}); it needs links and cylinders or drives") from None
+        raise InputError("sim_backends.not_a_truth", path=path, error=what) from None
 
 
 def truth_to_yaml(truth: Truth) -> str:

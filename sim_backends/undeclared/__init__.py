@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from daq.errors import InputError
 from daq.machine.linkages import ThreePin, reduced
 from daq.machine.machine_file import Joint, Machine
+from daq.messages import Sentence
 from sim_backends.undeclared import forces, friction, mismatch, outside, outside_later, sensing
 from sim_backends.undeclared.base import Block, Place, Readings, UndeclaredEffect
 
@@ -54,11 +55,11 @@ def parse_spec(text: str, machine: Machine) -> EffectSpec:
     """Read ``EFFECT:JOINT:SIZE`` (or ``EFFECT:SIZE`` for an effect of the whole base)."""
     parts = text.split(":")
     if len(parts) not in (2, 3):
-        raise InputError(f"--undeclared {text}: write EFFECT:JOINT:SIZE, as in position_dependent_friction:joint2:75")
+        raise InputError("sim_backends.undeclared_no_triple", text=text)
     try:
         size = float(parts[-1])
     except ValueError:
-        raise InputError(f"--undeclared {text}: size '{parts[-1]}' is no number") from None
+        raise InputError("sim_backends.undeclared_size_no_number", text=text, size=parts[-1]) from None
     return check_spec(EffectSpec(parts[0], (parts[1] or None) if len(parts) == 3 else None, size), machine)
 
 
@@ -73,30 +74,31 @@ def check_spec(spec: EffectSpec, machine: Machine) -> EffectSpec:
     effect = UNDECLARED.get(spec.id)
     if effect is None:
         near = difflib.get_close_matches(spec.id, UNDECLARED, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else f"; one of {', '.join(sorted(UNDECLARED))}"
-        raise InputError(f"undeclared effect '{spec.id}' is not known{hint}")
+        if near:
+            raise InputError("sim_backends.undeclared_unknown_near", effect=spec.id, near=near[0])
+        raise InputError("sim_backends.undeclared_unknown", effect=spec.id, names=sorted(UNDECLARED))
     if not math.isfinite(spec.size):
-        raise InputError(f"undeclared {spec.id}: size must be a finite number of {effect.unit}")
+        raise InputError("sim_backends.undeclared_size_not_finite", effect=spec.id, unit=effect.unit)
     if effect.base_wide:
         if spec.joint is not None:
-            raise InputError(f"undeclared {spec.id}: belongs to the whole base; leave the joint out: {spec.id}:SIZE")
+            raise InputError("sim_backends.undeclared_of_whole_base", effect=spec.id)
         return spec
     names = [joint.name for joint in machine.joints]
     if spec.joint not in names:
-        raise InputError(f"undeclared {spec.id}: there is no joint '{spec.joint}'; one of {', '.join(names)}")
+        raise InputError("sim_backends.undeclared_no_joint", effect=spec.id, joint=spec.joint, names=names)
     found = obstacle(effect, machine.joint(spec.joint))
     if found is not None:
-        raise InputError(f"undeclared {spec.id}: {spec.joint} {found}")
+        raise InputError(found)
     return spec
 
 
-def obstacle(effect: type[UndeclaredEffect], joint: Joint) -> str | None:
-    """Explain why ``joint`` cannot have the effect, as the end of a sentence; None if it can."""
+def obstacle(effect: type[UndeclaredEffect], joint: Joint) -> Sentence | None:
+    """Explain why ``joint`` cannot have the effect; None if it can."""
     cylinder = joint.cylinder
     if effect.needs_cylinder and cylinder is None:
-        return "has no cylinder; choose a joint that has one"
+        return Sentence("sim_backends.undeclared_needs_cylinder", effect=effect.id, joint=joint.name)
     if effect.needs_three_pin and not (cylinder is not None and isinstance(reduced(cylinder.linkage), ThreePin)):
-        return "has no three-pin linkage; choose a joint that has one"
+        return Sentence("sim_backends.undeclared_needs_three_pin", effect=effect.id, joint=joint.name)
     if effect.needs_rotation and joint.type == "prismatic":
-        return "slides; choose a joint that turns"
+        return Sentence("sim_backends.undeclared_needs_rotation", effect=effect.id, joint=joint.name)
     return None

@@ -13,6 +13,7 @@ from typing import Any
 
 from daq.errors import InputError
 from daq.machine.machine_file import Machine
+from daq.messages import Sentence
 from sim_backends.valve.truth import Land, Spool, ValvePlantTruth, ValveTruth
 
 #: What a form does to a truth, at a joint, with a size.
@@ -182,18 +183,20 @@ _FORMS = (
 VALVE_EFFECTS: dict[tuple[str, str], ValveEffect] = {(form.id, form.form): form for form in _FORMS}
 
 
-def valve_obstacle(effect: ValveEffect, machine: Machine, truth: ValvePlantTruth, joint: str | None) -> str | None:
-    """Explain why the effect cannot be there, as the end of a sentence; None if it can."""
+def valve_obstacle(effect: ValveEffect, machine: Machine, truth: ValvePlantTruth, joint: str | None) -> Sentence | None:
+    """Explain why the effect cannot be there; None if it can."""
+    which = {"effect": effect.id, "form": effect.form, "machine": machine.name}
     if effect.whole:
-        return "belongs to the whole machine; leave the joint out" if joint is not None else None
+        return Sentence("sim_backends.valve_effect_of_whole_machine", **which) if joint is not None else None
     if joint is None or joint not in truth.valves:
-        return f"has no joint '{joint}'; one of {', '.join(truth.valves)}"
+        return Sentence("sim_backends.valve_effect_no_joint", **which, joint=joint, names=list(truth.valves))
     compensated = math.isfinite(truth.valves[joint].compensation)
     if effect.compensated is not None and effect.compensated != compensated:
-        return f"has no pressure-compensated valve at {joint}"
+        return Sentence("sim_backends.valve_effect_not_compensated", **which, joint=joint)
     held = truth.cylinders[joint].counterbalance is not None
     if effect.held is not None and effect.held != held:
-        return f"has {'no' if effect.held else 'a'} counterbalance valve at {joint}"
+        code = "sim_backends.valve_effect_not_held" if effect.held else "sim_backends.valve_effect_held"
+        return Sentence(code, **which, joint=joint)
     return None
 
 
@@ -205,9 +208,7 @@ def parse_valve_spec(text: str) -> ValveEffectSpec:
         (joint,) = place or (None,)
         return ValveEffectSpec(effect, form, joint or None, float(size))
     except ValueError:
-        raise InputError(
-            f"--undeclared {text}: write EFFECT:FORM:JOINT:SIZE, as in spool_hysteresis:play:boom:0.02"
-        ) from None
+        raise InputError("sim_backends.valve_undeclared_no_quadruple", text=text) from None
 
 
 def with_effect(machine: Machine, truth: ValvePlantTruth, spec: ValveEffectSpec) -> ValvePlantTruth:
@@ -221,11 +222,13 @@ def with_effect(machine: Machine, truth: ValvePlantTruth, spec: ValveEffectSpec)
     effect = VALVE_EFFECTS.get((spec.id, spec.form))
     if effect is None:
         forms = [form for known, form in VALVE_EFFECTS if known == spec.id]
-        known = f"forms {', '.join(forms)}" if forms else f"effects {', '.join(dict(VALVE_EFFECTS.keys()))}"
-        raise InputError(f"valve effect '{spec.id}' in form '{spec.form}' is not known; there are {known}")
+        if forms:
+            raise InputError("sim_backends.valve_form_unknown", effect=spec.id, form=spec.form, names=forms)
+        names = list(dict(VALVE_EFFECTS.keys()))
+        raise InputError("sim_backends.valve_effect_unknown", effect=spec.id, form=spec.form, names=names)
     if not math.isfinite(spec.size):
-        raise InputError(f"valve effect {spec.id}: size must be a finite number of {effect.unit}")
+        raise InputError("sim_backends.valve_size_not_finite", effect=spec.id, unit=effect.unit)
     found = valve_obstacle(effect, machine, truth, spec.joint)
     if found is not None:
-        raise InputError(f"valve effect {spec.id}, {spec.form}: {machine.name} {found}")
+        raise InputError(found)
     return effect.change(truth, spec.joint or "", spec.size)

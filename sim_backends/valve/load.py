@@ -49,7 +49,7 @@ def load_of(plants: Plants) -> PlanarArm | Gantry:
     """
     kinds = {_kind(machine) for machine, _ in plants}
     if len(kinds) > 1:
-        raise InputError("machines of two kinds cannot be simulated side by side; make one plant of each kind")
+        raise InputError("sim_backends.machines_of_two_kinds")
     return PlanarArm(plants) if kinds == {"arm"} else Gantry(plants)
 
 
@@ -62,10 +62,7 @@ def _kind(machine: Machine) -> str:
             return "arm"
     elif types == {"prismatic"} and all(isinstance(own, Direct) for own in linkages):
         return "gantry"
-    raise InputError(
-        f"{machine.name}: valves are simulated behind arms of parallel horizontal axes with three-pin linkages "
-        "(alpha = d = 0, standard convention) and behind prismatic axes with direct cylinders"
-    )
+    raise InputError("sim_backends.valves_not_simulated", machine=machine.name)
 
 
 class PlanarArm:

@@ -202,9 +202,7 @@ def load_valve_truth(path: str | Path) -> ValvePlantTruth:
             raise ValueError("no mapping")
         return ValvePlantTruth.from_dict(content)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the truth of a plant with valves (YAML)") from None
+        raise InputError("sim_backends.no_valve_truth_file", path=path) from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
         what = " ".join(str(error).split())[:120]
-        raise InputError(
-            f"{path}: not the truth of a plant with valves ({what}); it needs links, valves, cylinders"
-        ) from None
+        raise InputError("sim_backends.not_a_valve_truth", path=path, error=what) from None

@@ -55,23 +55,21 @@ def read_valve_motion(path: str | Path, machine: Machine) -> ValveMotion:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError):
-        raise InputError(
-            f"{path}: cannot be read; give a valve motion (CSV), 'hilfit valve-motion' makes one"
-        ) from None
+        raise InputError("sim_backends.valve_motion_not_readable", path=path) from None
     head = [line for line in lines if line.startswith("#")]
     table = lines[len(head) :]
     if not head or not head[0].startswith(f"# {VALVE_SCHEMA} machine=") or not table:
-        raise InputError(f"{path}:1: not a valve motion; it must start with '# {VALVE_SCHEMA} machine=NAME'")
+        raise InputError("sim_backends.not_a_valve_motion", path=path, schema=VALVE_SCHEMA)
     name = head[0].partition("machine=")[2]
     if name != machine.name:
-        raise InputError(f"{path}:1: is a motion of machine '{name}', not of '{machine.name}'")
+        raise InputError("sim_backends.valve_motion_other_machine", path=path, owner=name, machine=machine.name)
     axes = tuple(_axis(f"{path}:{place}", line, machine) for place, line in enumerate(head[1:], start=2))
     place = len(head) + 1
     if table[0] != ",".join(["does,seconds,hz", *(own.axis for own in axes)]):
-        raise InputError(f"{path}:{place}: must name does, seconds, hz and then the axes of the lines above it")
+        raise InputError("sim_backends.valve_motion_header", path=path, line=place)
     steps = tuple(_step(f"{path}:{place + k}", line, axes) for k, line in enumerate(table[1:], start=1))
     if not steps:
-        raise InputError(f"{path}: has no steps")
+        raise InputError("sim_backends.valve_motion_without_steps", path=path)
     return ValveMotion(name, axes, steps)
 
 
@@ -81,15 +79,15 @@ def _axis(where: str, line: str, machine: Machine) -> ValveAxis:
         known = [float(words[field.name]) for field in fields(ValveAxis)[1:]]
         own = ValveAxis(words["axis"], *known)
     except (KeyError, ValueError):
-        needs = ", ".join(field.name for field in fields(ValveAxis))
-        raise InputError(f"{where}: an axis has NAME=NUMBER for each of {needs}") from None
+        needs = [field.name for field in fields(ValveAxis)]
+        raise InputError("sim_backends.valve_axis_needs", where=where, needs=needs) from None
     joint = next((joint for joint in machine.joints if joint.name == own.axis), None)
     if joint is None or joint.cylinder is None or joint.cylinder.valve is None:
-        raise InputError(f"{where}: {machine.name} has no joint '{own.axis}' with a cylinder.valve")
+        raise InputError("sim_backends.valve_axis_no_joint", where=where, machine=machine.name, axis=own.axis)
     low, high = joint.limits.position
     fits = np.isfinite(known).all() and low <= own.low < own.high <= high and 0 <= own.edge < 1 and own.delay >= 0
     if not fits or own.full == 0 or own.speed <= 0 or not 0 < own.most <= 1 or own.rate <= 0:
-        raise InputError(f"{where}: holds a number that cannot be; the range of {own.axis} is {low:.4g} to {high:.4g}")
+        raise InputError("sim_backends.valve_axis_beyond", where=where, axis=own.axis, low=low, high=high)
     return own
 
 
@@ -101,12 +99,21 @@ def _step(where: str, line: str, axes: tuple[ValveAxis, ...]) -> Step:
         seconds, hz, values = np.nan, 0.0, []
     does: Does | None = next((own for own in get_args(Does) if own == cells[0]), None)
     if does is None or len(values) != len(axes) or not np.isfinite([hz, *values]).all() or not 0 < seconds < np.inf:
-        raise InputError(f"{where}: not a step: '{line[:40]}'; write does,seconds,hz and a number for each axis")
+        raise InputError("sim_backends.valve_step_none", where=where, line=line[:40])
     for own, value in zip(axes, values, strict=True):
         if does == "go" and not own.low <= value <= own.high:
-            raise InputError(f"{where}: {own.axis} is to go to {value:.4g}, beyond {own.low:.4g} to {own.high:.4g}")
+            raise InputError(
+                "sim_backends.valve_step_position_beyond",
+                where=where,
+                axis=own.axis,
+                value=value,
+                low=own.low,
+                high=own.high,
+            )
         if does != "go" and abs(own.share(value)) > own.most * (1.0 + 1e-6):
-            raise InputError(f"{where}: {own.axis} is sent {value:.4g}, more than {own.most:.4g} of full")
+            raise InputError(
+                "sim_backends.valve_step_command_beyond", where=where, axis=own.axis, value=value, most=own.most
+            )
     return Step(does, seconds, tuple(values), hz)
 
 
@@ -122,7 +129,7 @@ def read_any_motion(path: Path, machine: Machine) -> Motion | ValveMotion:
         return read_valve_motion(path, machine)
     motion = read_motion(path, machine)
     if motion.rods != "pinned":
-        raise InputError(f"{path}: rods=unpinned, and a machine with simulated valves keeps its rods pinned")
+        raise InputError("sim_backends.valves_rods_unpinned", path=path)
     return motion
 
 

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from daq.commissioning.can_scan import CanScan, scan_can
 from daq.commissioning.modbus_scan import scan_modbus, span
+from daq.errors import InputError
 from daq.machine.buses import CanopenBus, ModbusTcpBus
 from server.commands.command_line import build
 
@@ -192,7 +193,7 @@ def test_a_range_of_units_is_read_as_numbers(text: str, numbers: list[int]) -> N
 
 @pytest.mark.parametrize("text", ["", "x", "1-", "0-300", "3-1"])
 def test_a_wrong_range_of_units_is_refused(text: str) -> None:
-    with pytest.raises(ValueError, match="units"):
+    with pytest.raises(InputError, match="units"):
         span(text, "units", 0, 255)
 
 

@@ -62,7 +62,7 @@ def lines(page: str) -> list[str]:
 
 #: Terms that German has as well, names of keys and options, and those that a value stands for here.
 NAMED = re.compile(
-    r"can/node 31|--\w+|valve\.json|hilfit \w+|\b(limits\.position|rate_hz|noise_std|time|theta|command)\b|"
+    r"can/node 31|--[\w-]+|\b\w+=|valve\.json|hilfit \w+|\b(limits\.position|rate_hz|noise_std|time|theta|command)\b|"
     r"\b(joints|cylinder|rigid_body)\.\S+"
 )
 CASES = [(v, d) for v in NAMES["verdicts"] for d in DRIVES]

@@ -39,6 +39,6 @@ def export_model(model: ArmModel, to: str, path: Path, *, possible: bool = False
         If there is no such format, it cannot hold this model, or the place cannot be written.
     """
     if to not in format_names():
-        raise InputError(f"export: there is no format '{to}'; use one of {', '.join(format_names())}")
+        raise InputError("fitting.export_no_format", name=to, names=format_names())
     written: Written = import_module(f"{formats.__name__}.{to}").write(model, path, possible)
     return written

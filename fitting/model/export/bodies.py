@@ -112,10 +112,7 @@ def bodies_of(model: ArmModel, *, possible: bool = False) -> Bodies:
     apart = None
     if not all(np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0 for row in found[: 10 * n].reshape(n, 10)):
         if not possible:
-            raise InputError(
-                "export: no bodies have the model's base parameters; --possible writes the nearest that can exist, "
-                "or identify on a motion that tells more"
-            )
+            raise InputError("fitting.export_no_bodies")
         q, qd, qdd, _ = states(model, _STATES)
         efforts = base_regressor(model.arm, base, q, qd, qdd)
         scale = np.linalg.norm(efforts @ theta, axis=0)

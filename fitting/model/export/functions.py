@@ -170,7 +170,7 @@ def moving_model(model: ArmModel, possible: bool) -> tuple[ArmModel, tuple[str, 
     if wrong is None:
         return model, ()
     if not possible:
-        raise InputError(f"export: {wrong.text}; --possible writes the nearest model that can move")
+        raise InputError("fitting.export_not_moving", reason=wrong.text)
     own = motion.nearest_possible(model)
     price = motion.price(model, own)
     cost = "" if price is None else f"; the error on another motion is {100 * price:+.1f} % of the model's own"

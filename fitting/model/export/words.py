@@ -24,7 +24,7 @@ class Written:
 def require_folder(path: Path) -> None:
     """Refuse to write a folder where a file is (InputError)."""
     if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; give a folder with -o")
+        raise InputError("fitting.folder_is_file", path=path)
 
 
 def model_card(model: ArmModel, left_out: Sequence[str]) -> list[str]:

@@ -67,7 +67,7 @@ def path_of(model: ArmModel, program: Motion) -> Trajectory:
         If the program is one of free pistons.
     """
     if program.rods != "pinned":
-        raise InputError("the motion is one of free pistons (rods=unpinned), which carry no arm; give a pinned one")
+        raise InputError("fitting.motion_of_free_pistons")
     positions = program.joint_positions(model.machine)
     still = np.zeros(positions.shape[1])
     rest: Any = ([(1, still), (2, still)], [(1, still), (2, still)])

@@ -153,7 +153,7 @@ def language(code: str) -> Language:
     if code == ENGLISH.code:
         return ENGLISH
     if code not in _FILES:
-        raise InputError(f"there is no report in the language '{code}'; use one of {', '.join(codes())}")
+        raise InputError("fitting.report_no_language", code=code, codes=codes())
     content = content_of(code)
     return Language(
         code=code,

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from daq.whole_files import replacing, sync_directory
 from server.platform.database.schema import SCHEMA_VERSION
 from server.platform.errors import StartError
@@ -42,7 +43,7 @@ def copy_database(url: str, directory: Path, stem: str) -> Path:
             else:
                 _run("pg_dump", url, "--format=custom", f"--file={partial}")
     except (OSError, sqlite3.Error) as error:
-        raise StartError(f"{target}: the backup cannot be written ({error}); free some space or give another") from None
+        raise StartError("server.copy_not_written", target=target, error=error) from None
     return target
 
 
@@ -67,7 +68,7 @@ def check_restore(source: Path, url: str) -> None:
     """
     sqlite = url.startswith("sqlite")
     if sqlite != (source.suffix == ".sqlite"):
-        raise StartError(f"{source}: is a copy of another kind of database; set database_url as it was then")
+        raise StartError("server.copy_other_kind", source=source)
     if sqlite:
         _check_sqlite(source)
     else:
@@ -75,12 +76,9 @@ def check_restore(source: Path, url: str) -> None:
         _refuse_in_use(url)
 
 
-def newer(source: Path, version: int) -> str:
+def newer(source: Path, version: int) -> Sentence:
     """Explain that a copy was made by a newer hilfit."""
-    return (
-        f"{source}: is of store version {version}, this hilfit reads version {SCHEMA_VERSION} and before; "
-        "restore it with the hilfit that made it"
-    )
+    return Sentence("server.copy_newer", source=source, version=version, read=SCHEMA_VERSION)
 
 
 def _check_sqlite(source: Path) -> None:
@@ -89,9 +87,9 @@ def _check_sqlite(source: Path) -> None:
             (broken,) = copy.execute("PRAGMA quick_check").fetchone()
             (version,) = copy.execute("SELECT version FROM store_version").fetchone()
     except (sqlite3.Error, TypeError) as error:
-        raise StartError(f"{source}: is no copy of a store ({error}); use another backup") from None
+        raise StartError("server.copy_no_store", source=source, error=error) from None
     if broken != "ok":
-        raise StartError(f"{source}: the copy of the store is damaged ({broken}); use another backup")
+        raise StartError("server.copy_damaged", source=source, damage=broken)
     if version > SCHEMA_VERSION:
         raise StartError(newer(source, version))
 
@@ -132,9 +130,9 @@ def _refuse_in_use(url: str) -> None:
                 )
             ).scalar()
     except sa.exc.DBAPIError as error:
-        raise StartError(f"database_url: cannot be reached ({' '.join(str(error.orig).split())})") from None
+        raise StartError("server.database_not_reached", reason=" ".join(str(error.orig).split())) from None
     if others:
-        raise StartError(f"database_url: {others} connections use it; stop the server and all workers first")
+        raise StartError("server.database_in_use", count=others)
 
 
 def _copy_sqlite(source: Path, target: Path) -> None:
@@ -159,7 +157,7 @@ def _program(name: str) -> str:
     found = sorted(_DEBIAN.glob(f"*/bin/{name}"), key=lambda path: path.parts[-3].zfill(4))
     path = str(found[-1]) if found else shutil.which(name)
     if path is None:
-        raise StartError(f"{name} is not installed here; it comes with PostgreSQL's client programs")
+        raise StartError("server.program_not_installed", name=name)
     return path
 
 
@@ -180,7 +178,7 @@ def _run(name: str, url: str, *arguments: str) -> None:
     )
     if done.returncode != 0:
         last = " ".join((done.stderr.strip() or "no reason given").splitlines()[-1].split())
-        raise StartError(f"{name} failed: {last}")
+        raise StartError("server.program_failed", name=name, reason=last)
 
 
 def postgresql_url(url: str) -> str:
@@ -193,5 +191,5 @@ def postgresql_url(url: str) -> str:
     """
     scheme, separator, rest = url.partition("://")
     if not separator or scheme.partition("+")[0] not in ("postgresql", "postgres"):
-        raise StartError("database_url: must start with postgresql://; leave it out for a SQLite file in --data-dir")
+        raise StartError("server.database_url_other")
     return f"postgresql+psycopg://{rest}"

@@ -15,6 +15,7 @@ from typing import Any, Generic, TypeVar
 
 import sqlalchemy as sa
 
+from daq.messages import Sentence
 from server.platform.database.database_copies import copy_database, postgresql_url
 from server.platform.database.migrations import migrate
 from server.platform.database.patience import away
@@ -37,10 +38,10 @@ _SQLITE_REFUSES = (8, 10, 13, 14)
 _READ_ONLY, _INSUFFICIENT = "25006", "53"
 #: What PostgreSQL says to whom it never lets in, and what to do; the server's own words, which it says in English too.
 _REFUSALS: Mapping[str, str] = {
-    "password authentication failed": "write the right one into the file of database_password_file",
-    "no password supplied": "name the file that holds it with database_password_file",
-    "pg_hba.conf": "allow this host there",
-    "does not exist": "make it, or correct database_url",
+    "password authentication failed": "server.store_refuses_password",
+    "no password supplied": "server.store_lacks_password",
+    "pg_hba.conf": "server.store_refuses_host",
+    "does not exist": "server.store_none",
 }
 Item = TypeVar("Item")
 
@@ -151,18 +152,18 @@ class Database:
         try:
             while (why := self._create(backups, may_migrate)) is not None:
                 if pause is None:
-                    raise StartError(f"{self.name}: {why}")
-                pause(f"{self.name}: {why}")
+                    raise StartError(why)
+                pause(why)
         except BaseException:
             self.close()
             raise
 
-    def _create(self, backups: Path, may_migrate: bool) -> str | None:
+    def _create(self, backups: Path, may_migrate: bool) -> Sentence | None:
         """Make what is missing in the store; why that has to wait, None if it is done."""
         try:
             found = self._found()
             if not may_migrate and found != SCHEMA_VERSION and (found or 0) < SCHEMA_VERSION:
-                return "no server of this version has used it yet; start that"
+                return Sentence("server.store_of_earlier_version", store=self.name)
             if found is None and self.site is not None:
                 self.site.refuse_emptied(self.name)
             if found is not None and found < SCHEMA_VERSION:
@@ -181,18 +182,13 @@ class Database:
         except sa.exc.DatabaseError as error:
             reason = " ".join(str(error.orig).split())
             if not self.is_sqlite and away(error):
-                cure = next((cure for words, cure in _REFUSALS.items() if words in reason), None)
-                if cure is None:
-                    return f"cannot be reached ({reason}); start it, or correct database_url"
-                raise StartError(f"{self.name}: refuses this service ({reason}); {cure}") from None
-            raise StartError(
-                f"{self.name}: cannot be opened as the store ({reason}); move it away or restore it"
-            ) from None
+                refusal = next((code for words, code in _REFUSALS.items() if words in reason), None)
+                if refusal is None:
+                    return Sentence("server.store_not_reached", store=self.name, reason=reason)
+                raise StartError(refusal, store=self.name, reason=reason) from None
+            raise StartError("server.store_not_opened", store=self.name, reason=reason) from None
         if found != SCHEMA_VERSION:
-            raise StartError(
-                f"{self.name}: is a store of version {found}, this hilfit reads version {SCHEMA_VERSION}; "
-                "use the hilfit that wrote it or another --data-dir"
-            )
+            raise StartError("server.store_other_version", store=self.name, found=found, version=SCHEMA_VERSION)
         if self.site is not None and identity is not None:
             self.site.claim(identity, self.name)
         return None
@@ -247,7 +243,7 @@ class Database:
             if not _take(connection):
                 connection.invalidate()
                 self.close()
-                raise StartError(f"{self.name}: another hilfit server is using it; stop that one")
+                raise StartError("server.store_in_use", store=self.name)
             self._alone = connection
             try:
                 yield

@@ -11,6 +11,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+from daq.messages import Sentence
 from daq.whole_files import write_whole
 from server.platform.errors import StartError
 
@@ -48,7 +49,7 @@ class SiteMarker:
         except FileNotFoundError:
             return None
         except (OSError, ValueError, TypeError) as error:
-            raise StartError(f"{self._path}: cannot be read ({error}); {self._cure()}") from None
+            raise StartError("server.site_not_readable", path=self._path, error=error, cure=self._cure()) from None
 
     def refuse_emptied(self, name: str) -> None:
         """Raise StartError if a new store would be made where a site has been."""
@@ -56,7 +57,7 @@ class SiteMarker:
             path.is_file() for folder in ("machines", "recordings", "identifications") for path in self._files(folder)
         )
         if used and not self._new_store:
-            raise StartError(f"{name}: holds no store, and {self._root} is a site's; {self._cure()}")
+            raise StartError("server.site_without_store", store=name, root=self._root, cure=self._cure())
 
     def claim(self, store: str, name: str) -> None:
         """Note which store this site has; StartError if it had another one."""
@@ -64,7 +65,7 @@ class SiteMarker:
         if known is None:
             self._write(Noted(store))
         elif known.store != store:
-            raise StartError(f"{name}: is another store than the one of this site; {self._cure()}")
+            raise StartError("server.site_other_store", store=name, cure=self._cure())
 
     def note(self, number: int, hash: str) -> None:
         """Note how far the audit log has come; another process may have come farther."""
@@ -83,7 +84,8 @@ class SiteMarker:
     def _write(self, noted: Noted) -> None:
         write_whole(self._path, json.dumps(vars(noted)).encode())
 
-    def _cure(self) -> str:
+    def _cure(self) -> Sentence:
         newest = max(self._backups.glob("*Z/manifest.json"), default=None)
-        back = "restore a backup" if newest is None else f"put back the newest backup (hilfit restore {newest.parent})"
-        return f"{back}, or begin anew with --new-store"
+        if newest is None:
+            return Sentence("server.cure_some_backup")
+        return Sentence("server.cure_newest_backup", backup=newest.parent)

@@ -16,6 +16,7 @@ const FILES = [
   "../../docs/report.schema.json",
   "../../daq/texts/de.json",
   "../../fitting/texts/de.json",
+  "../../sim_backends/texts/de.json",
   "../texts/de.json",
 ];
 

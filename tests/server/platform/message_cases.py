@@ -19,7 +19,7 @@ if str(ROOT) not in sys.path:
 
 from daq.messages import Sentence, texts  # noqa: E402
 
-PACKAGES = ("daq", "fitting", "server")
+PACKAGES = ("daq", "fitting", "server", "sim_backends")
 NUMBERS = (0.5, 2.5, 1234.5678, -2.5e-7, 0.0, 1e21 / 3, 99999.95, 0.00012345, 7, -1.25, 1e-4, 123456789.0, 0.1 + 0.2)
 FORMATS = ("", "g", ".1g", ".2g", ".3g", ".4g", ".6g", "+.3g", ".0f", ".1f", "+.2f", ".7f", ".0%", ".1%")
 NAMES: tuple[Any, ...] = (

@@ -25,7 +25,7 @@ from tests.server.platform.message_cases import PACKAGES, ROOT, codes, placehold
 @cache
 def sources() -> tuple[tuple[str, ast.Module], ...]:
     """All modules of the product."""
-    files = (file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py")))
+    files = (file for package in (*PACKAGES, "hilfit") for file in sorted((ROOT / package).rglob("*.py")))
     return tuple(
         (str(file.relative_to(ROOT)), ast.parse(file.read_text("utf-8")))
         for file in files
@@ -83,6 +83,47 @@ def test_sources_name_no_message_that_there_is_not() -> None:
                 if (name == "Sentence" or (name.endswith("Error") and node.keywords)) and text not in known:
                     found.add(f"{file}:{node.lineno}: {text}")
     assert sorted(found) == []
+
+
+def refusals() -> set[str]:
+    """Names of what is raised on purpose: ``HilfitError`` and all that is made of it, and what ends a job's step."""
+    bases = {
+        node.name: {ast.unparse(base).rpartition(".")[2] for base in node.bases}
+        for _, tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ClassDef)
+    }
+    found = {"HilfitError", "TakenOver", "ServiceStopping"}
+    while more := {name for name, above in bases.items() if above & found} - found:
+        found |= more
+    return found
+
+
+def is_sentence(text: ast.expr) -> bool:
+    """Return whether an expression puts a text together, or is one that is no code."""
+    if isinstance(text, ast.IfExp):
+        return is_sentence(text.body) or is_sentence(text.orelse)
+    if isinstance(text, ast.Constant):
+        return text.value not in {"", *codes()}
+    if isinstance(text, ast.Call):
+        return getattr(text.func, "attr", "") in ("join", "format")
+    return isinstance(text, ast.JoinedStr | ast.BinOp)
+
+
+@pytest.mark.slow
+def test_no_refusal_is_raised_with_a_sentence() -> None:
+    names = refusals()
+    assert {"InputError", "StartError", "RecordingError", "SimulationError", "ReportError"} <= names
+    found = [
+        f"{file}:{node.lineno}: {ast.unparse(node)}"
+        for file, tree in sources()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call)
+        and getattr(node.func, "id", getattr(node.func, "attr", "")) in names
+        and node.args
+        and is_sentence(node.args[0])
+    ]
+    assert found == []
 
 
 @pytest.mark.slow

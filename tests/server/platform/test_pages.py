@@ -160,5 +160,6 @@ def _sources() -> list[str]:
         if path.is_file() and ".test." not in path.name and ".gen." not in path.name
     ]
     named = ("index.html", "package-lock.json", "package.json", "scripts/types.mjs", "tsconfig.json", "vite.config.ts")
-    shared = ("docs/openapi.json", "docs/report.schema.json", "daq/texts/de.json", "fitting/texts/de.json")
+    texts = (f"{room}/texts/de.json" for room in ("daq", "fitting", "sim_backends"))
+    shared = ("docs/openapi.json", "docs/report.schema.json", *texts)
     return sorted([*found, *named, "../texts/de.json", *(f"../../{name}" for name in shared)])

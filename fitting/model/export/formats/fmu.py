@@ -256,5 +256,5 @@ def _compiled(compiler: str, sources: Mapping[str, str]) -> bytes:
         )
         if done.returncode != 0:
             line = next(iter(done.stderr.strip().splitlines()), "no reason given")
-            raise InputError(f"export: the C compiler {compiler} refuses the unit: {line}")
+            raise InputError("fitting.export_compiler_refuses", compiler=compiler, line=line)
         return (folder / "arm").read_bytes()

@@ -33,7 +33,7 @@ def write(model: ArmModel, path: Path, possible: bool = False) -> Written:
         If the file's name is none that a function can have.
     """
     if path.suffix != ".m" or identifier(path.stem) != path.stem.lower():
-        raise InputError(f"{path}: name the file after its function, as in {identifier(model.machine.name)}.m")
+        raise InputError("fitting.export_matlab_name", path=path, function=identifier(model.machine.name))
     program = program_of(model)
     return written(path.parent, {path.name: _source(program, path.stem)}, program.tracer.left_out)
 

@@ -116,9 +116,7 @@ class Tracer:
         self._remembered: dict[int, Remembered] = {}
         for joint in self._arm.joints:
             if joint.cylinder is not None and isinstance(reduced(joint.cylinder.linkage), FourBar):
-                raise InputError(
-                    f"export: {joint.name} has a four-bar linkage, which no format has; calculate with hilfit itself"
-                )
+                raise InputError("fitting.export_four_bar", joint=joint.name)
         self._terms = self._traceable()
 
     @property

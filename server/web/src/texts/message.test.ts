@@ -2,6 +2,7 @@ import { execFileSync } from "node:child_process";
 import { expect, it } from "vitest";
 import daq from "../../../../daq/texts/de.json";
 import fitting from "../../../../fitting/texts/de.json";
+import simBackends from "../../../../sim_backends/texts/de.json";
 import server from "../../../texts/de.json";
 import { formatted, type Message, wording } from "./message";
 
@@ -13,7 +14,7 @@ const cases = JSON.parse(
     maxBuffer: 2 ** 26,
   }),
 ) as { messages: (Message & { text: string })[]; numbers: [number, string, string][] };
-const worded = wording({ daq, fitting, server }, ",");
+const worded = wording({ daq, fitting, server, sim_backends: simBackends }, ",");
 
 it("words every message as Python does", () => {
   expect(cases.messages.length).toBeGreaterThan(700);

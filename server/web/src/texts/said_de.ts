@@ -1,10 +1,11 @@
 /** German for all that the service says. */
 import daq from "../../../../daq/texts/de.json";
 import fitting from "../../../../fitting/texts/de.json";
+import simBackends from "../../../../sim_backends/texts/de.json";
 import server from "../../../texts/de.json";
 import { type Message, wording } from "./message";
 
-const packages = { daq, server, fitting };
+const packages = { daq, server, fitting, sim_backends: simBackends };
 const worded = wording(packages, ",");
 const words: Record<string, string> = Object.assign({}, ...Object.values(packages).map((one) => one.words));
 
