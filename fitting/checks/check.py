@@ -20,7 +20,7 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.findings import Finding, filled, finding_of
+from fitting.checks.findings import Finding, Places, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.channel_trials import late
 from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
@@ -30,7 +30,6 @@ from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search, with_couplings, with_payload
 from fitting.checks.mistakes.two_sensors import Disagreement, disagreements, recordings_apart, rods_for_a_time
 from fitting.checks.motions import beginning_findings, motion_findings
-from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
 from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repeated_findings, speed_findings

@@ -25,12 +25,10 @@ from fitting.residual.surfaces import Surface, best_surface, surfaces
 from fitting.residual.terms import Model, Term
 from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
-from fitting.selection.decision import Rated, by_formula, decided, family
+from fitting.selection.decision import Rated, Slot, by_formula, decided, family, open_place
 from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.gains import margin
-from fitting.selection.posterior import Slot, open_place
-from fitting.selection.rated_laws import resolved
-from fitting.selection.rating import Rating
+from fitting.selection.rating import Rating, resolved
 from fitting.selection.trust import BEYOND_BIAS, Draws
 
 #: Called with a fraction and plain words.

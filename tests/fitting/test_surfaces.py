@@ -19,7 +19,7 @@ from fitting.residual.stored_terms import term_from_json, term_to_json
 from fitting.residual.surfaces import Surface, best_surface, second_variable, surfaces
 from fitting.residual.terms import Term
 from fitting.selection.evidence import least_gain
-from fitting.selection.rated_laws import resolved
+from fitting.selection.rating import resolved
 from fitting.signals.corrections import Corrections
 
 MACHINE, ARM = planar_machine(3), truth(3)
