@@ -8,7 +8,7 @@ before the next one looks, so that a wrong unit is not reported a second time as
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,6 +33,7 @@ from fitting.checks.motions import beginning_findings, motion_findings
 from fitting.checks.reading import read_leniently
 from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repeated_findings, speed_findings
+from fitting.progress import Progress, quiet
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
@@ -77,7 +78,7 @@ def check_files(
     *,
     columns: ColumnMap | None = None,
     resample: bool = False,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = quiet,
 ) -> tuple[Finding, ...]:
     """Check recordings on disk, as far as they can be read.
 

@@ -32,7 +32,7 @@ from fitting.loop.session import Options, Session
 from fitting.pipeline.comparison import compare, cylinder_conditions, stage_condition
 from fitting.pipeline.cylinder_stage import CylinderEstimate
 from fitting.pipeline.results.stage_results import Cylinders, RigidBody, Stacked, StageResults
-from fitting.pipeline.stage_names import Progress
+from fitting.progress import Progress
 from fitting.regression.body_prior import BodyPrior, read_body_prior
 from fitting.regression.design import Design, Extra
 from fitting.regression.error_sizes import errors_of

@@ -60,9 +60,10 @@ from fitting.pipeline.results.stage_results import (
     from_json,
     to_json,
 )
-from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS, Progress, quiet
+from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.pipeline.stage_two import choice, comparison, estimated, rigid_body_stage
 from fitting.pipeline.verdict import MOST_NOISE
+from fitting.progress import Progress, quiet
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor

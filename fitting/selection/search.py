@@ -7,7 +7,7 @@ in its place, beside the rest; where one is dropped or replaced, the search goes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects import effects
 from fitting.effects.base import Effect
+from fitting.progress import Progress, quiet
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place, Unconfirmed
 from fitting.residual.laws import Law
@@ -30,14 +31,6 @@ from fitting.selection.evidence import least_gain, named_evidence
 from fitting.selection.gains import margin
 from fitting.selection.rating import Rating, resolved
 from fitting.selection.trust import BEYOND_BIAS, Draws
-
-#: Called with a fraction and plain words.
-Progress = Callable[[float, str], None]
-
-
-def quiet(fraction: float, text: str) -> None:
-    """Report no progress."""
-
 
 #: Explanations of a joint whose shapes are searched.
 WIDTH = 4
