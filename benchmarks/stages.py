@@ -23,9 +23,9 @@ from benchmarks.attribution.verdicts import truth_vector
 from benchmarks.targets import ARMS, Arm, Check, Outcome, Show, fact, rate, silent
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Residual, RigidBody, StageResults
-from fitting.pipeline.stage_names import quiet
 from fitting.pipeline.stage_two import comparison
 from fitting.pipeline.stages import STEPS
+from fitting.progress import quiet
 from sim_backends.plant.cases import simulate_case
 from sim_backends.plant.truth import SensorQuality
 

@@ -21,8 +21,7 @@ import numpy as np
 from scipy import io, optimize, signal
 
 from fitting.arrays import FloatArray
-from fitting.signals.filters import recursive
-from fitting.signals.held import lagged
+from fitting.signals.filters import lagged, recursive
 
 #: Of 8, 9 and 10 what left the least of the fitted half of a crane's actuator (Sjoberg's task).
 _PIECES = 10

@@ -24,8 +24,8 @@ from daq.machine.machine_file import Machine
 from daq.recordings.recording import Recording
 from fitting.loop.session import Options, Session
 from fitting.pipeline.results.stage_results import Refitted, StageResults
-from fitting.pipeline.stage_names import quiet
 from fitting.pipeline.stages import STEPS
+from fitting.progress import quiet
 from fitting.regression.error_sizes import errors_of
 
 #: Identification bandwidths, Hz.

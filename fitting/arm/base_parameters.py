@@ -34,7 +34,6 @@ from fitting.arm.dynamics import (
     COUPLED_PARAMETERS,
     JOINT_PARAMETERS,
     coupled_regressor,
-    gravity_regressor,
     rigid_body_regressor,
     stacked,
     standard_regressor,
@@ -153,10 +152,12 @@ def base_gravity_regressor(
 ) -> FloatArray:
     """Compute what a unit change of gravity adds to :func:`base_regressor`, (N, n, nb); not to a motor's columns.
 
-    Arguments as in :func:`fitting.arm.dynamics.gravity_regressor`.
+    The regressor is linear in gravity. A base that tilts by small angles ``t`` (rad, about the axis ``k``) changes
+    gravity by ``-t k x g``. ``direction`` is in the base frame, (3,) or (N, 3), in units of choice.
     """
     inertial = base.independent[base.independent < base.inertial_columns]
-    Y = gravity_regressor(machine, q, direction, columns=inertial)
+    still = np.zeros(np.shape(np.asarray(q, dtype=float)))
+    Y = rigid_body_regressor(machine, q, still, still, columns=inertial, gravity=direction)
     missing = np.zeros((*Y.shape[:2], len(base) - len(inertial)))
     return np.concatenate([Y, missing], axis=2) if missing.size else Y
 

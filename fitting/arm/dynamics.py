@@ -110,23 +110,6 @@ def rigid_body_regressor(
     return out.transpose(2, 1, 0)
 
 
-def gravity_regressor(
-    machine: Machine | Geometry,
-    q: npt.ArrayLike,
-    direction: npt.ArrayLike,
-    *,
-    columns: Sequence[int] | IntArray | None = None,
-) -> FloatArray:
-    """Compute what a unit change of gravity along ``direction`` (base frame) adds to the regressor.
-
-    ``Y`` is linear in gravity: ``Y(g + e dg) = Y(g) + gravity_regressor(e) dg``. A base that tilts by small
-    angles ``t`` (rad, about the axis ``k``) changes gravity by ``-t k x g``. Shapes as in
-    :func:`rigid_body_regressor`; ``direction`` is (3,) or (N, 3), in units of choice.
-    """
-    still = np.zeros(np.shape(np.asarray(q, dtype=float)))
-    return rigid_body_regressor(machine, q, still, still, columns=columns, gravity=direction)
-
-
 def standard_regressor(
     machine: Machine | Geometry,
     q: npt.ArrayLike,

@@ -8,7 +8,7 @@ before the next one looks, so that a wrong unit is not reported a second time as
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +20,7 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
-from fitting.checks.findings import Finding, filled, finding_of
+from fitting.checks.findings import Finding, Places, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.channel_trials import late
 from fitting.checks.mistakes.estimates import AreaRatio, Clock, area_ratios, clock_of, inertia_findings
@@ -30,10 +30,10 @@ from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import Accused, Searched, search, with_couplings, with_payload
 from fitting.checks.mistakes.two_sensors import Disagreement, disagreements, recordings_apart, rods_for_a_time
 from fitting.checks.motions import beginning_findings, motion_findings
-from fitting.checks.places import Places
 from fitting.checks.reading import read_leniently
 from fitting.checks.signal_faults import noise_findings, signal_findings
 from fitting.checks.time_axis import repeated_findings, speed_findings
+from fitting.progress import Progress, quiet
 from fitting.signals.lost_rows import bridged, with_lost_rows
 
 _log = logging.getLogger(__name__)
@@ -78,7 +78,7 @@ def check_files(
     *,
     columns: ColumnMap | None = None,
     resample: bool = False,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = quiet,
 ) -> tuple[Finding, ...]:
     """Check recordings on disk, as far as they can be read.
 

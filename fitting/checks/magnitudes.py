@@ -18,10 +18,9 @@ from daq.machine.plausible import Unusual, unusual_values
 from daq.messages import Sentence
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
-from fitting.checks.findings import Finding, finding_of
+from fitting.checks.findings import Finding, Places, finding_of
 from fitting.checks.mistakes.hypothesis import RARE, gains
 from fitting.checks.mistakes.samples import POSITIONS, PRESSURES
-from fitting.checks.places import Places
 from fitting.signals.filters import white_noise_of
 
 #: Pa: the largest pressure of a cylinder that works lies between these (0.2 bar; 1000 bar), and a vacuum ends at minus

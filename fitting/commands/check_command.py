@@ -10,16 +10,15 @@ import typer
 
 from daq.console import print_json, progress_bar, reported
 from daq.errors import InputError
-
-Files = list[Path] | None
+from fitting.commands import Columns, Files
 
 
 def register(app: typer.Typer) -> None:
     """Mount the command."""
-    app.command("check")(reported(check))
+    app.command("check")(reported(_check))
 
 
-def check(
+def _check(
     recordings: Annotated[
         Files, typer.Argument(help="Recordings; their role is the one they were recorded in, else train.")
     ] = None,
@@ -29,10 +28,7 @@ def check(
     unloaded: Annotated[Files, typer.Option(help="Recording with the rods unpinned.")] = None,
     repeat: Annotated[Files, typer.Option(help="The training motion once more.")] = None,
     operation: Annotated[Files, typer.Option(help="Whatever the machine did that day.")] = None,
-    columns: Annotated[
-        Path | None,
-        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
-    ] = None,
+    columns: Columns = None,
     resample: Annotated[
         bool,
         typer.Option("--resample", help="Bring recordings of another rate to the machine's before they are checked."),
@@ -44,7 +40,6 @@ def check(
     from daq.recordings.column_map import load_map
     from fitting.checks.check import check_files
     from fitting.checks.reading import recorded_role
-    from fitting.pipeline.check_gate import lines
 
     roles = {"unloaded": unloaded, "train": train, "repeat": repeat, "validate": validate, "operation": operation}
     files = [(recorded_role(path), path) for path in recordings or ()]
@@ -63,6 +58,7 @@ def check(
     if json:
         print_json({"machine": str(machine), "findings": [finding.to_json() for finding in found]})
     else:
-        print("\n".join(lines(found)) or f"nothing was found to be wrong with {len(files)} recording(s)")
+        lines = (f"{'MISTAKE' if own.severity == 'mistake' else 'note'} [{own.code}] {own.line}" for own in found)
+        print("\n".join(lines) or f"nothing was found to be wrong with {len(files)} recording(s)")
     if wrong:
         raise typer.Exit(1)

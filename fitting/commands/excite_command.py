@@ -71,7 +71,7 @@ Forecast = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add the command to ``app``."""
-    app.command()(reported(excite))
+    app.command("excite")(reported(_excite))
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class _Plan:
     progress: Callable[[float, float], None]
 
 
-def excite(
+def _excite(
     machine: Annotated[Path, typer.Argument(help="The machine file.", metavar="MACHINE")],
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Motion file to write (CSV); with --count NAME-1.csv and so on.")

@@ -11,17 +11,16 @@ import typer
 from daq.console import print_json, progress_bar, reported, show_table
 from daq.errors import InputError
 from daq.messages import Sentence
+from fitting.commands import Columns, Files, Resample
 from fitting.pipeline.stage_names import ReportLanguage
-
-Files = list[Path] | None
 
 
 def register(app: typer.Typer) -> None:
     """Mount the commands."""
-    app.command("identify")(reported(identify))
+    app.command("identify")(reported(_identify))
     catalogue = typer.Typer(help="The catalogue of physical effects.", no_args_is_help=True)
-    catalogue.command("list")(reported(list_effects))
-    catalogue.command("show")(reported(show_effect))
+    catalogue.command("list")(reported(_list_effects))
+    catalogue.command("show")(reported(_show_effect))
     app.add_typer(catalogue, name="effects")
 
 
@@ -30,13 +29,9 @@ Estimator = Annotated[
     typer.Option(help="What is handed out: gls (both stages at once, plausible arm), ols, wls, ridge, possible."),
 ]
 Spoken = Annotated[ReportLanguage, typer.Option(help="Language of report.html.")]
-Columns = Annotated[
-    Path | None,
-    typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
-]
 
 
-def identify(
+def _identify(
     machine: Annotated[Path, typer.Argument(help="Machine file.")],
     train: Annotated[Files, typer.Option(help="Training recording; may be given several times.")] = None,
     validate: Annotated[Files, typer.Option(help="Recording of another motion, to judge by.")] = None,
@@ -59,15 +54,13 @@ def identify(
         Path | None, typer.Option(help="Links from drawings, or an earlier report.json, for ridge and possible.")
     ] = None,
     columns: Columns = None,
-    resample: Annotated[
-        bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
-    ] = False,
+    resample: Resample = False,
     language: Spoken = "en",
     json: Annotated[bool, typer.Option("--json", help="Print report.json on standard output.")] = False,
 ) -> None:
     """Identify an arm from recordings, find what the model lacks, and write report.json and report.html."""
     from fitting.loop.session import Options, Request
-    from fitting.pipeline.stages import identify as run
+    from fitting.pipeline.stages import identify
 
     roles = {"unloaded": unloaded, "train": train, "repeat": repeat, "validate": validate, "operation": operation}
     recordings = tuple((role, path) for role, paths in roles.items() for path in paths or ())
@@ -87,7 +80,7 @@ def identify(
     )
     request = Request(machine, recordings, output, options, (language,))
     with progress_bar("identify", show=not json) as bar:
-        content = run(request, lambda fraction, text: bar(fraction, 1.0, text))
+        content = identify(request, lambda fraction, text: bar(fraction, 1.0, text))
     if json:
         print_json(content)
         return
@@ -96,7 +89,7 @@ def identify(
     print_summary(content, output)
 
 
-def list_effects(json: Annotated[bool, typer.Option("--json", help="For programs.")] = False) -> None:
+def _list_effects(json: Annotated[bool, typer.Option("--json", help="For programs.")] = False) -> None:
     """List all effects that the loop knows."""
     from fitting.effects import effects
 
@@ -111,7 +104,7 @@ def list_effects(json: Annotated[bool, typer.Option("--json", help="For programs
     show_table(table)
 
 
-def show_effect(
+def _show_effect(
     effect_id: Annotated[str, typer.Argument(metavar="ID", help="Effect id, as in the list.")],
     json: Annotated[bool, typer.Option("--json", help="For programs.")] = False,
 ) -> None:

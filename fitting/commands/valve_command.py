@@ -10,29 +10,23 @@ from typing import Annotated, Any
 import typer
 
 from daq.console import MachineFile, print_json, progress_bar, reported, show_table
-
-Files = list[Path] | None
+from fitting.commands import Columns, Files, Resample
 
 
 def register(app: typer.Typer) -> None:
     """Mount the command."""
-    app.command("valve")(reported(valve))
+    app.command("valve")(reported(_valve))
 
 
-def valve(
+def _valve(
     machine: MachineFile,
     recordings: Annotated[list[Path], typer.Argument(help="Recordings with commands, positions and pressures.")],
     validate: Annotated[Files, typer.Option(help="Recording of another motion, to judge by.")] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory of the report.")] = Path("hilfit-valve"),
     no_loop: Annotated[bool, typer.Option("--no-loop", help="Look for no effects.")] = False,
     bandwidth: Annotated[float | None, typer.Option(help="Of the filter in Hz; 3, or a fifth of the rate.")] = None,
-    columns: Annotated[
-        Path | None,
-        typer.Option("--map", help="YAML file: which column of the recordings is which channel (channel: column)."),
-    ] = None,
-    resample: Annotated[
-        bool, typer.Option("--resample", help="Bring recordings of another rate to the machine's; the report says so.")
-    ] = False,
+    columns: Columns = None,
+    resample: Resample = False,
     to: Annotated[
         list[str] | None,
         typer.Option(help="Write the inverse, too: c, csv, fmu, python or st; may be given several times."),

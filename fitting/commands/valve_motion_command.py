@@ -15,10 +15,10 @@ from daq.errors import InputError
 
 def register(app: typer.Typer) -> None:
     """Mount the command."""
-    app.command("valve-motion")(reported(valve_motion))
+    app.command("valve-motion")(reported(_valve_motion))
 
 
-def valve_motion(
+def _valve_motion(
     machine: MachineFile,
     output: Annotated[Path, typer.Option("--output", "-o", help="Directory of tables and programs.")] = Path(
         "valve-motions"

@@ -14,7 +14,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -83,30 +83,29 @@ def _require(effect: Effect, condition: bool, text: str) -> None:
 
 
 def _check_texts(effect: Effect) -> None:
-    _require(effect, isinstance(effect, Effect), "it is no subclass of fitting.effects.Effect")
+    require = partial(_require, effect)
+    require(isinstance(effect, Effect), "it is no subclass of fitting.effects.Effect")
     for name in _TEXTS:
         text = getattr(effect, name, None)
-        _require(effect, isinstance(text, str) and bool(text.strip()), f"its text '{name}' is missing or empty")
-        _require(effect, "\n" not in str(text), f"its text '{name}' is more than one line")
-    _require(effect, bool(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id)), "its id is not in lower case with underscores")
-    _require(effect, effect.level in ("cylinder", "joint", "measurement"), f"there is no level '{effect.level}'")
-    _require(
-        effect,
+        require(isinstance(text, str) and bool(text.strip()), f"its text '{name}' is missing or empty")
+        require("\n" not in str(text), f"its text '{name}' is more than one line")
+    require(bool(re.fullmatch(r"[a-z][a-z0-9_]*", effect.id)), "its id is not in lower case with underscores")
+    require(effect.level in ("cylinder", "joint", "measurement"), f"there is no level '{effect.level}'")
+    require(
         effect.variable.removeprefix("other.") in VARIABLES,
         f"there is no variable '{effect.variable}' to draw it against",
     )
     parameters = getattr(effect, "parameters", None)
-    _require(
-        effect,
+    require(
         isinstance(parameters, tuple) and all(isinstance(p, Parameter) for p in parameters),
         "its 'parameters' are missing, or are no tuple of fitting.effects.Parameter",
     )
     names = [p.name for p in effect.parameters]
-    _require(effect, bool(names) and len(set(names)) == len(names), "its parameters need names, each its own")
+    require(bool(names) and len(set(names)) == len(names), "its parameters need names, each its own")
     for parameter in effect.parameters:
-        _require(effect, bool(parameter.unit), f"parameter '{parameter.name}' has no unit; '1' where it has none")
-        _require(effect, parameter.low < parameter.high, f"the interval of '{parameter.name}' is empty")
-    _require(effect, effect.id not in effect.confounders, "it is named as its own confounder")
+        require(bool(parameter.unit), f"parameter '{parameter.name}' has no unit; '1' where it has none")
+        require(parameter.low < parameter.high, f"the interval of '{parameter.name}' is empty")
+    require(effect.id not in effect.confounders, "it is named as its own confounder")
 
 
 def _check_plausibility(effect: Effect) -> None:
@@ -133,47 +132,42 @@ def _shapes(effect: Effect, view: DriveView) -> Iterator[Shape]:
 
 
 def _check_columns(effect: Effect, bench: _Bench, joint: int) -> None:
+    require = partial(_require, effect)
     place = f"on {bench.machine.name}, {bench.machine.joints[joint].name}"
     unloaded, loaded = bench.views[0][joint], bench.views[1][joint]
     shapes = list(_shapes(effect, loaded))
-    _require(effect, bool(shapes), f"{place} it has no shape; give one empty one")
+    require(bool(shapes), f"{place} it has no shape; give one empty one")
     alive = False
     for shape in shapes:
-        _require(
-            effect,
+        require(
             all(isinstance(k, str) and np.isfinite(float(v)) for k, v in shape.items()),
             f"{place} shape {dict(shape)} is not made of finite numbers",
         )
         before = _fingerprint(loaded)
         columns = _columns(effect, loaded, shape, place)
-        _require(effect, _fingerprint(loaded) == before, f"{place} it changes the view that it looks at")
-        _require(effect, np.array_equal(columns, effect.columns(loaded, shape)), f"{place} it is not deterministic")
+        require(_fingerprint(loaded) == before, f"{place} it changes the view that it looks at")
+        require(np.array_equal(columns, effect.columns(loaded, shape)), f"{place} it is not deterministic")
         alive = alive or bool(np.any(columns))
         _columns(effect, _beyond(loaded), shape, f"{place}, in a recording that goes beyond what was fitted,")
         still = _columns(effect, unloaded, shape, place)
         if effect.level == "joint":
-            _require(effect, not np.any(still), f"{place} a joint's effect must be zero in an unloaded recording")
+            require(not np.any(still), f"{place} a joint's effect must be zero in an unloaded recording")
         if effect.parity is Parity.ODD:
             # A lagged or averaged column is odd too: every speed of the recording is turned round.
-            _require(effect, _like(effect.columns(_turned(loaded), shape), -columns), f"{place} it is not odd in v")
+            require(_like(effect.columns(_turned(loaded), shape), -columns), f"{place} it is not odd in v")
         elif effect.parity is Parity.EVEN:
-            _require(effect, _like(effect.columns(_turned(loaded), shape), columns), f"{place} it is not even in v")
+            require(_like(effect.columns(_turned(loaded), shape), columns), f"{place} it is not even in v")
         elif effect.parity is Parity.NEITHER:
             other = effect.columns(_turned(loaded), shape)
-            _require(
-                effect, not _like(other, columns) and not _like(other, -columns), f"{place} it is even or odd in v"
-            )
+            require(not _like(other, columns) and not _like(other, -columns), f"{place} it is even or odd in v")
         stronger = effect.columns(_stronger(loaded), shape)
         if not effect.uses_model:
-            _require(
-                effect, np.array_equal(stronger, columns), f"{place} uses_model is False, but it moves with the model"
-            )
-        _require(
-            effect,
+            require(np.array_equal(stronger, columns), f"{place} uses_model is False, but it moves with the model")
+        require(
             any(_like(stronger, factor * columns) for factor in (1.0, 2.0, 4.0)),
             f"{place} its columns hold a force that is neither the model's nor the parameter's",
         )
-    _require(effect, alive, f"{place} every shape is zero in a recording that moves all joints under load")
+    require(alive, f"{place} every shape is zero in a recording that moves all joints under load")
 
 
 def _columns(effect: Effect, view: DriveView, shape: Shape, place: str) -> FloatArray:

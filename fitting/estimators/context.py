@@ -38,7 +38,7 @@ class StageTwo:
 
 
 @runtime_checkable
-class TakesStage(Protocol):
+class _TakesStage(Protocol):
     """An estimator that takes something from stage 2."""
 
     def within(self, stage: StageTwo) -> Estimator:
@@ -66,7 +66,7 @@ class RowsEstimator(ABC):
     colour: Colour = "white"
 
     def within(self, stage: StageTwo) -> Self:
-        """Return the same with what it needs of the stage; see :class:`TakesStage`."""
+        """Return the same with what it needs of the stage; see :class:`_TakesStage`."""
         return replace(self, colour=stage.colour)
 
     def fit(
@@ -87,4 +87,4 @@ class RowsEstimator(ABC):
 
 def within(estimator: Estimator, stage: StageTwo) -> Estimator:
     """Return the estimator, with what it takes from the stage."""
-    return estimator.within(stage) if isinstance(estimator, TakesStage) else estimator
+    return estimator.within(stage) if isinstance(estimator, _TakesStage) else estimator

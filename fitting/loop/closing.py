@@ -22,7 +22,7 @@ from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.terms import Term
 from fitting.selection import priors
-from fitting.selection.posterior import MOST_NAMED, together
+from fitting.selection.decision import MOST_NAMED, together
 
 #: Seconds of a designed motion, and generations of its search: one that a machine makes by itself may be long.
 SECONDS, GENERATIONS = 60.0, 6

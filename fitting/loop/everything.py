@@ -27,6 +27,7 @@ from fitting.effects.base import Effect
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Search, Session
 from fitting.loop.weighting import weighed
+from fitting.progress import Progress, quiet
 from fitting.regression.design import effort_errors
 from fitting.regression.prior import Prior, with_prior
 from fitting.regression.streamed import folded
@@ -37,7 +38,6 @@ from fitting.residual.scoring import Score
 from fitting.residual.terms import Model, Term, extra_columns, late_terms
 from fitting.selection import priors
 from fitting.selection.evidence import least_gain
-from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
 
 #: Shapes that are moments, s: searched by steps, not by factors.

@@ -21,6 +21,7 @@ from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.loop.session import Prepared, Session
+from fitting.progress import Progress, quiet
 from fitting.regression.drive import drive_columns, known_effort
 from fitting.residual.confirmation.robustness import Leftover
 from fitting.residual.findings import LEAST, MOST_LISTED, Hypothesis, combined
@@ -40,7 +41,6 @@ from fitting.residual.views import Views
 from fitting.selection import priors
 from fitting.selection.decision import tempering
 from fitting.selection.gaps import APART, GapConclusion, GapPosterior, GapSet, Pose, gap_posterior
-from fitting.selection.search import Progress, quiet
 from fitting.signals.corrections import Corrections
 
 #: Times that an error of geometry is rebuilt until nothing of it is left.

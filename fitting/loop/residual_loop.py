@@ -41,6 +41,7 @@ from fitting.loop.everything import confirmed_in_effort, held_against_everything
 from fitting.loop.refits import SessionSignals
 from fitting.loop.session import Session
 from fitting.loop.weighting import weighed
+from fitting.progress import Progress, quiet
 from fitting.residual.change_points import changes
 from fitting.residual.confirmation.confirmation import validate_gain
 from fitting.residual.confirmation.cross_validation import held_out_gain
@@ -51,7 +52,7 @@ from fitting.residual.lines import Line, machine_lines
 from fitting.residual.scoring import score_terms
 from fitting.residual.terms import Model, Term
 from fitting.selection.gains import margin
-from fitting.selection.search import Progress, Search, quiet
+from fitting.selection.search import Search
 from fitting.selection.trust import Draws
 from fitting.signals.corrections import Corrections
 

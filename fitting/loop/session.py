@@ -30,12 +30,11 @@ from fitting.loop.weighting import Weighed, Weights, weighed
 from fitting.regression.design import Design, NoiseModel, build_design, reduced_residual, with_efforts, with_targets
 from fitting.regression.noise import Pairing, noise_model, pair_repeats
 from fitting.regression.plausible_arm import plausible_arm
-from fitting.regression.prior import Prior, mass_prior
+from fitting.regression.prior import Prior, expected_delays, mass_prior
 from fitting.regression.stored import storing
 from fitting.regression.streamed import triangle
 from fitting.residual.kinematics import SensorErrors, checkable
 from fitting.residual.terms import Model, fit_model
-from fitting.signals.bus_delays import expected_delays
 from fitting.signals.corrections import Corrections
 from fitting.signals.filters import FilterBank, asked_filter_bank, filter_bank
 from fitting.signals.lost_rows import bridged, longest_bridge, with_lost_rows
@@ -376,7 +375,8 @@ class Session:
         """Return a design without delays, in memory, with the efforts of other recordings of the very same motion."""
         design = prepared.design
         machine, bank = design.machine, design.bank
-        segments = [with_efforts_of(machine, recordings[own.recording], own, bank) for own in design.segments]
+        on_time = {joint.name: 0.0 for joint in machine.joints}
+        segments = [with_efforts_of(machine, recordings[own.recording], own, bank, on_time) for own in design.segments]
         return replace(prepared, design=with_targets(design, segments))
 
     @cached_property

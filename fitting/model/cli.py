@@ -30,12 +30,16 @@ Json = Annotated[bool, typer.Option("--json", help="For programs.")]
 
 def register(app: typer.Typer) -> None:
     """Mount the commands."""
-    for command in (predict, compare, feedforward, energy, overload, payload):
-        app.command(command.__name__)(reported(command))
+    app.command("predict")(reported(_predict))
+    app.command("compare")(reported(_compare))
+    app.command("feedforward")(reported(_feedforward))
+    app.command("energy")(reported(_energy))
+    app.command("overload")(reported(_overload))
+    app.command("payload")(reported(_payload))
     group = typer.Typer(help="Look at a handed-over model, and export it.", no_args_is_help=True)
-    group.command("show")(reported(show))
+    group.command("show")(reported(_show))
     group.command("export")(reported(export))
-    group.command("schema")(reported(schema))
+    group.command("schema")(reported(_schema))
     app.add_typer(group, name="model")
 
 
@@ -48,7 +52,7 @@ def _opened(model: Path, recording: Path, columns: Path | None, resample: bool) 
     return loaded, load_recording(loaded, recording, columns=columns, resample=resample)
 
 
-def predict(
+def _predict(
     model: ModelPath,
     recording: RecordingPath,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")] = None,
@@ -80,7 +84,7 @@ def predict(
         print(f"note: {line}")
 
 
-def compare(
+def _compare(
     first: Annotated[Path, typer.Argument(help="model.json or folder of the first model.")],
     second: Annotated[Path, typer.Argument(help="model.json or folder of the second model.")],
     recording: RecordingPath,
@@ -119,7 +123,7 @@ def compare(
         )
 
 
-def show(model: ModelPath, json: Json = False) -> None:
+def _show(model: ModelPath, json: Json = False) -> None:
     """Show a model: its card (machine, data, ranges, errors, effects), and its parameters with deviations."""
     from fitting.model.codec import load_model, model_to_json
     from fitting.model.export.words import model_card
@@ -141,7 +145,7 @@ def show(model: ModelPath, json: Json = False) -> None:
     )
 
 
-def schema() -> None:
+def _schema() -> None:
     """Print the JSON schema of model.json."""
     from fitting.model.codec import model_schema
 
@@ -203,7 +207,7 @@ Temperature = Annotated[float | None, typer.Option(help="Temperature of the oil,
 Table = Annotated[Path | None, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")]
 
 
-def feedforward(
+def _feedforward(
     model: ModelPath,
     motion: Annotated[Path, typer.Argument(help="Motion file, as 'hilfit excite' writes it.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Table to write: .csv or .parquet.")],
@@ -231,7 +235,7 @@ def feedforward(
         print(f"note: not in it: {line}")
 
 
-def energy(
+def _energy(
     model: ModelPath,
     motion: Annotated[Path, typer.Argument(help="Motion file, or a recording.")],
     temperature: Temperature = None,
@@ -275,7 +279,7 @@ def _energy_rows(found: Energy) -> dict[str, dict[str, float | None]]:
     return rows
 
 
-def overload(
+def _overload(
     model: ModelPath,
     recording: RecordingPath,
     usual: Annotated[
@@ -320,7 +324,7 @@ def overload(
     )
 
 
-def payload(
+def _payload(
     model: ModelPath,
     recording: RecordingPath,
     output: Table = None,

@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 from daq.errors import HilfitError, InputError
 from daq.machine.machine_file import load_machine
 from daq.recordings.column_map import load_map
-from fitting.checks.check import check_files, check_recordings
+from fitting.checks.check import check_files
 from fitting.checks.findings import Finding
-from fitting.checks.places import Places
-from fitting.loop.session import Options, Request, Session
+from fitting.loop.session import Options, Request
 
 _T = TypeVar("_T")
 _log = logging.getLogger(__name__)
@@ -56,17 +55,7 @@ def with_explanation(request: Request, of: Callable[[], _T]) -> _T:
         raise explained(error, request.machine, request.recordings, request.options) from None
 
 
-def checked(session: Session) -> tuple[Finding, ...]:
-    """Check a session's recordings."""
-    return tuple(check_recordings(session.machine, session.measured, places=Places.of(session.file)))
-
-
 def for_report(findings: Sequence[Finding]) -> list[dict[str, Any]]:
     """Make ``checks`` of report.json: findings with the schema's keys, and how serious each is."""
     kept = ("code", "severity", "joint", "channel", "recording", "text", "cure")
     return [{key: getattr(finding, key) for key in kept} for finding in findings]
-
-
-def lines(findings: Sequence[Finding]) -> list[str]:
-    """Make one line each for people."""
-    return [f"{'MISTAKE' if own.severity == 'mistake' else 'note'} [{own.code}] {own.line}" for own in findings]

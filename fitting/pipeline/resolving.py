@@ -16,8 +16,8 @@ from fitting.loop.closing import Asked, Recorder, Step, close
 from fitting.loop.session import Request, Session
 from fitting.pipeline.results.loop_results import Attributed, ClosingStep, Resolution
 from fitting.pipeline.results.stage_results import StageResults
-from fitting.pipeline.stage_names import Progress, quiet
 from fitting.pipeline.stages import STEPS, computed, motion_of, opened, reported
+from fitting.progress import Progress, quiet
 from fitting.residual.findings import Hypothesis
 
 #: The stages that are run again.

@@ -1,6 +1,5 @@
 """Names of an identification's stages, apart from the code that runs them: importing this loads no numerics."""
 
-from collections.abc import Callable
 from typing import Literal
 
 #: Stage to what is said while it runs.
@@ -18,13 +17,7 @@ STAGES: tuple[str, ...] = tuple(WORDS)
 #: inverses beside that.
 VALVE_STAGE, VALVE_REPORT, INVERSES = "valve", "valve.json", "inverse"
 VALVE_WORDS = {VALVE_STAGE: "from commands to speeds, valve by valve"}
-#: Told the share that is done, and what is being done.
-Progress = Callable[[float, str], None]
 #: File that the last stage leaves beside the report if it designed a motion.
 NEXT_MOTION = "next-experiment.csv"
 #: Languages that the last stage can write its page in (:mod:`fitting.report.languages`).
 ReportLanguage = Literal["en", "de"]
-
-
-def quiet(fraction: float, text: str) -> None:
-    """Ignore progress."""

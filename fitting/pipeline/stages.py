@@ -21,20 +21,31 @@ from daq.messages import Sentence
 from daq.motion_files import Motion, write_motion
 from daq.whole_files import replacing
 from fitting.arm.dynamics import self_check
+from fitting.checks.check import check_recordings
+from fitting.checks.findings import Places
 from fitting.estimators.effort_fit import EffortRows, mean_levers, parameter_error, predicted_std
+from fitting.loop.closing import asked_of, next_experiment
+from fitting.loop.everything import search_note
 from fitting.loop.kinematic_check import Kinematics, kinematics
+from fitting.loop.noise_scale import words as noise_words
 from fitting.loop.refits import final_model
+from fitting.loop.residual_loop import attributed, other_bands
 from fitting.loop.session import Request, Session
 from fitting.model.codec import MODEL_FILE, save_model
 from fitting.model.handover import hand_over
 from fitting.model.motion import indefinite
-from fitting.pipeline.attribution_stage import attribution
-from fitting.pipeline.check_gate import checked, with_explanation
+from fitting.pipeline.check_gate import with_explanation
 from fitting.pipeline.comparison import estimation
 from fitting.pipeline.cylinder_stage import InSitu, identify_cylinders
 from fitting.pipeline.plausibility import physics
-from fitting.pipeline.results.loop_content import kinematic, position_law
-from fitting.pipeline.results.loop_results import Attributed, Program
+from fitting.pipeline.results.loop_content import (
+    accepted_term,
+    detection_limits,
+    kinematic,
+    position_law,
+    unconfirmed_law,
+)
+from fitting.pipeline.results.loop_results import Attributed, Designed, OtherBand, Program
 from fitting.pipeline.results.results import build_report, final_fit
 from fitting.pipeline.results.stage_results import (
     RESULTS,
@@ -49,9 +60,10 @@ from fitting.pipeline.results.stage_results import (
     from_json,
     to_json,
 )
-from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS, Progress, quiet
+from fitting.pipeline.stage_names import NEXT_MOTION, STAGES, WORDS
 from fitting.pipeline.stage_two import choice, comparison, estimated, rigid_body_stage
 from fitting.pipeline.verdict import MOST_NOISE
+from fitting.progress import Progress, quiet
 from fitting.regression.design import Design, reduced_residual
 from fitting.regression.error_sizes import ROLES, errors_of, independent_rows, overall_errors
 from fitting.regression.noise import effort_floor
@@ -59,15 +71,17 @@ from fitting.regression.solving import Fit
 from fitting.report import presented, write_report
 from fitting.report.languages import language
 from fitting.residual.confirmation.confirmation import overall_change
+from fitting.residual.findings import Attribution, Family
 from fitting.residual.stored_terms import corrections_from_json
 from fitting.residual.terms import Model
+from fitting.selection.decision import together
 from fitting.signals.corrections import Corrections
 
 
 def _check(session: Session, results: StageResults, progress: Progress) -> Checked:
     """Check that recordings fit and excite the machine, and that its own equations agree."""
     choice(session)
-    findings = checked(session)
+    findings = check_recordings(session.machine, session.measured, places=Places.of(session.file))
     session.require_excitation()
     progress(0.5, Sentence("fitting.checking_equations_motion_against"))
     return Checked(
@@ -76,7 +90,7 @@ def _check(session: Session, results: StageResults, progress: Progress) -> Check
         standard_parameters=session.base.standard_count,
         base_parameters=len(session.base),
         repeated=bool(session.plain.pairs),
-        findings=findings,
+        findings=tuple(findings),
     )
 
 
@@ -119,6 +133,61 @@ def _residual(session: Session, results: StageResults, progress: Progress) -> Re
         laws=tuple(position_law(session.machine, law) for law in found.laws),
         hypotheses=found.hypotheses,
     )
+
+
+def _attribution(session: Session, results: StageResults, progress: Progress) -> Attributed:
+    """Attribute the residual."""
+    if not session.options.loop:
+        return Attributed("not_examined", looked=False)
+    residual, search = results[Residual], session.search
+    corrections = corrections_from_json(session.machine, residual.steps)
+    found = attributed(session, corrections, progress)
+    names = tuple(joint.name for joint in session.machine.joints)
+    warnings = [*found.warnings, *([] if search.whole else [search_note(search)])]
+    warnings += noise_words(names, search.session.plain.rescaled)
+    # Another bandwidth is asked only where it can change the verdict: not where structure is certain, or noise unknown.
+    silent = found.verdict == "nothing_missing" and not (residual.kinematics or residual.laws)
+    silent = silent and all(residual.floor_valid)
+    others = other_bands(search.session, corrections, progress) if silent else ()
+    progress(0.92, Sentence("fitting.designing_experiment_tells_rivals"))
+    result = Attributed(
+        verdict=found.verdict,
+        accepted=tuple(accepted_term(session.machine, item) for item in found.accepted),
+        candidates=tuple(c for c in found.candidates if c.id != "law"),
+        limits=detection_limits(session.machine, found),
+        hypotheses=together(residual.hypotheses, found.hypotheses),
+        nothing=found.nothing,
+        nothing_more=found.nothing_more,
+        unconfirmed=tuple(unconfirmed_law(session.machine, item) for item in found.unconfirmed),
+        lines=found.lines,
+        changes=found.changes,
+        other_bands=tuple(OtherBand(hz, tuple(_called(f, names) for f in families)) for hz, families in others),
+        next_experiment=_next_experiment(search.session, found),
+        warnings=tuple(warnings),
+    )
+    session.forget_search()
+    return result
+
+
+def _called(family: Family, names: tuple[str, ...]) -> str:
+    """Word an effect and its joint."""
+    name, joint = family
+    what = "a law" if name == "law" else name
+    return what if joint is None else Sentence("fitting.at_joint", effect=what, joint=names[joint])
+
+
+def _next_experiment(session: Session, found: Attribution) -> Designed | None:
+    """Design the experiment that best separates the first set's members, with motion where closable."""
+    designed = next_experiment(session, found)
+    if designed is None:
+        return None
+    asked = asked_of(designed, session)
+    content = designed.to_json(session.machine, None if asked is None else NEXT_MOTION)
+    if asked is None:
+        return Designed(content)
+    motion = asked.motion
+    columns = {name: np.round(column, 7) for name, column in motion.columns.items()}
+    return Designed(content, Program(motion.rods, motion.time, columns, asked.text, asked.chance))
 
 
 def _refit(session: Session, results: StageResults, progress: Progress) -> Refitted:
@@ -190,7 +259,7 @@ STEPS: dict[str, Callable[[Session, StageResults, Progress], Any]] = {
     "cylinder_stage": _cylinder_stage,
     "rigid_body_stage": rigid_body_stage,
     "residual": _residual,
-    "attribution": attribution,
+    "attribution": _attribution,
     "refit": _refit,
 }
 

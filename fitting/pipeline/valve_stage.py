@@ -12,7 +12,8 @@ from daq.recordings.column_map import load_map
 from daq.recordings.recording import read_recording
 from daq.whole_files import replacing
 from fitting.loop.session import Request
-from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT, Progress, quiet
+from fitting.pipeline.stage_names import INVERSES, VALVE_REPORT
+from fitting.progress import Progress, quiet
 from fitting.valve.export import export_valve
 from fitting.valve.identify import identify_valves
 

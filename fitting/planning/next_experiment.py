@@ -3,7 +3,7 @@
 For every motion of a menu, and for motions searched for the purpose, the odds that the loop would then state are
 predicted, for the sizes that were fitted (:mod:`fitting.planning.separation`): the motion goes through the filters, the
 rivals' columns are built on it with the model's own forces, and the base model is projected out together with
-everything recorded so far (:mod:`fitting.planning.question`).
+everything recorded so far (:class:`Question`).
 The best is named with its expected separation, and can be run: the set is *closable*. Where no motion of this arm is
 expected to leave a single name, that is reported, with how little the choice matters to the efforts, and which of the
 catalogue's experiments need no motion (vented chambers, an inclinometer).
@@ -11,7 +11,7 @@ catalogue's experiments need no motion (vented chambers, an inclinometer).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,17 +20,22 @@ import numpy as np
 from daq.machine.machine_file import Machine
 from daq.messages import Sentence
 from daq.motion_files import Motion
+from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
 from fitting.excitation.experiments import Arm, menu
 from fitting.excitation.fourier import Series, random_series, varied
-from fitting.excitation.limits import HydraulicLimits, limits_of_machine, limits_used
+from fitting.excitation.limits import HydraulicLimits, holding_efforts, limits_of_machine, limits_used
 from fitting.planning.guess import Guess, worst_friction
-from fitting.planning.question import Question
-from fitting.planning.separation import Separation
-from fitting.regression.prior import Prior
+from fitting.planning.planned import States, chamber_models, planned_segment, planned_views, segment_of_states
+from fitting.planning.separation import Rival, Separation, leads, products, projected, separation
+from fitting.regression.design import build_design, whitened
+from fitting.regression.prior import Prior, with_prior
 from fitting.residual.laws import Law
-from fitting.residual.terms import Model, Term
+from fitting.residual.terms import Model, Term, extra_columns
+from fitting.signals.preparation import Segment
 
+#: Shapes of a rival's grid that are looked at.
+_MOST_SHAPES = 16
 #: Chance of a single name from which on an experiment is worth making.
 ENOUGH = 0.8
 #: Repetitions beyond which a motion does not separate the rivals for practical purposes.
@@ -43,8 +48,124 @@ _SHRINKS = 12  # by 0.85: what is left of a motion after that says nothing
 _SIMPLER = 0.25
 
 
+def _fitted(apart: FloatArray, rival: Term, place: slice) -> FloatArray:
+    """Return a rival's values fitted without the others; what was moved into signals is put back first."""
+    S, target = apart[:-1, :-1], apart[:-1, -1]
+    if rival.rebuilt:
+        target = target + S[:, place] @ np.asarray(rival.rebuilt)
+    return np.asarray(np.linalg.pinv(S[place, place], rcond=1e-8, hermitian=True) @ target[place])
+
+
+def _shapes(model: Model, rival: Term) -> list[Term]:
+    """Return a rival in fitted and other shapes of its grid: a wrong one adapts to a new recording."""
+    effect = rival.content
+    if not isinstance(effect, Effect):
+        return [rival]
+    chosen = {key: value for key, value in rival.shape.items() if key in ("other", "recording")}
+    grid = effect.shapes(model.views[model.fitted[0]][rival.joint or 0])
+    step = max(1, len(grid) // _MOST_SHAPES)
+    others = [replace(rival, shape={**shape, **chosen}, rebuilt=()) for shape in grid[::step]]
+    return [rival, *(term for term in others if term.shape != rival.shape)]
+
+
+class Question:
+    """The rivals in the light of what is recorded; weighs motions."""
+
+    def __init__(
+        self,
+        model: Model,
+        rivals: tuple[Term, ...],
+        prior: Prior,
+        hydraulic: HydraulicLimits,
+        chances: tuple[float, ...] | None,
+    ) -> None:
+        self.model, self.rivals, self.hydraulic, self.chances = model, rivals, hydraulic, chances
+        design = model.design
+        families = {rival.family for rival in rivals}
+        # Effects that are not in question belong to the base.
+        known = [term for term in model.terms if term.family not in families]
+        shapes = [_shapes(model, rival) for rival in rivals]
+        self.terms = (*known, *(term for own in shapes for term in own))
+        widths = [len(term.names(design.parameters.joints)) for term in self.terms]
+        ends = np.cumsum([len(design.parameters), *widths]).tolist()
+        self.fixed = ends[len(known)]
+        places = [slice(e - w - self.fixed, e - self.fixed) for e, w in zip(ends[1:], widths, strict=True)]
+        rest = iter(places[len(known) :])
+        parts = [tuple(next(rest) for _ in own) for own in shapes]
+        extra = extra_columns(design, model.views, self.terms)
+        rows = whitened(design, model.noise, model.fitted, extra)
+        expected = extra.expected_rows(len(design.parameters))
+        self.recorded = products((*with_prior(rows, design.parameters, prior), *expected))
+        trained = [i for i in model.fitted if design.segments[i].role in ("train", "repeat", "operation")]
+        length = sum(len(design.segments[i]) for i in trained) / design.bank.rate_hz
+        self.training = products(whitened(design, model.noise, trained, extra)) / length  # per second
+        apart = projected(self.recorded, self.fixed)
+        self.questioned = [
+            Rival(tuple(terms), places, _fitted(apart, rival, places[0]))
+            for rival, terms, places in zip(rivals, shapes, parts, strict=True)
+        ]
+        self._leads = leads(apart[:-1, :-1], self.questioned)
+        self.now = self._separation(self.recorded)
+        self.chambers = chamber_models(model)
+        self.next_recording = 1 + max(segment.recording for segment in design.segments)
+
+    def _separation(self, total: FloatArray) -> Separation:
+        then = leads(projected(total, self.fixed)[:-1, :-1], self.questioned)
+        return separation(self._leads, then, self.questioned, self.chances)
+
+    @property
+    def suspects(self) -> list[int]:
+        """Joints to move: those of the rivals; for effects of the whole machine the two that feel them most."""
+        named = list(dict.fromkeys(term.joint for term in self.rivals if term.joint is not None))
+        if named:
+            return named[:2]
+        extra = extra_columns(self.model.design, self.model.views, self.terms)
+        felt = []
+        for rows in whitened(self.model.design, self.model.noise, self.model.fitted, extra):
+            own = rows.A[:, self.fixed :]
+            felt.append(max(float(np.sum((own[:, r.places[0]] @ r.values) ** 2)) for r in self.questioned))
+        return [int(joint) for joint in np.argsort(felt)[::-1][:2]]
+
+    def holding(self, q: FloatArray) -> FloatArray:
+        """Compute load forces (N, n) of the fitted arm at rest."""
+        design = self.model.design
+        values = self.model.fit.theta[design.parameters.base_slice]
+        return holding_efforts(design.machine, design.parameters.base, values, q)
+
+    def segment(self, motion: Motion) -> Segment:
+        """Make a segment of a motion as it would be recorded."""
+        design = self.model.design
+        return planned_segment(design.machine, design.bank, design.noise, motion, self.next_recording)
+
+    def segment_of(self, states: States) -> Segment:
+        """Make the same from exact states."""
+        design = self.model.design
+        return segment_of_states(design.machine, design.bank, design.noise, states, self.next_recording)
+
+    def _products(self, segment: Segment) -> FloatArray:
+        """Compute what a segment would add to the products."""
+        known = self.model.design
+        design = build_design(known.machine, known.parameters.base, known.bank, known.noise, [segment])
+        like = self.model.views[self.model.fitted[0]][0]
+        views = planned_views(design, self.model.fit.theta, self.chambers, self.model.terms, like)
+        return products(whitened(design, self.model.noise, [0], extra_columns(design, views, self.terms)))
+
+    def separations(self, segments: Sequence[Segment]) -> list[Separation]:
+        """Compute the separation by all data with each of the segments added."""
+        return [self._separation(self.recorded + self._products(segment)) for segment in segments]
+
+    def again(self, seconds: float) -> Separation:
+        """Compute the separation with ``seconds`` more of the training motions."""
+        return self._separation(self.recorded + seconds * self.training)
+
+    def repeated(self, motion: Motion, times: Iterable[int]) -> Iterator[Separation]:
+        """Compute separations with a motion recorded so many times each."""
+        more = self._products(self.segment(motion))
+        return (self._separation(self.recorded + number * more) for number in times)
+
+
 @dataclass(frozen=True)
-class Option:
+class _Option:
     """One experiment with what it promises.
 
     Attributes
@@ -77,13 +198,13 @@ class NextExperiment:
 
     rivals: tuple[Term, ...]
     now: Separation
-    options: tuple[Option, ...]
+    options: tuple[_Option, ...]
     recordings: int | None
     chance: float
     by_hand: tuple[str, ...]
 
     @property
-    def best(self) -> Option | None:
+    def best(self) -> _Option | None:
         """The experiment to make; None if no motion separates the rivals."""
         return self.options[0] if self.closable else None
 
@@ -204,12 +325,12 @@ def design_next(
     ]
     experiments = [each for arm in arms for each in menu(arm)]
     options = [
-        Option(each.kind, each.text, each.motion, apart)
+        _Option(each.kind, each.text, each.motion, apart)
         for each, apart in zip(
             experiments, question.separations([question.segment(e.motion) for e in experiments]), strict=True
         )
     ]
-    options.append(Option("again", Sentence("fitting.training_motion_once_more"), None, question.again(seconds)))
+    options.append(_Option("again", Sentence("fitting.training_motion_once_more"), None, question.again(seconds)))
     designed = _designed(question, np.random.default_rng(0), seconds, generations)
     if designed is not None:
         options.append(designed)
@@ -238,7 +359,7 @@ def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
     return tuple((shares / shares.sum()).tolist())
 
 
-def _recordings(question: Question, option: Option, seconds: float) -> tuple[int | None, float]:
+def _recordings(question: Question, option: _Option, seconds: float) -> tuple[int | None, float]:
     """Compute an experiment's needed recordings, None if more than is sensible; and the chance."""
     if option.expected.probability >= ENOUGH:
         return 1, option.expected.probability
@@ -254,7 +375,7 @@ def _recordings(question: Question, option: Option, seconds: float) -> tuple[int
     return None, option.expected.probability
 
 
-def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> Option | None:
+def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> _Option | None:
     """Search a motion of all joints for the separation itself: random series, the best of them varied.
 
     None if none of them is inside the limits.
@@ -274,7 +395,7 @@ def _designed(question: Question, rng: np.random.Generator, seconds: float, gene
         return None
     motion = pool[0][1].motion(machine, _USE)
     expected = question.separations([question.segment(motion)])[0]
-    return Option("designed", Sentence("fitting.motion_all_joints_designed"), motion, expected)
+    return _Option("designed", Sentence("fitting.motion_all_joints_designed"), motion, expected)
 
 
 def _allowed(question: Question, series: Series) -> Series | None:

@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import cache, partial
 from importlib.resources import files
@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 
 from daq.messages import with_messages
 from daq.whole_files import replacing
-from fitting.regression.flags import FLAG_PERCENT
+from fitting.regression.identifiability import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
 from fitting.report.languages import ENGLISH, NAMES, Language
@@ -156,28 +156,28 @@ def _environment(language: Language) -> jinja2.Environment:
     environment.globals.update(
         phrase=phrase,
         language=language.code,
-        alternatives=_in(language, wording.alternatives),
-        explanation=_in(language, wording.explanation),
-        resolution=_in(language, wording.resolution),
+        alternatives=partial(wording.alternatives, language=language),
+        explanation=partial(wording.explanation, language=language),
+        resolution=partial(wording.resolution, language=language),
     )
     environment.filters.update(
         number=lambda value, digits=3: language.number(_defined(value), digits),
         fixed=lambda value, decimals: language.numeral(text.fixed(value, decimals)),
-        count_of=lambda value: text.count(int(value)),
+        count_of=lambda value: text.fixed(int(value), 0),
         percent=lambda value: language.percent(_defined(value)),
         share=lambda value: language.share(_defined(value)),
         unit=language.unit,
         words=lambda value: language.words(str(value)),
         own=lambda value: language.phrase(str(value)),
         translated=lambda value: language.translated(str(value)),
-        title_of=_in(language, wording.title),
+        title_of=partial(wording.title, language=language),
         capital=wording.capital,
-        follows=_in(language, wording.follows),
-        nearest=_in(language, wording.nearest),
+        follows=partial(wording.follows, language=language),
+        nearest=partial(wording.nearest, language=language),
         separated=lambda item, titles: wording.separated(_plain(item, language), titles, language),
-        chance=_in(language, wording.as_chance),
-        readable=_in(language, wording.readable),
-        evidence=_in(language, wording.evidence),
+        chance=partial(wording.as_chance, language=language),
+        readable=partial(wording.readable, language=language),
+        evidence=partial(wording.evidence, language=language),
         formula=language.formula,
         moment=language.moment,
         listed=language.listed,
@@ -186,11 +186,6 @@ def _environment(language: Language) -> jinja2.Environment:
         value=lambda entry: language.with_std(_defined(entry.get("value")), _defined(entry.get("std"))),
     )
     return environment
-
-
-def _in(language: Language, speaks: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a function of the wording, in a language."""
-    return partial(speaks, language=language)
 
 
 def _defined(value: Any) -> Any:
@@ -204,7 +199,7 @@ def _plain(value: Any, language: Language = ENGLISH) -> str:
     if isinstance(value, bool):
         return language.phrase("yes" if value else "no")
     if isinstance(value, int):
-        return text.count(value)
+        return text.fixed(value, 0)
     if isinstance(value, float):
         return language.number(value)
     if isinstance(value, Mapping):

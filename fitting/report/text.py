@@ -70,11 +70,6 @@ def scientific(exponent: int) -> str:
     return f"\u00d7\u202f10{str(exponent).translate(_SUPERSCRIPT)}"
 
 
-def count(value: int) -> str:
-    """Write a whole number, all its digits."""
-    return fixed(float(value), 0)
-
-
 def with_std(value: float | None, std: float | None) -> str:
     """Write ``7.13 ± 0.42``: the deviation in two significant digits, the value to its place.
 
@@ -142,18 +137,6 @@ def moment(stamp: str, months: Sequence[str] = MONTHS, date: str = "{day} {month
     zone = f" {time.tzname()}" if time.tzinfo is not None else ""
     day = date.format(day=time.day, month=months[time.month - 1], year=time.year)
     return f"{day}, {time:%H:%M}{zone}"
-
-
-def words(name: str) -> str:
-    """Write ``piston_position`` as ``piston position``."""
-    return name.replace("_", " ")
-
-
-def listed(items: Sequence[str], last: str = "and") -> str:
-    """Join as ``a, b and c``."""
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def unit(text: Any) -> str:

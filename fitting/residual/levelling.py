@@ -71,6 +71,21 @@ class Level:
         """Return the factor from levelled to raw amplitudes at a frequency."""
         return float(np.interp(frequency, self.frequencies, self.gain))
 
+    def power(self, nfft: int) -> FloatArray:
+        """Compute its periodogram (nfft / 2 + 1,), zero-padded: of noise, a unit exponential per bin."""
+        return np.asarray(np.abs(scipy.fft.rfft(self.values, nfft)) ** 2 / len(self.values))
+
+    def evidence(self, frequency: float) -> float:
+        """Compute half the chi-square that a sinusoid takes off it."""
+        S = _sinusoid(self.time, frequency)
+        projected = S.T @ self.values
+        return float(0.5 * projected @ np.linalg.solve(S.T @ S, projected))
+
+    def without(self, frequency: float) -> Level:
+        """Remove the sinusoid of this frequency."""
+        fitted = sine_fit(self.time, self.values, frequency)
+        return replace(self, values=self.values - _sinusoid(self.time, frequency) @ fitted)
+
 
 def residual_parts(
     design: Design,
@@ -155,11 +170,6 @@ def levelled(part: Part, rate_hz: float) -> Level | None:
     return Level(part, part.time, values, gain, bins * rate_hz / n)
 
 
-def levelled_power(values: FloatArray, nfft: int) -> FloatArray:
-    """Compute a levelled series' periodogram (nfft / 2 + 1,), zero-padded: of noise, a unit exponential per bin."""
-    return np.asarray(np.abs(scipy.fft.rfft(values, nfft)) ** 2 / len(values))
-
-
 def background_worth(frequency: float, rate_hz: float, samples: int) -> float:
     """Return how many exponentials' mean the background at a frequency is worth."""
     half = np.clip(_BLOCK_SHARE * frequency * samples / rate_hz, _LEAST_BLOCK, _MOST_BLOCK)
@@ -177,16 +187,3 @@ def sine_fit(time: FloatArray, values: FloatArray, frequency: float) -> tuple[fl
     S = _sinusoid(time, frequency)
     a, b = np.linalg.solve(S.T @ S, S.T @ values)
     return float(a), float(b)
-
-
-def evidence(level: Level, frequency: float) -> float:
-    """Compute half the chi-square that a sinusoid takes off a levelled part."""
-    S = _sinusoid(level.time, frequency)
-    projected = S.T @ level.values
-    return float(0.5 * projected @ np.linalg.solve(S.T @ S, projected))
-
-
-def without_line(level: Level, frequency: float) -> Level:
-    """Remove the sinusoid of this frequency from the part."""
-    fitted = sine_fit(level.time, level.values, frequency)
-    return replace(level, values=level.values - _sinusoid(level.time, frequency) @ fitted)

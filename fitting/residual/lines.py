@@ -29,18 +29,7 @@ import scipy
 from fitting.arrays import FloatArray
 from fitting.regression.design import Design
 from fitting.regression.noise import Pairing
-from fitting.residual.levelling import (
-    LEAST_SAMPLES,
-    Level,
-    Part,
-    background_worth,
-    evidence,
-    levelled,
-    levelled_power,
-    residual_parts,
-    sine_fit,
-    without_line,
-)
+from fitting.residual.levelling import LEAST_SAMPLES, Level, Part, background_worth, levelled, residual_parts, sine_fit
 
 #: Chance that a machine without lines is given one.
 ALARM = 1e-3
@@ -169,14 +158,14 @@ def find_lines(
     refuted: list[RefutedLine] = []
     threshold = alarm / joints
     for _ in range(most + 6):
-        power = sum((levelled_power(level.values, nfft) for level in levels), np.zeros(len(grid)))
+        power = sum((level.power(nfft) for level in levels), np.zeros(len(grid)))
         power[~allowed] = 0.0
         peak = int(np.argmax(power))
         if _chance(float(power[peak]), len(levels), grid[peak], rate_hz, longest) > threshold or len(found) >= most:
             break
         frequency, z = _refined(levels, float(grid[peak]), rate_hz / longest)
         p = _chance(z, len(levels), frequency, rate_hz, longest)
-        cleaned = [without_line(level, frequency) for level in levels]
+        cleaned = [level.without(frequency) for level in levels]
         near = _near(cleaned, frequency, rate_hz, nfft)
         # On a hump of the spectrum (a resonance) the line has to exceed the hump.
         p = max(p, _chance(z / max(1.0, near), len(levels), frequency, rate_hz, longest))
@@ -225,7 +214,7 @@ def _near(cleaned: Sequence[Level], frequency: float, rate_hz: float, nfft: int)
     """Estimate the mean level beside a removed line by the median over ten bins on both sides; 1 if it is flat."""
     total = []
     for level in cleaned:
-        power, bins = levelled_power(level.values, nfft), len(level.values) / nfft
+        power, bins = level.power(nfft), len(level.values) / nfft
         away = np.abs(np.arange(len(power)) * bins - frequency * len(level.values) / rate_hz)
         beside = power[(away >= _NEAR_BINS[0]) & (away <= _NEAR_BINS[1])]
         total.append(float(np.median(beside)) / np.log(2.0))
@@ -238,7 +227,7 @@ def _refined(levels: Sequence[Level], frequency: float, resolution: float) -> tu
     low, high = frequency - 0.3 * resolution, frequency + 0.3 * resolution
 
     def total(f: float) -> float:
-        return sum(evidence(level, f) for level in levels)
+        return sum(level.evidence(f) for level in levels)
 
     a, b = high - ratio * (high - low), low + ratio * (high - low)
     at_a, at_b = total(a), total(b)
@@ -257,13 +246,13 @@ def _refined(levels: Sequence[Level], frequency: float, resolution: float) -> tu
 
 def _refutation(levels: Sequence[Level], cleaned: Sequence[Level], frequency: float, z: float, rate_hz: float) -> str:
     """Return why a significant peak is no line of its own; empty without objection."""
-    own = np.array([evidence(level, frequency) for level in levels])
+    own = np.array([level.evidence(frequency) for level in levels])
     amplitudes = np.array([np.hypot(*sine_fit(v.time, v.values, frequency)) * v.density(frequency) for v in levels])
     stds = np.array([np.sqrt(2.0 / len(v.values)) * v.density(frequency) for v in levels])
     beside = 0.0
     for level in cleaned:
         step = rate_hz / len(level.values)
-        beside += sum(evidence(level, frequency + sign * k * step) for k in _SIDE_BINS for sign in (-1.0, 1.0))
+        beside += sum(level.evidence(frequency + sign * k * step) for k in _SIDE_BINS for sign in (-1.0, 1.0))
     count = 2 * len(_SIDE_BINS) * len(levels)
     if scipy.special.gammaincc(count, beside) < _SIDE_P and beside - count > _SIDE_SHARE * z:
         return "it is not narrow: there is power on both sides of it"
@@ -323,7 +312,7 @@ def _vouched(levels: Sequence[Level], frequency: float) -> bool:
                 continue
             a, b = (slice(begin - level.part.start, end - level.part.start) for level in (first, second))
             difference = (first.values[a] - second.values[b]) / np.sqrt(2.0)
-            if evidence(replace(first, time=first.time[a], values=difference), frequency) > -np.log(_SUPPORT_P):
+            if replace(first, time=first.time[a], values=difference).evidence(frequency) > -np.log(_SUPPORT_P):
                 return True
     return False
 
@@ -341,7 +330,7 @@ def _line(joint: int, levels: Sequence[Level], frequency: float, z: float, p: fl
     squares, weights = [], []
     for level in levels:
         samples = len(level.values)
-        information += 4 * np.pi**2 * (samples / rate_hz) ** 2 / 6.0 * evidence(level, frequency)
+        information += 4 * np.pi**2 * (samples / rate_hz) ** 2 / 6.0 * level.evidence(frequency)
         squares.append(np.sum(np.square(sine_fit(level.time, level.values, frequency))) * level.density(frequency) ** 2)
         weights.append(samples / level.density(frequency) ** 2)
     # Noise adds 4 / weight to each squared amplitude (2 / weight to each of sine and cosine).

@@ -24,6 +24,7 @@ from fitting.residual.findings import LEAST
 from fitting.residual.kinematics import GapColumns, GapLaw, GapRows, GapScore, gap_columns, gap_laws, with_unsure
 from fitting.residual.terms import Term
 from fitting.selection import priors
+from fitting.selection.decision import needed
 from fitting.selection.evidence import (
     DEAD,
     bayes_factor,
@@ -33,7 +34,6 @@ from fitting.selection.evidence import (
     log_sum,
     whitened_parts,
 )
-from fitting.selection.posterior import needed
 
 #: Sets whose discrepancies and laws are looked at, by what their formulas alone are worth, beside every single name.
 _NEAR = 6

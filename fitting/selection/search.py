@@ -7,7 +7,7 @@ in its place, beside the rest; where one is dropped or replaced, the search goes
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,26 +15,19 @@ import numpy as np
 from daq.messages import Sentence
 from fitting.arrays import FloatArray
 from fitting.effects.base import Effect
+from fitting.progress import Progress, quiet
 from fitting.residual.findings import Accepted, Attribution, Candidate, Family, Place
 from fitting.residual.scoring import Score
 from fitting.residual.surfaces import Surface
 from fitting.residual.terms import Model
 from fitting.selection import priors
 from fitting.selection.confirm import Gate, Signals
-from fitting.selection.decision import Rated, decided, family
+from fitting.selection.decision import Rated, Slot, decided, family, open_place
 from fitting.selection.evidence import least_gain
 from fitting.selection.gains import margin
-from fitting.selection.posterior import Slot, open_place
 from fitting.selection.rating import Ratings, at_best_shape
 from fitting.selection.refusals import Refusals
 from fitting.selection.trust import Draws
-
-#: Called with a fraction and plain words.
-Progress = Callable[[float, str], None]
-
-
-def quiet(fraction: float, text: str) -> None:
-    """Report no progress."""
 
 
 class Search:

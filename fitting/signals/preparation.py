@@ -2,7 +2,7 @@
 
 A :class:`Segment` is one gap-free stretch of one recording. Positions are fused where a joint has both kinds: each
 weighted by the inverse variance of its own white noise; a measured velocity is fused with the position's derivative
-(:mod:`fitting.signals.velocities`). The drive effort of a joint with a cylinder is
+(:mod:`fitting.signals.position_sensors`). The drive effort of a joint with a cylinder is
 ``p1 A1 - p2 A2`` in N (positive extends), of a joint driven directly its measured effort.
 """
 
@@ -25,12 +25,13 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.signals.filters import FilterBank, advanced
 from fitting.signals.position_sensors import (
     REST_SECONDS,
+    Motion,
+    VelocityShare,
     channel_noise,
     joint_velocity_share,
     piston_weight,
     position_variances,
 )
-from fitting.signals.velocities import Motion, VelocityShare
 
 PositionError = Callable[[FloatArray], FloatArray]
 #: Play between a joint's two position sensors. In the pin: piston and joint move apart, and each sensor is right for
@@ -316,20 +317,15 @@ def with_delays(
 
     ``latency`` and ``resampled`` as :func:`segments_of` takes them; the motion is kept.
     """
-    moved = _with_efforts(machine, recording, segment, bank, latency)
+    moved = with_efforts_of(machine, recording, segment, bank, latency)
     sampled_late = (0.0 if j.name in resampled else latency.get(j.name, 0.0) * bank.rate_hz for j in machine.joints)
     return replace(moved, late=tuple(sampled_late))
 
 
-def with_efforts_of(machine: Machine, recording: Recording, segment: Segment, bank: FilterBank) -> Segment:
-    """Return a segment without delays with the efforts of another ``recording`` of the very same motion."""
-    return _with_efforts(machine, recording, segment, bank, {joint.name: 0.0 for joint in machine.joints})
-
-
-def _with_efforts(
+def with_efforts_of(
     machine: Machine, recording: Recording, segment: Segment, bank: FilterBank, latency: Mapping[str, float]
 ) -> Segment:
-    """Read the efforts of the joints in ``latency`` (s) from the recording anew."""
+    """Read the efforts of the joints in ``latency`` (s) anew, of this recording or another of the very same motion."""
     first = segment.start - bank.margin
     part = slice(first, first + len(segment) + 2 * bank.margin)
     effort, p1, p2 = segment.effort.copy(), segment.p1.copy(), segment.p2.copy()

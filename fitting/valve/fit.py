@@ -29,8 +29,7 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.effort_fit import long_run
 from fitting.regression.freedom import SIGMAS, coverage_factors, freedom_of, moved_without
 from fitting.residual.confirmation.local import Local
-from fitting.signals.filters import recursive
-from fitting.signals.held import delayed, lagged
+from fitting.signals.filters import delayed, lagged, recursive
 from fitting.valve.laws import Bounds
 from fitting.valve.model import WAYS, Shape, Structure, columns, openings, solved, speeds
 from fitting.valve.rows import Axis

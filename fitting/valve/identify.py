@@ -16,6 +16,7 @@ from daq.machine.machine_file import Machine
 from daq.messages import Sentence, with_their_messages
 from daq.recordings.recording import Recording
 from fitting.arrays import FloatArray
+from fitting.progress import Progress, quiet
 from fitting.regression.freedom import SIGMAS
 from fitting.valve.checks import axis_checks, compensated_edge, moves
 from fitting.valve.choose import Candidate, Chosen, chosen
@@ -57,7 +58,7 @@ def identify_valves(
     *,
     bandwidth_hz: float | None = None,
     loop: bool = True,
-    progress: Callable[[float, str], None] = lambda share, text: None,
+    progress: Progress = quiet,
 ) -> Identified:
     """Identify command to speed of every axis whose command was recorded.
 

@@ -30,7 +30,7 @@ import numpy as np
 import scipy
 
 from fitting.arrays import FloatArray
-from fitting.signals.held import PARTS, delayed, followed
+from fitting.signals.filters import PARTS, delayed, followed
 from fitting.signals.splines import free_curve
 from fitting.valve.effects import EFFECTS, Drops, ValveEffect
 from fitting.valve.laws import LAWS, Bounds

@@ -25,7 +25,7 @@ from fitting.arrays import BoolArray, FloatArray
 from fitting.estimators.effort_fit import long_run
 from fitting.selection import priors
 from fitting.selection.evidence import log_sum
-from fitting.signals.held import delayed, followed
+from fitting.signals.filters import delayed, followed
 from fitting.valve.effects import EFFECTS
 from fitting.valve.fit import Fit
 from fitting.valve.inverse import direction_of

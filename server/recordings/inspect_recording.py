@@ -14,7 +14,7 @@ from typing import Any
 from daq import InputError, Machine, Recording, load_machine, read_recording
 from daq.messages import Sentence, message_of
 from fitting.checks import check_recordings
-from fitting.checks.places import Places
+from fitting.checks.findings import Places
 from fitting.pipeline.check_gate import explained, for_report
 from server.platform.processes.child_limits import RECORDING_CPU_S, limit_child
 from server.platform.processes.child_speech import ended

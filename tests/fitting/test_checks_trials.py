@@ -16,12 +16,12 @@ from daq.machine.machine_file import Machine, load_machine, machine_to_yaml
 from daq.recordings.recording import Recording, read_recording, write_recording
 from fitting.arm.geometry import geometry_of
 from fitting.checks import Finding, check_recordings
+from fitting.checks.findings import Places
 from fitting.checks.magnitudes import machine_findings
 from fitting.checks.mistakes.channel_trials import recordings as role_trials
 from fitting.checks.mistakes.physical import Trial, fit
 from fitting.checks.mistakes.samples import positions_of, take_samples
 from fitting.checks.mistakes.trials import SUSPECT, search
-from fitting.checks.places import Places
 from fitting.pipeline.check_gate import explained
 from fitting.regression.plausible_arm import rods, standard_of_bodies
 

@@ -23,8 +23,7 @@ from fitting.residual.findings import Accepted, Attribution, Hypothesis
 from fitting.residual.laws import Law
 from fitting.residual.scoring import Score
 from fitting.residual.terms import Term
-from fitting.selection.decision import Rated
-from fitting.selection.posterior import Slot
+from fitting.selection.decision import Rated, Slot
 
 LOAD, PRESSURE = Term(effect("load_dependent_friction"), 1), Term(effect("pressure_dependent_friction"), 1)
 OFFSET = Term(effect("pressure_offset"), 0)

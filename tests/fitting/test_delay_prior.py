@@ -12,10 +12,9 @@ from synthetic_arm import make_session, planar_machine, truth
 from daq.machine.machine_file import KnownDelay, Machine, ModbusSource, ModbusTcpBus, machine_problems, machine_to_yaml
 from fitting.effects import effect
 from fitting.loop.session import Options, Session
-from fitting.regression.prior import Prior
+from fitting.regression.prior import OWN_FILTER_S, Prior, expected_delays
 from fitting.residual.scoring import Score, score_terms
 from fitting.residual.terms import Term, fit_model
-from fitting.signals.bus_delays import OWN_FILTER_S, expected_delays
 
 LATE_S, STD_S = 0.03, 0.0004
 NAN = float("nan")

@@ -37,8 +37,8 @@ from fitting.residual.findings import Hypothesis
 from fitting.residual.kinematics import GapColumns, GapRows, checkable, gap_columns, gap_error, with_forces
 from fitting.residual.stored_terms import corrections_from_json, step_to_json
 from fitting.residual.terms import Term
+from fitting.selection.decision import together
 from fitting.selection.gaps import GapPosterior, GapSet, _Evidence
-from fitting.selection.posterior import together
 from fitting.signals.corrections import Corrections
 
 ARM = truth(2)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fitting.report.drawing import draw_diagnostics
+from fitting.report.drawing_data import correlation, fit_percent
 from fitting.report.html import CONTENTS, with_contents
 from fitting.report.model import JointDiagnostics
-from fitting.report.residual_diagnostics import correlation, fit_percent
 
 
 def test_correlation_is_that_of_numpy_and_sees_a_delay() -> None:

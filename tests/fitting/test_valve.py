@@ -19,8 +19,7 @@ from daq import InputError, Machine, Recording, read_recording
 from fitting.regression.freedom import freedom_of, moved_without
 from fitting.residual.confirmation.local import Local, elsewhere
 from fitting.selection.evidence import with_curve
-from fitting.signals.filters import filter_bank
-from fitting.signals.held import PARTS, delayed, followed
+from fitting.signals.filters import PARTS, delayed, filter_bank, followed
 from fitting.signals.splines import DEGREE, evaluate, free_curve, spline_knots
 from fitting.valve.checks import compensated_edge
 from fitting.valve.effects import EFFECTS

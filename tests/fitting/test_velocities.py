@@ -17,8 +17,8 @@ from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
 from fitting.loop.session import Options, Session
 from fitting.signals.filters import advanced, filter_bank
+from fitting.signals.position_sensors import velocity_share
 from fitting.signals.preparation import position_noise
-from fitting.signals.velocities import velocity_share
 
 BANK = filter_bank(RATE, 3.0)
 ROLES = (("train", 2), ("validate", 3))

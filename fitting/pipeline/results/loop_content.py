@@ -25,7 +25,7 @@ from fitting.pipeline.results.stage_results import Residual, StageResults
 from fitting.pipeline.verdict import label, verdict
 from fitting.planning.detection import visible_size
 from fitting.regression.drive import effort_unit
-from fitting.report.drawing_data import law_curve, spline_curve, worst_place
+from fitting.report.drawing_data import spline_curve, worst_place
 from fitting.report.joint_words import in_own_units, own_unit
 from fitting.residual.change_points import ChangePoint
 from fitting.residual.findings import Accepted, Attribution, Hypothesis, Unconfirmed
@@ -106,11 +106,12 @@ def _added_law(
     machine: Machine, term: Term, law: Law, model: Model, number: int, accepted: AcceptedTerm
 ) -> dict[str, Any]:
     """Build a law that was added to the model, term ``number``."""
+    part = model.term_slice(number)
     return _law_entry(
         machine,
         law,
         term.joint or 0,
-        law=law_curve(law, model, model.term_slice(number)),
+        law=spline_curve(law, model.fit.theta[part], model.fit.covariance[part, part]),
         amplitude=_amplitude(model, number),
         added=True,
         probability=accepted.probability,

@@ -64,14 +64,14 @@ class Language:
 
     def words(self, name: str) -> str:
         """Return a signal's or key's name in words: ``piston_position``, ``joint2.piston_speed``."""
-        spaced = text.words(name)
+        spaced = name.replace("_", " ")
         if self.own is None:
             return spaced
         known_words = texts(_PACKAGE, self.code)["words"]
         known = self.own.get(spaced) or known_words.get(spaced)
         joint, _, signal = name.rpartition(".")
         if known is None and joint:
-            known = known_words.get(text.words(signal))
+            known = known_words.get(signal.replace("_", " "))
             return spaced if known is None else self.phrase("{} of {}", known, joint)
         return spaced if known is None else known
 
@@ -85,7 +85,9 @@ class Language:
 
     def listed(self, items: Sequence[str], last: str = "and") -> str:
         """Join as ``a, b and c``."""
-        return text.listed(items, self.phrase(last))
+        if len(items) < 2:
+            return "".join(items)
+        return f"{', '.join(items[:-1])} {self.phrase(last)} {items[-1]}"
 
     def unit(self, unit: Any) -> str:
         """Write a unit as people do; some are words."""

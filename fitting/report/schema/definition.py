@@ -18,8 +18,7 @@ from pydantic import Field, ValidationError
 from daq.errors import HilfitError
 from daq.messages import Sentence
 from daq.validation_words import in_words
-from fitting.report.schema.loop import Loop
-from fitting.report.schema.parts import Part, Value
+from fitting.report.schema.loop import Loop, Part, Value
 
 SCHEMA = "hilfit/report/1"
 

@@ -1,17 +1,33 @@
-"""``loop`` of `report.json`: what the residual loop found."""
+"""``loop`` of `report.json`: what the residual loop found; and what all objects of the report are made of."""
 
 from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field
-
-from fitting.report.schema.parts import Part, Value
+from pydantic import BaseModel, ConfigDict, Field
 
 Verdict = Literal[
     "check_input", "implausible", "not_examined", "nothing_missing", "effect_added", "ambiguous", "unexplained"
 ]
 Status = Literal["accepted", "rejected", "indistinguishable", "artefact"]
+
+
+class Part(BaseModel):
+    """An object of the report; keys of later versions are taken as they are."""
+
+    model_config = ConfigDict(extra="allow", allow_inf_nan=False)
+
+
+class Value(Part):
+    """A number with its standard deviation and unit.
+
+    ``told_by_data`` is the share of what is known of it that came from the recordings; below a half, ``std`` is None.
+    """
+
+    value: float | None = None
+    std: float | None = None
+    unit: str | None = None
+    told_by_data: float | None = None
 
 
 class Named(Part):
