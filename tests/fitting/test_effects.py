@@ -200,6 +200,7 @@ class Case:
 CASES = [
     Case("load_dependent_friction", 1, (0.05,)),
     Case("load_dependent_friction", 1, (0.05,), {"knee": 0.6}),
+    Case("load_dependent_friction", 1, (0.05,), {"load": 1.0}),
     Case("pressure_dependent_friction", 1, (2.5e-5,), {"head": 1.0, "rod": 1.0}),
     Case("asymmetric_friction", 1, (40.0, 250.0)),
     Case("stribeck", 1, (60.0,), {"v_s": 0.008, "delta": 2.0}),

@@ -47,6 +47,7 @@ _CHOICES = {
     "sensor": ("place: between piston and joint", "place: between piston and its sensor"),
     "about": ("place: along the cylinder", "place: about the joint"),
     "friction": ("bent by: the load alone", "bent by: load and friction"),
+    "load": ("pressed on by: load and friction", "pressed on by: the load alone"),
 }
 #: Chance with which an effect of the size of its detection limit is found.
 LIMIT_POWER = 0.95
