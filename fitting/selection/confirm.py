@@ -52,14 +52,28 @@ class Answer:
     ----------
     reason : why it is rejected; empty if nothing is against it
     found : the term, with what held-out blocks, `validate` and unloaded recordings show of it
+    validate : what the validation motion shows of it; None without one
     faint : it is insignificant against the noise of just the rows that show it
     worse : it makes another joint worse on `validate`
     """
 
     reason: str
     found: Accepted
+    validate: OnValidate | None
     faint: bool
     worse: bool = False
+
+    def left_of(self, odds: float) -> float:
+        """Compute what is left of the log odds of a refused term: more likely than nothing, it is something unknown.
+
+        Blocks that were left out were fitted to find it: what they say is all that is left. The validation motion was
+        not, and its density counts beside the odds.
+        """
+        if self.found.held_out.confirmed <= CONFIRMED:
+            return 0.5 * self.found.held_out.confirmed
+        if self.validate is not None and self.validate.refutes:
+            return odds + 0.5 * min(self.validate.predicted, self.validate.gain, 0.0)
+        return odds
 
 
 class Gate:
@@ -92,6 +106,7 @@ class Gate:
         return Answer(
             reason or _driving(choice.term, before, trial),
             Accepted(choice, (), held_out, gain, words, silence=silence(seen)),
+            seen,
             choice.gain / held_out.inflation <= least_gain(choice.live),
             worse is not None and worse[0] != choice.term.joint,
         )

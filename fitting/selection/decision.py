@@ -34,7 +34,6 @@ class Rated:
     log_bayes : log Bayes factor alone
     exact : log odds if its formula is exactly nature's, so that what is left of it is free to be something else
     leftover : log Bayes factor of the same as what is left of effects that were found
-    refuted : the same of effects that were found, and of names that did not hold elsewhere
     against : log odds that leftovers explain it instead, which the odds are held against
     """
 
@@ -43,7 +42,6 @@ class Rated:
     log_bayes: float
     exact: float
     leftover: float
-    refuted: float
     against: float = 0.0
 
     @property

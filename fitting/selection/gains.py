@@ -60,11 +60,10 @@ class Sizes:
     ----------
     model : what is there
     visible : (n,) amplitude per joint of effects that were found
-    failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
     """
 
-    def __init__(self, model: Model, visible: FloatArray, failed: FloatArray) -> None:
-        self._visible, self._failed = visible, failed
+    def __init__(self, model: Model, visible: FloatArray) -> None:
+        self._visible = visible
         self._largest = _efforts(model)
 
     def limit(self, score: Score) -> float:
@@ -73,12 +72,11 @@ class Sizes:
         whole = float(np.sqrt(np.sum(self._largest**2))) if place is None else float(self._largest[place])
         return score.surviving * whole
 
-    def left(self, joint: int, law: bool = False) -> FloatArray:
+    def left(self, joint: int) -> FloatArray:
         """Compute amplitudes of what found effects leave on a joint; none without findings.
 
         Without it 4 of 149 cases with findings had one name too many, and one a wrong law; one was better.
         """
         seen = self._visible
         others = float(np.sqrt(max(np.sum(seen**2) - seen[joint] ** 2, 0.0)))
-        own = float(np.hypot(seen[joint], priors.SPILL * others))
-        return (own if law else float(np.hypot(own, self._failed[joint]))) * np.array(priors.LEFTOVERS)
+        return float(np.hypot(seen[joint], priors.SPILL * others)) * np.array(priors.LEFTOVERS)

@@ -25,9 +25,6 @@ LEFTOVERS = (0.03, 0.07, 0.12)
 LEFTOVER_WEIGHTS = (0.45, 0.45, 0.1)
 #: Share of it that shows on other joints, through the rigid body they have in common.
 SPILL = 0.1
-#: Amplitude, as share, that counts as found of what was significant and did not hold elsewhere: its formula was wrong,
-#: what it lived on is there.
-FAILED = 3.0
 #: Probability from which on something is reported; a name alone, rather than a law with the names that it may be.
 CREDIBLE = 0.95
 #: The same as log odds.

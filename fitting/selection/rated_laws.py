@@ -60,7 +60,7 @@ class RatedLaws:
             found |= zip(own, self._law_evidence(joint, own, scores, simple).tolist(), strict=True)
         ordered = sorted(numbers, key=self._candidates.width)
         rated = ((scores[n], found[n][0], found[n][1]) for n in ordered)
-        return [Rated(score, prior + bayes, bayes, prior + bayes, left, left) for score, bayes, left in rated]
+        return [Rated(score, prior + bayes, bayes, prior + bayes, left) for score, bayes, left in rated]
 
     def of_surface(self, joint: int, score: Score, prior: float, share: float, against: float) -> Rated:
         """Rate a surface of two signals, one of ``score.grid``: each of its coefficients is as free as any.
@@ -76,10 +76,10 @@ class RatedLaws:
         gain, live = np.array([score.gain * share]), np.array([float(score.live)])
         bayes = float(log_mean(named_evidence(gain, live, priors.amplitudes(self._sizes.limit(score)))[0]))
         bayes -= float(np.log(score.grid))
-        left = named_evidence(gain, live, self._sizes.left(joint, law=True))[0]
+        left = named_evidence(gain, live, self._sizes.left(joint))[0]
         leftover = float(log_sum(left, weights=priors.LEFTOVER_WEIGHTS))
         odds = prior + bayes - against
-        return Rated(score, odds, bayes, odds, leftover, leftover, against)
+        return Rated(score, odds, bayes, odds, leftover, against)
 
     def _law_evidence(
         self, joint: int, numbers: Sequence[int], scores: Mapping[int, Score], simple: bool
@@ -91,7 +91,7 @@ class RatedLaws:
         grams = np.array([self._trust.of(n) * scores[n].information for n in numbers])
         products = np.einsum("tij,tj->ti", grams, np.array([scores[n].values for n in numbers]))
         roots = curve_roots(len(products[0]), priors.LENGTHS)
-        left = self._sizes.left(joint, law=True)
+        left = self._sizes.left(joint)
         limits = np.array([self._sizes.limit(scores[n]) for n in numbers])
         sizes = priors.amplitudes(float(limits.max()))
         bayes = log_mean(curve_evidence(grams, products, roots, sizes), axis=1)

@@ -119,11 +119,8 @@ class RatedNames:
             found.append(log_mean(curve_evidence(gram, gram @ np.asarray(score.values), roots, sizes)[0].ravel()))
         return float(log_mean(found))
 
-    def _leftovers(self, scores: Mapping[int, Score]) -> dict[int, list[float]]:
-        """Compute log evidence of names as what found effects leave; of what acts everywhere joint by joint.
-
-        Both forms of :class:`Rated`: as leftover and as refuted.
-        """
+    def _leftovers(self, scores: Mapping[int, Score]) -> FloatArray:
+        """Compute log evidence (T,) of names as what found effects leave; of what acts everywhere joint by joint."""
         numbers = list(scores)
         parts: dict[int, list[tuple[int, float]]] = {}  # by joint: place of the number, and what of its gain is there
         for place, n in enumerate(numbers):
@@ -132,15 +129,13 @@ class RatedNames:
             for joint, part in where.items():
                 parts.setdefault(joint, []).append((place, max(part, 0.0) * score.gain * share))
         live = np.array([float(scores[n].live) for n in numbers])
-        total = np.zeros((len(numbers), 2))
+        total = np.zeros(len(numbers))
         for joint, own in parts.items():
             places, gain = np.array([place for place, _ in own]), np.array([part for _, part in own])
-            for form, law in enumerate((True, False)):
-                left = self._sizes.left(joint, law)
-                if left.max() > 0:
-                    found = named_evidence(gain, live[places], left)
-                    total[places, form] += log_sum(found, weights=priors.LEFTOVER_WEIGHTS)
-        return dict(zip(numbers, total.tolist(), strict=True))
+            left = self._sizes.left(joint)
+            if left.max() > 0:
+                total[places] += log_sum(named_evidence(gain, live[places], left), weights=priors.LEFTOVER_WEIGHTS)
+        return total
 
     def _plain(self, scores: Mapping[int, Score]) -> dict[int, float]:
         """Compute log evidence of names by number, if their formulas are exactly nature's."""
@@ -176,11 +171,10 @@ class RatedNames:
         plain = log_means(np.array([exact[n] for n in numbers]) + believable, counts).tolist()
         ends = np.cumsum(counts).tolist()
         best = [numbers[e - c + int(np.argmax(total[e - c : e]))] for e, c in zip(ends, counts.tolist(), strict=True)]
-        known = self._leftovers({n: scores[n] for n in numbers})
-        left = [log_means(form, counts).tolist() for form in np.array([known[n] for n in numbers]).T]
+        left = log_means(self._leftovers({n: scores[n] for n in numbers}), counts).tolist()
         return [
-            Rated(scores[n], prior + own, own, prior + simple, leftover, refuted)
-            for n, prior, own, simple, leftover, refuted in zip(best, log_priors, bayes, plain, *left, strict=True)
+            Rated(scores[n], prior + own, own, prior + simple, leftover)
+            for n, prior, own, simple, leftover in zip(best, log_priors, bayes, plain, left, strict=True)
         ]
 
     def _with_curves(

@@ -40,7 +40,6 @@ class Rating:
     candidates : with their columns
     model : what is there
     visible : (n,) amplitude per joint of effects that were found, standard deviations
-    failed : (n,) the same of names that did not hold elsewhere: what they lived on is open to a law of that joint
     overtones : number of a name to the number of its overtone, where a candidate is one
     settled : nothing more is looked for: gains are divided by how much noisier the rows are that show them
     """
@@ -50,20 +49,18 @@ class Rating:
         candidates: Candidates,
         model: Model,
         visible: FloatArray,
-        failed: FloatArray | None = None,
         overtones: Mapping[int, int] | None = None,
         settled: bool = False,
     ) -> None:
         self._visible, self._settled = visible, settled
         self._inflations: dict[int, float] = {}
-        self._failed = np.zeros_like(visible) if failed is None else failed
         keys: dict[tuple[object, ...], int] = {}
         for number, term in enumerate(candidates.terms):
             law = term.content
             if is_curve(term) and isinstance(law, Law):
                 keys[term.joint, law.signal, law.other, *law.parity, law.loaded_only] = number
         self._trust = Trust(candidates, model)
-        sizes = Sizes(model, visible, self._failed)
+        sizes = Sizes(model, visible)
         self._names = RatedNames(sizes, self._trust, keys, overtones or {})
         self._laws = RatedLaws(sizes, self._trust)
 
@@ -132,7 +129,7 @@ class Rating:
         if 0 not in scores or 1 not in scores:
             return rated
         overtones = {} if overtone is None else {0: len(terms) - 1}
-        rating = Rating(small, model, self._visible, self._failed, overtones)
+        rating = Rating(small, model, self._visible, overtones)
         rating._trust.divide(self._inflations, scores)
         both = [rating._names.alone(number, scores) for number in (0, 1)]
         narrow = 0.5 * float(np.log1p(max(0.0, both[0].score.gain - both[1].score.gain)))
@@ -177,13 +174,9 @@ def _against_leftovers(rated: Sequence[Rated]) -> list[Rated]:
     result = []
     for own in places.values():
         prior = np.array([r.log_odds - r.log_bayes for r in own])
-        for laws in (False, True):  # what did not hold elsewhere under a name is open to a law of its joint
-            left = np.array([r.leftover if laws else r.refuted for r in own])
-            nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
-            ours = [r for r in own if isinstance(r.term.content, Law) == laws]
-            result += [
-                replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in ours
-            ]
+        left = np.array([r.leftover for r in own])
+        nothing = max(0.0, float(log_sum(left + prior - log_sum(prior))))
+        result += [replace(r, log_odds=r.log_odds - nothing, exact=r.exact - nothing, against=nothing) for r in own]
     return result
 
 
@@ -227,21 +220,19 @@ class Ratings:
         self._before = self._scored
         self._fresh.clear()
 
-    def rated(
-        self, model: Model, visible: FloatArray, failed: FloatArray, settled: bool, surfaces: Sequence[Score] = ()
-    ) -> list[Rated]:
+    def rated(self, model: Model, visible: FloatArray, settled: bool, surfaces: Sequence[Score] = ()) -> list[Rated]:
         """Rate all candidates, and ``surfaces``, beside a model; the noisy regressors' bias is taken off contenders.
 
         Scores of the last model are kept: after a rejection only the odds against leftovers change.
 
         Parameters
         ----------
-        visible, failed, settled : as of :class:`fitting.selection.rating.Rating`
+        visible, settled : as of :class:`fitting.selection.rating.Rating`
         """
         if self._scored.model is not model:
             self._scored = self._scores_beside(model)
         scores, drawn = self._scored.scores, self._scored.drawn
-        self._rating = Rating(self._candidates, model, visible, failed, settled=settled)
+        self._rating = Rating(self._candidates, model, visible, settled=settled)
         surfaces = score_terms(model, [s.term for s in surfaces], [s.grid for s in surfaces])
         rated = self._rating.rated(scores, surfaces)
         number = {score.term.label: n for n, score in scores.items()}  # of a surface no replicas are drawn

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
-from fitting.arrays import FloatArray
 from fitting.residual.confirmation.cross_validation import CONFIRMED
 from fitting.residual.findings import Accepted, Unconfirmed
 from fitting.residual.laws import Law
@@ -32,7 +29,8 @@ class Refusals:
     worse : what made another joint worse, and beside which terms: parameters that joints share are bent by all effects
     laws : joints of a law that did not hold elsewhere: no other curve of them is a candidate, but names are. Without it
         two of eight runs of seals lose the right name
-    failed : what refused names lived on, per joint; without it a force with another sign on `validate` gets a name
+    left : per joint, what is left of the log odds of refused names: something that is not known. A name has to be more
+        probable than that; without it a force with another sign on `validate` gets a name
     unconfirmed : laws that did not hold elsewhere
     """
 
@@ -41,21 +39,16 @@ class Refusals:
         self.dropped: set[Family] = set()
         self.worse: set[tuple[frozenset[Family], Family]] = set()
         self.laws: set[int | None] = set()
-        self.failed: list[tuple[int | None, float]] = []
+        self.left: dict[int | None, float] = {}
         self.unconfirmed: list[Unconfirmed] = []
 
-    def add(self, score: Score, answer: Answer, there: Sequence[Term], choice: Family) -> None:
-        """Take the gate's refusal of a candidate beside the terms that are there.
-
-        Parameters
-        ----------
-        score : the candidate as it was tried, its shape searched
-        choice : the explanation that it was chosen as
-        """
+    def add(self, choice: Rated, answer: Answer, there: Sequence[Term]) -> None:
+        """Take the gate's refusal of a choice beside the terms that are there."""
+        score = answer.found.score
         if answer.worse:
-            self.worse.add((frozenset(map(family, there)), choice))
+            self.worse.add((frozenset(map(family, there)), family(choice.term)))
         else:
-            self.names.add(choice)
+            self.names.add(family(choice.term))
         if answer.faint:
             return
         if isinstance(score.term.content, Law):
@@ -63,7 +56,8 @@ class Refusals:
             found = answer.found
             self.unconfirmed.append(Unconfirmed(score, found.held_out, found.validate_gain or 0.0))
         elif not answer.worse:
-            self.failed.append((score.term.joint, score.gain))
+            joint = score.term.joint
+            self.left[joint] = max(answer.left_of(choice.log_odds), self.left.get(joint, 0.0))
 
     def without(self, rated: Sequence[Rated], there: Sequence[Term], settled: bool) -> list[Rated]:
         """List the explanations that may be beside some terms: not one of them, and not closed.
@@ -73,18 +67,15 @@ class Refusals:
         beside = frozenset(map(family, there))
         closed = beside | self.names | {name for terms, name in self.worse if terms == beside}
         closed |= set() if settled else self.dropped
-        return [
-            r
-            for r in rated
-            if family(r.term) not in closed and not (isinstance(r.term.content, Law) and r.term.joint in self.laws)
-        ]
+        return [r for r in rated if family(r.term) not in closed and self._is_open(r)]
 
-    def amplitudes(self, joints: int) -> FloatArray:
-        """Compute amplitudes per joint (joints,) of what was significant and not confirmed elsewhere."""
-        seen = np.zeros(joints)
-        for joint, size in self.failed:
-            seen[slice(None) if joint is None else joint] += priors.FAILED**2 * size
-        return np.sqrt(seen)
+    def _is_open(self, rated: Rated) -> bool:
+        """Return whether nothing that was refused at its joint is against a law, or a name of these odds."""
+        joint = rated.term.joint
+        if isinstance(rated.term.content, Law):
+            return joint not in self.laws
+        left = max((own for place, own in self.left.items() if place == joint or None in (place, joint)), default=0.0)
+        return left <= 0.0 or rated.log_odds > left + priors.CREDIBLE_ODDS
 
     def open_questions(self, signals: Signals, model: Model, accepted: Sequence[Accepted]) -> tuple[Unconfirmed, ...]:
         """List unconfirmed laws of joints without findings where something is certainly missing.

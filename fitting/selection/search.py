@@ -93,8 +93,7 @@ class Search:
 
         ``surfaces`` are rated as well: they are no candidates.
         """
-        failed = self.refusals.amplitudes(len(self.base.design.machine.joints))
-        rated = self.ratings.rated(model, _visible(model, there), failed, self.settled, surfaces)
+        rated = self.ratings.rated(model, _visible(model, there), self.settled, surfaces)
         return self.refusals.without(rated, model.terms, self.settled)
 
     def attempt(self, choice: Rated) -> None:
@@ -105,7 +104,7 @@ class Search:
         answer = self.gate.asked(score, self.model, trial)
         place = score.term.family
         if answer.reason:
-            self.refusals.add(score, answer, self.model.terms, family(choice.term))
+            self.refusals.add(choice, answer, self.model.terms)
             self._note(score, "rejected", answer.reason)
             return
         # What is in the model itself is no other name any more for what was found before.

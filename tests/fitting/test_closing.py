@@ -243,7 +243,7 @@ def test_the_program_identifies_again_with_every_motion_and_reports_once(monkeyp
 
 
 def slot(term: Term, *alternatives: tuple[Term, float]) -> Slot:
-    rated = tuple((Rated(score(t), 3.0, 3.0, 3.0, 0.0, 0.0), p) for t, p in alternatives)
+    rated = tuple((Rated(score(t), 3.0, 3.0, 3.0, 0.0), p) for t, p in alternatives)
     return Slot(accepted(term, 1.0), rated, rated[0][1], 1.0 - sum(p for _, p in alternatives))
 
 

@@ -13,10 +13,12 @@ from fitting.effects.base import Effect
 from fitting.loop.refits import SessionSignals
 from fitting.loop.residual_loop import run_attribution
 from fitting.loop.session import Options, Session
+from fitting.residual.confirmation.confirmation import OnValidate
 from fitting.residual.confirmation.cross_validation import HeldOut
-from fitting.residual.findings import Accepted, Attribution
+from fitting.residual.findings import Accepted, Attribution, Family
 from fitting.residual.scoring import catalogue_terms
 from fitting.selection.confirm import Answer
+from fitting.selection.decision import Rated
 from fitting.selection.search import Search
 from fitting.signals.corrections import Corrections
 
@@ -72,24 +74,41 @@ def test_hoses_that_rest_beyond_the_motion_are_hoses() -> None:
     assert item.probability is not None and item.probability > 0.5
 
 
-def test_a_name_that_fails_leaves_what_it_lived_on_to_a_law(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_name_that_fails_closes_those_that_are_not_more_probable_than_what_is_left_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Another motion takes as much off its odds as its rows are less probable with it; a law is open in any case."""
     session = session_with(
         lambda motion: -250.0 * np.exp(-(((place(motion) - 0.5) / 0.4) ** 2)) * np.sign(motion.v[:, 1])
     )
     signals = SessionSignals(session, Corrections(session.machine))
-    search = Search(signals.refit(()), (), signals)
-    choice = next(
-        r
-        for r in search.beside(search.model, ())
-        if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0
-    )
-    against = Answer(
-        "it does not help on the validation motion", Accepted(choice.score, (), HeldOut(1.0, 1.0, 9), -5.0), faint=False
-    )
-    monkeypatch.setattr(search.gate, "asked", lambda *_: against)
-    search.attempt(choice)
-    assert [joint for joint, _ in search.refusals.failed] == [1]
-    assert choice.term.family not in {r.term.family for r in search.beside(search.model, ())}
+    base = signals.refit(())
+
+    def open_then(density: float) -> tuple[Rated, dict[Family, float], dict[Family, float]]:
+        search = Search(base, (), signals)
+        before = search.beside(base, ())
+        choice = next(r for r in before if isinstance(r.term.content, Effect) and r.term.joint == 1)
+        seen = OnValidate(gain=2.0 * density, expected=np.inf, spread=1.0, predicted=2.0 * density)
+        found = Accepted(choice.score, (), HeldOut(50.0, 5.0, 9), 2.0 * density)
+        answer = Answer("it does not help on the validation motion", found, seen, faint=False)
+        monkeypatch.setattr(search.gate, "asked", lambda *_: answer)
+        search.attempt(choice)
+        after = {r.term.family for r in search.beside(base, ())}
+        others = {
+            r.term.family: r.log_odds for r in before if r.term.joint == 1 and r.term.family != choice.term.family
+        }
+        assert choice.term.family not in after
+        assert ("law", 1) in after
+        return choice, {f: o for f, o in others.items() if f in after}, others
+
+    choice, there, others = open_then(density=-1.0)
+    assert set(there) == {("law", 1)}
+    near = np.sort([odds for (name, _), odds in others.items() if name != "law"])[-1]
+    _, there, _ = open_then(density=near - choice.log_odds - 10.0)
+    named = {f: odds for f, odds in others.items() if f[0] != "law" and odds > near - 7.0}
+    assert set(there) - {("law", 1)} == set(named)
+    _, there, _ = open_then(density=-choice.log_odds - 10.0)
+    assert there == others
 
 
 def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +119,7 @@ def test_what_makes_another_joint_worse_is_asked_again_beside_other_terms(monkey
     before = search.beside(search.model, ())
     choice = next(r for r in before if r.term.joint == 1 and isinstance(r.term.content, Effect) and r.log_odds > 3.0)
     worse = Answer(
-        "it makes joint1 worse", Accepted(choice.score, (), HeldOut(50.0, 50.0, 9), 20.0), faint=False, worse=True
+        "it makes joint1 worse", Accepted(choice.score, (), HeldOut(50.0, 50.0, 9), 20.0), None, faint=False, worse=True
     )
     monkeypatch.setattr(search.gate, "asked", lambda *_: worse)
     search.attempt(choice)
