@@ -216,7 +216,7 @@ def test_both_effects_of_a_pair_have_the_shapes_and_sizes_that_were_asked_for() 
 
 @pytest.mark.slow
 def test_one_case_from_end_to_end_twice_alike(tmp_path: Path) -> None:
-    order = runs.Order(CaseKey("null", 3), Selection(seconds=40.0), tmp_path)
+    order = runs.Order(CaseKey("null", 3), Selection(seconds=40.0, arms=("excavator",)), tmp_path)
     line = runs.run_case(order)
     assert line["result"] == "right", line
     assert json.loads(json.dumps(line)) == line

@@ -183,9 +183,10 @@ def test_the_check_says_what_is_broken(broken: type[Effect], complaint: str) -> 
 
 @dataclass(frozen=True)
 class Case:
-    """An effect put into a three-joint arm; ``or_set`` are names that may stand beside it or in front of it.
+    """An effect put into an arm; ``or_set`` are names that may stand beside it or in front of it.
 
-    Motions of 30 s tell of all but a payload that is taken up in the middle of one.
+    Two joints and motions of 30 s tell of most. Of two joints, four are not found as they were put in: those, and what
+    is at the third joint, have three. A payload is taken up in the middle of a motion and needs one of 40 s.
     """
 
     id: str
@@ -194,6 +195,7 @@ class Case:
     shape: dict[str, float] = field(default_factory=dict)
     or_set: tuple[str, ...] = ()
     seconds: float = 30.0
+    joints: int = 2
 
 
 #: Small enough to be first order, large enough to be seen: some tens of newtons at loads of one or two kilonewtons.
@@ -209,15 +211,15 @@ CASES = [
     Case("thermal_viscosity_drift", 1, (1500.0,), {"tau": 16.0}),
     # Class of the notes: v|v|, another power and a bump at low speed, once v and |v|^(1/3) are in the base.
     Case("quadratic_loss", 1, (9000.0,), or_set=("velocity_root_friction", "stribeck")),
-    Case("end_cushion", 1, (4000.0, 8000.0), {"side": 1.0, "share": 0.15, "n": 1.0}),
+    Case("end_cushion", 1, (4000.0, 8000.0), {"side": 1.0, "share": 0.15, "n": 1.0}, joints=3),
     Case("position_dependent_friction", 1, (800.0, 0.0, 0.0, 0.0, 0.0)),
-    Case("gas_spring", 1, (120.0, -100.0), {"side": 1.0, "rest": 0.3, "n": 1.4}),
+    Case("gas_spring", 1, (120.0, -100.0), {"side": 1.0, "rest": 0.3, "n": 1.4}, joints=3),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0}),
     Case("counterbalance_valve", 1, (40.0, 400.0), {"side": 1.0, "band": 0.4}),
     Case("cross_cylinder_coupling", 1, (0.0, 0.0, 500.0, 0.0), {"other": 0.0}),
     # Equivalence classes of the notes: a constant force is also a Coulomb asymmetry, a gain of one chamber as well.
     Case("pressure_offset", 1, (50.0,), or_set=("asymmetric_friction", "gas_spring", "pressure_gain")),
-    Case("pressure_gain", 1, (0.05,), {"chamber": 1.0}, or_set=("asymmetric_friction", "pressure_offset")),
+    Case("pressure_gain", 1, (0.05,), {"chamber": 1.0}, or_set=("asymmetric_friction", "pressure_offset"), joints=3),
     Case("pressure_drift", 1, (2.0, -30.0), {"tau": 0.0}),
     Case(
         "linkage_geometry",
@@ -230,11 +232,11 @@ CASES = [
     Case("hose_stiffness", 1, (0.0, 0.0, 60.0, 300.0)),
     Case("pose_dependent_friction", 1, (120.0, 0.0, 0.0), {"other": 0.0}),
     # A liquid that follows at frequencies far above the motion's is nothing but an inertia.
-    Case("actuator_inertia", 2, (10.0,), or_set=("carried_liquid",)),
+    Case("actuator_inertia", 2, (10.0,), or_set=("carried_liquid",), joints=3),
     Case("carried_liquid", 1, (15.0, -4.0), {"frequency": 0.7, "zeta": 0.03}),
     # Large, because |v|^(1/3) and v together nearly make it up: 0.7 % of the column survives.
     Case("velocity_root_friction", 1, (1200.0,), {"n": 0.5}, or_set=("stribeck", "quadratic_loss")),
-    Case("position_harmonic", 1, (20.0, 10.0), {"pitch": 0.02, "odd": 0.0}),
+    Case("position_harmonic", 1, (20.0, 10.0), {"pitch": 0.02, "odd": 0.0}, joints=3),
 ]
 #: Effects that this bench cannot show, and where they are tested instead.
 ELSEWHERE = {
@@ -272,7 +274,7 @@ def test_friction_under_load_may_start_with_the_square_of_the_load() -> None:
 
 
 def found(case: Case) -> Attribution:
-    machine, arm = planar_machine(3), truth(3)
+    machine, arm = planar_machine(case.joints), truth(case.joints)
     length = {"seconds": case.seconds}
     added = injected(machine, arm, effect(case.id), case.joint, case.shape, case.values, RECORDINGS, **length)
     session = make_session(machine, arm, RECORDINGS, added=added, **length)

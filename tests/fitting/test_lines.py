@@ -279,7 +279,11 @@ def test_a_line_is_a_pumps_ripple_only_where_oil_acts_on_the_joint() -> None:
 
 
 def simulated(
-    arm: str, seed: int, undeclared: list[tuple[str, str | None, float]], frequency: float | None = None
+    arm: str,
+    seed: int,
+    undeclared: list[tuple[str, str | None, float]],
+    frequency: float | None = None,
+    seconds: float = 60.0,
 ) -> list[tuple[tuple[Line, ...], tuple[RefutedLine, ...]]]:
     """Lines in the base model's residual on a simulated arm."""
     with pytest.MonkeyPatch.context() as patch:
@@ -289,7 +293,7 @@ def simulated(
                 vars(self).update(frequency=frequency, phase=rng.uniform(0, 2 * np.pi))
 
             patch.setattr(UNDECLARED["supply_ripple"], "prepare", prepare)
-        case = simulate_case(arm, seed, undeclared)  # type: ignore[arg-type]
+        case = simulate_case(arm, seed, undeclared, seconds=seconds)  # type: ignore[arg-type]
     recordings = [
         Recording(
             case.machine.name, role, stem, stem, case.machine.rate_hz, np.asarray(case.recordings[stem]["time"]),
@@ -309,7 +313,7 @@ def simulated(
     ("arm", "frequency"), [("folding", 1.4), ("slewing", 7.1), ("folding", 18.3), ("slewing", 62.0)]
 )
 def test_a_ripple_of_a_simulated_arm_is_found_on_its_joint(arm: str, frequency: float) -> None:
-    found = simulated(arm, 3, [("supply_ripple", "joint2", 3000.0)], frequency)
+    found = simulated(arm, 3, [("supply_ripple", "joint2", 3000.0)], frequency, seconds=30.0)
     (line,) = found[1][0]
     folded = abs(frequency - RATE * round(frequency / RATE))
     assert line.frequency_hz == pytest.approx(folded, abs=0.005)

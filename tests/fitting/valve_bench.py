@@ -70,12 +70,14 @@ class Bench:
                 spool = min(max(spool, command - self.hysteresis), command + self.hysteresis)
                 spools[place] = spool
                 late = [spools[place - lag] if place >= lag else 0.0 for lag in lags]
-                opened = (max(late[0] - self.edges[0], 0.0), max(-late[1] - self.edges[1], 0.0))
+                opened = (late[0] - self.edges[0], -late[1] - self.edges[1])
                 extends = late[0] > 0.0  # whose chamber tells the speed, at rest too
                 flow = 0.0  # m/s
                 swing = -0.2 * turn * sin(turn * time)  # m/s of the other one
                 missing = self.taken * max(swing * A1, -swing * A2) - self.bent * (x / STROKE - 0.5)
                 for way, (inlet, area, sign) in enumerate(((p1, A1, 1.0), (p2, A2, -1.0))):
+                    if opened[way] <= 0.0:
+                        continue
                     own_flow = self.gains[way] * opened[way] ** self.power * (1.0 + self.cold * exp(-time / 25.0))
                     own_flow *= 1.0 - missing
                     if self.laws[way] == "in":
