@@ -20,7 +20,7 @@ from synthetic_arm import Motion, force, make_motion, truth
 from daq.machine.machine_file import Machine, machine_to_yaml, parse_machine
 from daq.recordings.recording import write_recording
 from fitting.loop.session import Options, Request
-from fitting.pipeline import attribution_stage
+from fitting.pipeline import stages
 from fitting.pipeline.stages import identify
 
 pytestmark = pytest.mark.slow
@@ -260,7 +260,7 @@ def test_every_option_is_identified(
 ) -> None:
     case, folder = CASES[name], recorded(name)
     if name not in AT_OTHER_BANDS:
-        monkeypatch.setattr(attribution_stage, "other_bands", lambda *_: ())
+        monkeypatch.setattr(stages, "other_bands", lambda *_: ())
     pairs = tuple((role, folder / f"{role}.parquet") for role in case.roles)
     report = identify(Request(folder / "machine.yaml", pairs, tmp_path / "out", Options(loop=loop, bootstrap=2)))
     assert json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))["machine"] == "options"
