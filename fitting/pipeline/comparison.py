@@ -25,7 +25,7 @@ from fitting.loop.weighting import MOST_LOST, Weighed
 from fitting.pipeline.results.stage_results import RigidBody, Stacked
 from fitting.regression.design import Design, effort_errors
 from fitting.regression.error_sizes import errors_of
-from fitting.regression.identifiability import FLAG_PERCENT
+from fitting.regression.flags import FLAG_PERCENT
 from fitting.regression.solving import Fit
 from fitting.report.languages import NAMES
 from fitting.residual.confirmation.confirmation import overall_change

@@ -15,7 +15,7 @@ friction at the top speed that was seen.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,7 +31,6 @@ Verdict = Literal["told", "poorly told", "not told", "assumed"]
 
 #: Relative standard deviation above which a parameter is flagged, and above which it is not told at all.
 FLAGGED, HOPELESS = 0.3, 1.0
-FLAG_PERCENT = 100 * FLAGGED
 _RANK = 1e-9  # of unit columns' singular values: as in the regression
 _CONCERNED = 1e-6  # share of a null direction's norm from which on a parameter takes part in it
 
@@ -150,37 +149,3 @@ def statement(found: Sequence[ParameterVerdict]) -> str:
         if names:
             text += Sentence(f"fitting.{verdict.replace(' ', '_')}", names=names)
     return text
-
-
-def mark(content: dict[str, Any]) -> None:
-    """Mark the poorly determined among all parameters of a report's content in place; add ``flagged``.
-
-    Published tables have carried deviations of a hundred thousand per cent without a word; here each such parameter is
-    marked where it stands (``relative_std_percent``, ``flagged``) and listed under ``flagged``. It is no warning: every
-    report has some, because no motion tells all parameters, and what they cost is in the band of the prediction.
-
-    ``flagged`` has an entry per parameter: ``name``, ``kind`` (``drive``, ``base``, ``effect``) and
-    ``relative_std_percent`` (None where the value is zero).
-    """
-    flagged = []
-    for kind, name, entry in _values(content):
-        value, std = entry.get("value"), entry.get("std")
-        if value is None or std is None:
-            continue
-        relative = abs(100.0 * std / value) if value else None
-        bad = std > 0 and (relative is None or relative > FLAG_PERCENT)
-        entry["relative_std_percent"], entry["flagged"] = relative, bad
-        if bad:
-            flagged.append({"name": name, "kind": kind, "relative_std_percent": relative})
-    content["flagged"] = flagged
-
-
-def _values(content: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
-    for joint, cylinder in content["cylinders"].items():
-        for name, entry in cylinder["parameters"].items():
-            yield "drive", f"{joint}.{name}", entry
-    for entry in content["rigid_body"]["parameters"]:
-        yield "base", entry.get("name") or entry["expression"], entry
-    for effect in content["loop"]["effects"]:
-        for name, entry in effect.get("parameters", {}).items():
-            yield "effect", f"{effect.get('joint') or 'machine'}.{effect['id']}.{name}", entry

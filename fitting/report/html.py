@@ -18,7 +18,7 @@ from markupsafe import Markup, escape
 
 from daq.messages import with_messages
 from daq.whole_files import replacing
-from fitting.regression.identifiability import FLAG_PERCENT
+from fitting.regression.flags import FLAG_PERCENT
 from fitting.report import text, wording
 from fitting.report.drawing import draw_course, draw_diagnostics, draw_errors, draw_friction, draw_scatter
 from fitting.report.languages import ENGLISH, NAMES, Language

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fitting.regression.identifiability import mark
+from fitting.regression.flags import mark
 
 
 def content(value: float | None, std: float | None) -> dict[str, Any]:

@@ -32,7 +32,8 @@ from fitting.pipeline.results.stage_results import (
 from fitting.pipeline.stage_two import estimated
 from fitting.regression.drive import drive_units, effort_unit
 from fitting.regression.error_sizes import in_floors
-from fitting.regression.identifiability import ParameterVerdict, mark, parameter_verdicts, statement
+from fitting.regression.flags import mark
+from fitting.regression.identifiability import ParameterVerdict, parameter_verdicts, statement
 from fitting.report.drawing_data import diagnostics, friction_curves, scatters, worst_seconds
 from fitting.report.joint_words import in_words_of
 from fitting.report.languages import NAMES
