@@ -33,7 +33,7 @@ from fitting.checks.time_axis import repaired_time, time_findings
 
 
 @dataclass(frozen=True)
-class _Read:
+class Read:
     """A recording as far as it could be read (None: not at all), and what is wrong in its own file."""
 
     recording: Recording | None
@@ -61,7 +61,7 @@ def _refused(code: str, error: RecordingError, file: str) -> Finding:
 
 def read_leniently(
     path: Path, machine: Machine, role: str, columns: ColumnMap | None = None, *, resample: bool = False
-) -> _Read:
+) -> Read:
     """Read what can be read.
 
     Parameters
@@ -93,7 +93,7 @@ def read_leniently(
     if "time" not in table.columns or table.rows < 2:
         if table.rows < 2 and not found:
             found.append(finding_of("too_short", recording=str(path)))
-        return _Read(None, tuple(found))
+        return Read(None, tuple(found))
     time = np.array(table.columns["time"], dtype=np.float64)
     units = _units(table.metadata)
     values: dict[str, FloatArray] = {}
@@ -125,7 +125,7 @@ def read_leniently(
             gate("saturated", partial(gates.not_saturated, path, channel, machine, values[channel.name], used))
     if len(values) == len(machine.channels):
         gate("constant", partial(gates.nothing_constant, path, machine, role, values))
-    return _Read(recording, tuple(found))
+    return Read(recording, tuple(found))
 
 
 def _wrapped(path: Path, channel: Channel, rows: IntArray, time: FloatArray) -> Finding:

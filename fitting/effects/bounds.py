@@ -26,7 +26,7 @@ Bounds = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True)
-class _Inside:
+class Inside:
     """The solution inside the bounds.
 
     Attributes
@@ -41,7 +41,7 @@ class _Inside:
     held: tuple[int, ...]
 
 
-def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatArray) -> _Inside | None:
+def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatArray) -> Inside | None:
     """Find the best values inside an effect's bounds; None where the ``free`` ones (k,) are.
 
     Parameters
@@ -57,14 +57,14 @@ def inside(bounds: Bounds, gram: FloatArray, products: FloatArray, free: FloatAr
     S, g, low, high, free = gram / np.outer(scale, scale), products / scale, low * scale, high * scale, free * scale
     # Of each parameter: free (NaN), or at one of its bounds.
     choices = [[np.nan, *(b for b in pair if np.isfinite(b))] for pair in zip(low, high, strict=True)]
-    best = _Inside(np.zeros(len(free)), 0.0, tuple(k for k, own in enumerate(choices) if len(own) > 1))
+    best = Inside(np.zeros(len(free)), 0.0, tuple(k for k, own in enumerate(choices) if len(own) > 1))
     for values in map(np.array, list(product(*choices))[1:]):
         others = np.isnan(values)
         rest = g[others] - S[np.ix_(others, ~others)] @ values[~others]
         values[others] = np.linalg.pinv(S[np.ix_(others, others)], rcond=1e-8, hermitian=True) @ rest
         gain = float(2.0 * g @ values - values @ S @ values)
         if gain > best.gain and np.all((values >= low) & (values <= high)):
-            best = _Inside(values / scale, gain, tuple(np.flatnonzero(~others).tolist()))
+            best = Inside(values / scale, gain, tuple(np.flatnonzero(~others).tolist()))
     return best
 
 

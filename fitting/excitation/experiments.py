@@ -62,7 +62,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class _Way:
+class Way:
     """Middle, half way (both in joint units), top speed and acceleration of one joint."""
 
     middle: float
@@ -108,11 +108,11 @@ class Arm:
         """All joints mid-range, (n,)."""
         return np.array([sum(stroke_limits(each)) / 2 for each in self.machine.joints])
 
-    def way(self, joint: int) -> _Way:
+    def way(self, joint: int) -> Way:
         each = self.machine.joints[joint]
         low, high = stroke_limits(each)
         limits = each.limits
-        return _Way((low + high) / 2, self.use * (high - low) / 2, self.use * limits.velocity,
+        return Way((low + high) / 2, self.use * (high - low) / 2, self.use * limits.velocity,
                     self.use * limits.acceleration)  # fmt: skip
 
     def time(self, seconds: float) -> FloatArray:
@@ -169,7 +169,7 @@ def experiment(arm: Arm, kind: str) -> Experiment:
     return Experiment(kind, text, _kept(arm, q, kind))
 
 
-def _piston_way(joint: Joint, way: _Way) -> tuple[float, float, float, float]:
+def _piston_way(joint: Joint, way: Way) -> tuple[float, float, float, float]:
     """Return the middle, half way, speed and acceleration allowed to the piston anywhere."""
     assert joint.cylinder is not None
     linkage = joint.cylinder.linkage
@@ -191,7 +191,7 @@ def _seconds_of_step(arm: Arm, start: FloatArray, end: FloatArray) -> float:
     return 1.05 * seconds
 
 
-def _largest_burst(way: _Way, frequency: float) -> float:
+def _largest_burst(way: Way, frequency: float) -> float:
     """Find a burst's largest amplitude within limits: half a period of fading adds to ``2 pi f`` and its square."""
     return min(way.half, way.speed / (10.1 * frequency), way.acceleration / (110.0 * frequency**2))
 

@@ -88,7 +88,7 @@ def spectral_objective(
 
 
 @dataclass(frozen=True)
-class _Probed:
+class Probed:
     """A regressor, and the same at perturbed states: all that derivatives at every sample need.
 
     Attributes
@@ -130,7 +130,7 @@ def probed_regressor(
     qd: FloatArray,
     qdd: FloatArray,
     moved: IntArray,
-) -> _Probed:
+) -> Probed:
     """Compute the regressor with what its derivatives need, in one pass.
 
     Parameters
@@ -147,4 +147,4 @@ def probed_regressor(
     together = rigid_body_regressor(geometry, *states, columns=columns).transpose(2, 1, 0)
     blocks = together.reshape(together.shape[0] * together.shape[1], -1, samples)
     Y = together[:, :, :samples].transpose(2, 1, 0)
-    return _Probed(Y, blocks[:, 1:], len(moved))
+    return Probed(Y, blocks[:, 1:], len(moved))

@@ -25,7 +25,7 @@ _RANDOM = 12  # series per start, of which the best one is optimised
 
 
 @dataclass(frozen=True)
-class _Stage:
+class Stage:
     """One stage of the search.
 
     Attributes
@@ -47,10 +47,10 @@ class _Stage:
 
 
 STAGES = (
-    _Stage(2, 24, 1e2, 0.4, 0.16, 1.0),
-    _Stage(8, 24, 1e3, 0.6, 0.20, 1.0),
-    _Stage(16, 48, 1e4, 1.0, 0.28, 0.34),
-    _Stage(32, 64, 3e4, 1.0, 0.36, 0.17),
+    Stage(2, 24, 1e2, 0.4, 0.16, 1.0),
+    Stage(8, 24, 1e3, 0.6, 0.20, 1.0),
+    Stage(16, 48, 1e4, 1.0, 0.28, 0.34),
+    Stage(32, 64, 3e4, 1.0, 0.36, 0.17),
 )
 
 
@@ -118,7 +118,7 @@ def search(
     return points[0]
 
 
-def _samples(options: ExcitationOptions, stage: _Stage) -> int:
+def _samples(options: ExcitationOptions, stage: Stage) -> int:
     return max(20, round(stage.samples * options.samples))
 
 
@@ -129,7 +129,7 @@ def _best_random(problem: Problem, rng: np.random.Generator) -> FloatArray:
 
 
 def value_and_gradient(
-    problem: Problem, coefficients: FloatArray, stage: _Stage, want_gradient: bool = True
+    problem: Problem, coefficients: FloatArray, stage: Stage, want_gradient: bool = True
 ) -> tuple[float, FloatArray]:
     """Compute criterion with penalties, and its gradient (the coefficients themselves where unwanted)."""
     q, qd, qdd, pull_back = states(problem, coefficients, stage.norm_power)

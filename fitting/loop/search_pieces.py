@@ -53,7 +53,7 @@ _MAX_LAG_SECONDS, _SAME_MOTION = 4.0, 0.05
 
 
 @dataclass(frozen=True)
-class _Chosen:
+class Chosen:
     """Rows of one recording that are searched.
 
     Attributes
@@ -76,7 +76,7 @@ class _Chosen:
         return max((after.start - before.stop for before, after in pairwise(self.pieces)), default=0)
 
 
-def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: FilterBank, budget: int) -> list[_Chosen]:
+def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: FilterBank, budget: int) -> list[Chosen]:
     """Choose stretches of recordings with at most about ``budget`` rows in all.
 
     Parameters
@@ -116,7 +116,7 @@ def choose_pieces(machine: Machine, recordings: Sequence[Recording], bank: Filte
         moved = [slice(max(0, p.start + lag), min(rows, p.stop + lag)) for p in chosen[train]]
         inside = [p for p in moved if p.stop - p.start >= length // 2]
         chosen[number] = tuple(inside) or (slice(0, min(rows, int(level))),)
-    return [_Chosen(n, chosen[n]) for n in numbers]
+    return [Chosen(n, chosen[n]) for n in numbers]
 
 
 def thinned(recording: Recording, pieces: Sequence[slice]) -> Recording:

@@ -48,7 +48,7 @@ _LOOSE = 1e-8  # information of a prior that means nothing, and what is left of 
 
 
 @dataclass(frozen=True)
-class _Violation:
+class Violation:
     """One thing that cannot be.
 
     Attributes
@@ -75,7 +75,7 @@ class _Violation:
 
 
 @dataclass(frozen=True)
-class _Plausibility:
+class Plausibility:
     """Parameters of a model that cannot be, and the nearest that can.
 
     Attributes
@@ -84,11 +84,11 @@ class _Plausibility:
     theta : (p,) nearest possible parameters; None where nothing is violated significantly
     """
 
-    violations: tuple[_Violation, ...]
+    violations: tuple[Violation, ...]
     theta: FloatArray | None
 
 
-def plausibility(model: Model) -> _Plausibility:
+def plausibility(model: Model) -> Plausibility:
     """Hold a fitted model against physics."""
     joints = range(len(model.design.machine.joints))
     friction = [friction_power(model, joint) for joint in joints]
@@ -97,15 +97,15 @@ def plausibility(model: Model) -> _Plausibility:
     found = [*_drives(model, most), *_frictions(model, friction, most)]
     links, base_distance = _links(model, ALARM / questions)
     if not found and not links:
-        return _Plausibility((), None)
+        return Plausibility((), None)
     nearest = _nearest(model, whole=True)[0]
     violations = [*found, *_named_links(model, nearest, base_distance)] if links else found
     shown = tuple(sorted(violations, key=lambda v: -v.sigmas))
     possible = tuple(_with_possible(model, v, nearest) for v in shown)
-    return _Plausibility(possible, nearest)
+    return Plausibility(possible, nearest)
 
 
-def _drives(model: Model, most: float) -> list[_Violation]:
+def _drives(model: Model, most: float) -> list[Violation]:
     """Find negative masses, stiffnesses and drive inertias."""
     found = []
     parameters, fit = model.design.parameters, model.fit
@@ -120,11 +120,11 @@ def _drives(model: Model, most: float) -> list[_Violation]:
                 Sentence("fitting.parameter_negative", parameter=NAMES["parameters"][parameter], joint=name),
                 NAMES["causes"][parameter],
             )
-            found.append(_Violation("drive", name, parameter, value, std, unit, sigmas, *reason))
+            found.append(Violation("drive", name, parameter, value, std, unit, sigmas, *reason))
     return found
 
 
-def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> list[_Violation]:
+def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> list[Violation]:
     """Find joints whose friction drives the motion at some speed."""
     found = []
     for own in friction:
@@ -136,7 +136,7 @@ def _frictions(model: Model, friction: Sequence[FrictionPower], most: float) -> 
         unit, speed = ("N", "m/s") if straight else ("N m", "rad/s")
         reason = Sentence("fitting.friction_drives", joint=joint.name, speed=worst.speed, unit=speed)
         sizes = worst.force, worst.std, unit, worst.sigmas
-        found.append(_Violation("friction", joint.name, "f(v)", *sizes, reason, NAMES["causes"]["friction"]))
+        found.append(Violation("friction", joint.name, "f(v)", *sizes, reason, NAMES["causes"]["friction"]))
     return found
 
 
@@ -149,7 +149,7 @@ def _links(model: Model, alarm: float) -> tuple[bool, float]:
     return bool(distance > scipy.stats.chi2.isf(alarm, max(freedom, 1))), distance
 
 
-def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[_Violation]:
+def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[Violation]:
     """Find the base parameter to move furthest, in its own deviations."""
     part, base = model.design.parameters.base_slice, model.design.parameters.base
     determined = model.fit.determined[part]
@@ -159,10 +159,10 @@ def _named_links(model: Model, nearest: FloatArray, distance: float) -> list[_Vi
     name, value, unit = base.names[worst], float(model.fit.theta[part][worst]), base.units[worst]
     reason = Sentence("fitting.no_links_can_exist", parameter=name, value=value, unit=unit)
     sizes = value, float(std[worst]), unit, float(np.sqrt(distance))
-    return [_Violation("link", None, name, *sizes, reason, NAMES["causes"]["link"])]
+    return [Violation("link", None, name, *sizes, reason, NAMES["causes"]["link"])]
 
 
-def _with_possible(model: Model, found: _Violation, nearest: FloatArray) -> _Violation:
+def _with_possible(model: Model, found: Violation, nearest: FloatArray) -> Violation:
     """Add to the violation its parameter's value in the nearest possible set."""
     parameters = model.design.parameters
     names = [*parameters.names[: parameters.drive_count], *parameters.base.names]

@@ -44,7 +44,7 @@ ROLES = ("train", "operation")
 
 
 @dataclass(frozen=True)
-class _StackedEstimate(Estimate):
+class StackedEstimate(Estimate):
     """Parameters of the whole arm from one stacked regression of joint efforts, in the design's order.
 
     Of stage 2 the drive parameters' deviations are those of what was frozen: 0 where stage 1 has none.
@@ -60,7 +60,7 @@ def identify_rigid_body(
     *,
     colour: Colour = "hac",
     prior: BodyPrior | None = None,
-) -> _StackedEstimate:
+) -> StackedEstimate:
     """Fit stage 2, ``r (F - F_cylinder) = Y_b beta``, over all joints and samples, stage 1's friction frozen.
 
     Parameters
@@ -95,7 +95,7 @@ def refit_rigid_body(
     extra: Extra | None = None,
     colour: Colour = "hac",
     prior: BodyPrior | None = None,
-) -> _StackedEstimate:
+) -> StackedEstimate:
     """Refit base parameters by a chosen estimator, drive and effects frozen at a joint fit's values.
 
     Parameters
@@ -125,7 +125,7 @@ def refit_rigid_body(
     found[base], determined[base] = estimate.theta, estimate.determined
     whole = _covariance(A, D, covariance[np.ix_(others, others)], estimate, groups, (base, others))
     made = replace(estimate, theta=found, covariance=whole, determined=determined)
-    return _StackedEstimate(**vars(made), estimator=estimator.name)
+    return StackedEstimate(**vars(made), estimator=estimator.name)
 
 
 def _covariance(
@@ -160,7 +160,7 @@ def _covariance(
     return whole
 
 
-def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour = "hac") -> _StackedEstimate:
+def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour = "hac") -> StackedEstimate:
     """Fit drive and base parameters at once, by ordinary least squares of joint efforts.
 
     ``unloaded`` takes the recordings with the rods unpinned too, which stage 1 has: what then still differs from the
@@ -168,7 +168,7 @@ def identify_one_shot(design: Design, *, unloaded: bool = False, colour: Colour 
     """
     rows = EffortRows(design, design.indices(*ROLES, *(("unloaded",) if unloaded else ())), posed=True)
     everything = np.arange(len(design.parameters))
-    return _StackedEstimate(**vars(rows.ordinary(everything, np.zeros(len(everything)), colour)))
+    return StackedEstimate(**vars(rows.ordinary(everything, np.zeros(len(everything)), colour)))
 
 
 #: The joint refit of both stages beside a plausible arm: no plug-in, because it is the loop's own fit.
@@ -244,7 +244,7 @@ def rigid_body_stage(session: Session, results: StageResults, progress: Progress
     return result
 
 
-def _stacked(design: Design, estimate: _StackedEstimate, extra: Extra | None = None) -> Stacked:
+def _stacked(design: Design, estimate: StackedEstimate, extra: Extra | None = None) -> Stacked:
     """Return an estimate with errors by role and joint in the joint's effort unit."""
     errors, _, relative = errors_of(design, estimate.theta, extra)
     return Stacked(

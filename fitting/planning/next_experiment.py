@@ -165,7 +165,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class _Option:
+class Option:
     """One experiment with what it promises.
 
     Attributes
@@ -198,13 +198,13 @@ class NextExperiment:
 
     rivals: tuple[Term, ...]
     now: Separation
-    options: tuple[_Option, ...]
+    options: tuple[Option, ...]
     recordings: int | None
     chance: float
     by_hand: tuple[str, ...]
 
     @property
-    def best(self) -> _Option | None:
+    def best(self) -> Option | None:
         """The experiment to make; None if no motion separates the rivals."""
         return self.options[0] if self.closable else None
 
@@ -325,12 +325,12 @@ def design_next(
     ]
     experiments = [each for arm in arms for each in menu(arm)]
     options = [
-        _Option(each.kind, each.text, each.motion, apart)
+        Option(each.kind, each.text, each.motion, apart)
         for each, apart in zip(
             experiments, question.separations([question.segment(e.motion) for e in experiments]), strict=True
         )
     ]
-    options.append(_Option("again", Sentence("fitting.training_motion_once_more"), None, question.again(seconds)))
+    options.append(Option("again", Sentence("fitting.training_motion_once_more"), None, question.again(seconds)))
     designed = _designed(question, np.random.default_rng(0), seconds, generations)
     if designed is not None:
         options.append(designed)
@@ -359,7 +359,7 @@ def _normed(chances: Sequence[float] | None) -> tuple[float, ...] | None:
     return tuple((shares / shares.sum()).tolist())
 
 
-def _recordings(question: Question, option: _Option, seconds: float) -> tuple[int | None, float]:
+def _recordings(question: Question, option: Option, seconds: float) -> tuple[int | None, float]:
     """Compute an experiment's needed recordings, None if more than is sensible; and the chance."""
     if option.expected.probability >= ENOUGH:
         return 1, option.expected.probability
@@ -375,7 +375,7 @@ def _recordings(question: Question, option: _Option, seconds: float) -> tuple[in
     return None, option.expected.probability
 
 
-def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> _Option | None:
+def _designed(question: Question, rng: np.random.Generator, seconds: float, generations: int) -> Option | None:
     """Search a motion of all joints for the separation itself: random series, the best of them varied.
 
     None if none of them is inside the limits.
@@ -395,7 +395,7 @@ def _designed(question: Question, rng: np.random.Generator, seconds: float, gene
         return None
     motion = pool[0][1].motion(machine, _USE)
     expected = question.separations([question.segment(motion)])[0]
-    return _Option("designed", Sentence("fitting.motion_all_joints_designed"), motion, expected)
+    return Option("designed", Sentence("fitting.motion_all_joints_designed"), motion, expected)
 
 
 def _allowed(question: Question, series: Series) -> Series | None:

@@ -110,7 +110,7 @@ _LOWEST = 0.005  # quantile that counts as the lowest pressure seen
 
 
 @dataclass(frozen=True)
-class _ChamberModel:
+class ChamberModel:
     """Rod pressure of one cylinder as a function of speed and force.
 
     Attributes
@@ -142,12 +142,12 @@ class _ChamberModel:
         return np.asarray(np.maximum(seen, least))
 
 
-def chamber_models(model: Model) -> tuple[_ChamberModel | None, ...]:
+def chamber_models(model: Model) -> tuple[ChamberModel | None, ...]:
     """Fit chamber models of all cylinders with measured pressures on recordings with links on.
 
     The floor is the machine's: a chamber that always carried a load has never been at its own.
     """
-    found: list[_ChamberModel | None] = []
+    found: list[ChamberModel | None] = []
     design = model.design
     loaded = [i for i in model.fitted if design.segments[i].loaded]
     segments = [design.segments[i] for i in loaded]
@@ -169,10 +169,10 @@ def chamber_models(model: Model) -> tuple[_ChamberModel | None, ...]:
         v = np.concatenate([s.v[::step, number] for s in segments])
         force = np.concatenate([model.views[i][number].force[::step] for i in loaded])
         p2 = np.concatenate([s.p2[::step, number] for s in segments])
-        table = _ChamberModel._features(v, force)
+        table = ChamberModel._features(v, force)
         scale = np.maximum(np.abs(table).max(axis=0), 1e-12)
         found.append(
-            _ChamberModel(
+            ChamberModel(
                 cylinder.head_area,
                 cylinder.rod_area,
                 np.linalg.lstsq(table / scale, p2, rcond=1e-8)[0] / scale,
@@ -184,14 +184,14 @@ def chamber_models(model: Model) -> tuple[_ChamberModel | None, ...]:
     return tuple(found)
 
 
-def usual_chambers(machine: Machine, back_pressure: float) -> tuple[_ChamberModel | None, ...]:
+def usual_chambers(machine: Machine, back_pressure: float) -> tuple[ChamberModel | None, ...]:
     """Return chamber models before measurement: the emptied chamber keeps ``back_pressure`` (Pa)."""
-    nothing = np.zeros(_ChamberModel._features(np.zeros(1), np.zeros(1)).shape[1])
+    nothing = np.zeros(ChamberModel._features(np.zeros(1), np.zeros(1)).shape[1])
     everywhere = (-np.inf, np.inf)
     return tuple(
         None
         if own is None
-        else _ChamberModel(own.head_area, own.rod_area, nothing, everywhere, everywhere, back_pressure)
+        else ChamberModel(own.head_area, own.rod_area, nothing, everywhere, everywhere, back_pressure)
         for own in (joint.cylinder for joint in machine.joints)
     )
 
@@ -199,7 +199,7 @@ def usual_chambers(machine: Machine, back_pressure: float) -> tuple[_ChamberMode
 def planned_views(
     design: Design,
     theta: FloatArray,
-    chambers: tuple[_ChamberModel | None, ...],
+    chambers: tuple[ChamberModel | None, ...],
     terms: Sequence[Term] = (),
     like: DriveView | None = None,
 ) -> Views:
@@ -222,7 +222,7 @@ def planned_views(
     return _with_pressures(SegmentViews(design, theta, every, extra), chambers, like)
 
 
-def _with_pressures(views: Views, chambers: tuple[_ChamberModel | None, ...], like: DriveView | None) -> Views:
+def _with_pressures(views: Views, chambers: tuple[ChamberModel | None, ...], like: DriveView | None) -> Views:
     result = []
     for row in views:
         pressures = _pressures(row[0].segment.v, row[0].forces, chambers)
@@ -242,7 +242,7 @@ def _with_pressures(views: Views, chambers: tuple[_ChamberModel | None, ...], li
 
 
 def _pressures(
-    v: FloatArray, forces: FloatArray, chambers: tuple[_ChamberModel | None, ...]
+    v: FloatArray, forces: FloatArray, chambers: tuple[ChamberModel | None, ...]
 ) -> Callable[[], FloatArray]:
     """Return a function of one segment's rod pressures, computed at its first call."""
 

@@ -95,7 +95,7 @@ class Lead:
 
 
 @dataclass(frozen=True)
-class _Pair:
+class Pair:
     """One rival taken for the truth, beside the one that is hardest to separate from it.
 
     Attributes
@@ -123,10 +123,10 @@ class _Pair:
 class Separation:
     """Separation of rivals: each of them taken for the truth in turn."""
 
-    pairs: tuple[_Pair, ...]
+    pairs: tuple[Pair, ...]
 
     @property
-    def worst(self) -> _Pair:
+    def worst(self) -> Pair:
         """The truth that would be hardest to identify."""
         return min(self.pairs, key=lambda pair: pair.margin)
 
@@ -227,7 +227,7 @@ def _stated(chances: Sequence[float] | None, true: int, false: int) -> float | N
     return None if chances is None else float(np.log(chances[true] / chances[false]))
 
 
-def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> _Pair:
+def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None) -> Pair:
     names = not any(isinstance(rival.terms[0].content, Law) for rival in both)  # a curve has no formula to be off
 
     def behind(reported: float, size: float) -> float:
@@ -235,7 +235,7 @@ def _pair(now: Lead, then: Lead, both: tuple[Rival, Rival], stated: float | None
 
     start = now.log_odds if stated is None else behind(stated, now.size)
     more = max(then.chi_square - now.chi_square, 0.0)
-    return _Pair(
+    return Pair(
         0.0,
         then.chi_square,
         then.size,

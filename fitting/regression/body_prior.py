@@ -83,12 +83,12 @@ class _Value(BaseModel):
     std: float | None = Field(default=None, ge=0)
 
 
-class _BaseParameter(_Value):
+class BaseParameter(_Value):
     expression: str
 
 
-class _RigidBody(BaseModel):
-    parameters: list[_BaseParameter] = []
+class RigidBody(BaseModel):
+    parameters: list[BaseParameter] = []
 
 
 class _Drive(BaseModel):
@@ -97,11 +97,11 @@ class _Drive(BaseModel):
     residual_std: float | None = None
 
 
-class _Report(BaseModel):
+class Report(BaseModel):
     """The part of a ``report.json`` that is read."""
 
     schema_: Literal["hilfit/report/1"] = Field(alias="schema")
-    rigid_body: _RigidBody | None = None
+    rigid_body: RigidBody | None = None
     cylinders: dict[str, _Drive] | None = None
 
     def drive(self, joint: str) -> _Drive:
@@ -109,7 +109,7 @@ class _Report(BaseModel):
         return (self.cylinders or {}).get(joint) or _Drive()
 
 
-def read_expected(path: Path) -> Drawing | _Report:
+def read_expected(path: Path) -> Drawing | Report:
     """Read either kind of file, for whatever machine.
 
     Raises
@@ -127,7 +127,7 @@ def read_expected(path: Path) -> Drawing | _Report:
     if schema not in (_REPORT, _DRAWING):
         raise InputError("fitting.prior_schema", path=path, schema=json.dumps(schema), drawing=_DRAWING, report=_REPORT)
     try:
-        return (_Report if schema == _REPORT else Drawing).model_validate(content)
+        return (Report if schema == _REPORT else Drawing).model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
@@ -143,7 +143,7 @@ def read_body_prior(path: Path, base: BaseParameters) -> BodyPrior:
         One line naming file and key: unreadable, of another schema, or of another machine.
     """
     found = read_expected(path)
-    return _from_report(path, found, base) if isinstance(found, _Report) else _from_drawing(path, found, base)
+    return _from_report(path, found, base) if isinstance(found, Report) else _from_drawing(path, found, base)
 
 
 def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPrior:
@@ -168,7 +168,7 @@ def _from_drawing(path: Path, drawing: Drawing, base: BaseParameters) -> BodyPri
     return BodyPrior(of_links @ standard, std, standard, path.name)
 
 
-def _from_report(path: Path, report: _Report, base: BaseParameters) -> BodyPrior:
+def _from_report(path: Path, report: Report, base: BaseParameters) -> BodyPrior:
     entries = report.rigid_body.parameters if report.rigid_body is not None else []
     if len(entries) != len(base):
         raise InputError("fitting.parameters_given", path=path, given=len(entries), known=len(base))

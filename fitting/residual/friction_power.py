@@ -86,7 +86,7 @@ def friction_power(model: Model, joint: int) -> FrictionPower:
 
 
 @dataclass(frozen=True)
-class _Driving:
+class Driving:
     """The bin of speed in which a joint's friction drives the motion most certainly.
 
     Attributes
@@ -102,7 +102,7 @@ class _Driving:
     sigmas: float
 
 
-def driving(power: FrictionPower, fit: Fit, most: float) -> _Driving | None:
+def driving(power: FrictionPower, fit: Fit, most: float) -> Driving | None:
     """Find where friction drives the motion by more than ``most`` deviations; None if nowhere."""
     if not len(power.speed):
         return None
@@ -111,7 +111,7 @@ def driving(power: FrictionPower, fit: Fit, most: float) -> _Driving | None:
     worst = int(np.argmax(sigmas))
     if not sigmas[worst] > most:
         return None
-    return _Driving(float(power.speed[worst]), float(force[worst]), float(std[worst]), float(sigmas[worst]))
+    return Driving(float(power.speed[worst]), float(force[worst]), float(std[worst]), float(sigmas[worst]))
 
 
 def _columns(model: Model, joint: int, index: int) -> Iterator[tuple[int, FloatArray]]:

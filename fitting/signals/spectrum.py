@@ -40,7 +40,7 @@ _FLOOR = 1e-3
 
 
 @dataclass(frozen=True)
-class _OpenSpectrum:
+class OpenSpectrum:
     """The part of a log-spectrum that the data leaves open.
 
     Attributes
@@ -77,7 +77,7 @@ class Whitening:
     head: FloatArray
     innovation: float
     std: float
-    open: _OpenSpectrum | None = None
+    open: OpenSpectrum | None = None
 
     def __call__(self, rows: FloatArray) -> FloatArray:
         """Whiten and scale rows of one stretch, (M,) or (M, k); as many as went in."""
@@ -136,7 +136,7 @@ def whitening(series: Sequence[FloatArray], bank: FilterBank) -> Whitening:
     factor = linalg.cholesky(linalg.toeplitz(floored[:_ORDER]), lower=True)
     head = innovation * linalg.solve_triangular(factor, np.eye(_ORDER), lower=True)
     taps = np.concatenate([[1.0], -phi])
-    left_open = _OpenSpectrum(covariance_of_log, bank.bandwidth_hz)
+    left_open = OpenSpectrum(covariance_of_log, bank.bandwidth_hz)
     return Whitening(taps, head, innovation, float(np.sqrt(covariance[0])), left_open)
 
 

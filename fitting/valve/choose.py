@@ -70,7 +70,7 @@ VARIABLES: dict[str, tuple[str, Callable[[Axis], FloatArray]]] = {
 
 
 @dataclass(frozen=True)
-class _Unknown:
+class Unknown:
     """A law beside a fit.
 
     Attributes
@@ -112,7 +112,7 @@ def _columns(fit: Fit, variable: str, knots: FloatArray) -> FloatArray:
     return np.where(axis.keep[:, None], axis.reduced(fit.openings[:, None] * basis), 0.0)
 
 
-def _unknown_laws(fit: Fit) -> Iterator[_Unknown]:
+def _unknown_laws(fit: Fit) -> Iterator[Unknown]:
     """Fit the most probable curve of every measured variable that changed in motion."""
     base, moving = fit.local, fit.openings != 0.0
     for variable, (_, of) in VARIABLES.items():
@@ -121,7 +121,7 @@ def _unknown_laws(fit: Fit) -> Iterator[_Unknown]:
             knots = spline_knots(z, OTHER_FUNCTIONS)
             local, values = with_curve(base, _columns(fit, variable, knots))
             rows = replace(fit, residual=local.residual).rows
-            yield _Unknown(variable, replace(local, rows=rows), values, knots)
+            yield Unknown(variable, replace(local, rows=rows), values, knots)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class Candidate:
     before: float
     reason: str
     refused: bool
-    law: _Unknown | None = None
+    law: Unknown | None = None
     probability: float = 0.0
 
 
@@ -296,7 +296,7 @@ def _candidates(fit: Fit, judged: Axis | None, named: float) -> list[Candidate]:
     base, axis = fit.local, fit.axis
     here = None if judged is None else fit.on(judged)
 
-    def candidate(own: str, title: str, other: Fit, law: _Unknown | None = None) -> Candidate:
+    def candidate(own: str, title: str, other: Fit, law: Unknown | None = None) -> Candidate:
         after, refused = other.local if law is None else law.local, ""
         held, error, was = _compared(axis, base, after)
         reason = objection(held, None)

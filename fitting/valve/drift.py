@@ -144,7 +144,7 @@ def _of_ways(axis: Axis, kept: Kept, shape: Mapping[str, float]) -> tuple[FloatA
 
 
 @dataclass(frozen=True)
-class _Moved:
+class Moved:
     """A number that has moved: its name as in :data:`STATISTICS`, by how much, with a standard deviation."""
 
     name: str
@@ -153,7 +153,7 @@ class _Moved:
     unit: str
 
 
-def moved_numbers(blocks: Sequence[Block], usual: FloatArray, error: FloatArray) -> list[_Moved]:
+def moved_numbers(blocks: Sequence[Block], usual: FloatArray, error: FloatArray) -> list[Moved]:
     """List numbers that moved over some blocks, the surest first; empty where undecided.
 
     Parameters
@@ -175,4 +175,4 @@ def moved_numbers(blocks: Sequence[Block], usual: FloatArray, error: FloatArray)
     std = np.sqrt(np.diag(inverse @ spread @ inverse))
     sure = sorted((own for own in range(len(live)) if abs(d[own]) > SURE * std[own]), key=lambda k: -abs(d[k]) / std[k])
     names = [(k, STATISTICS[live[k]]) for k in sure]
-    return [_Moved(name, float(d[k]), float(std[k]), NUMBERS[name.partition(".")[0]]) for k, name in names]
+    return [Moved(name, float(d[k]), float(std[k]), NUMBERS[name.partition(".")[0]]) for k, name in names]

@@ -71,7 +71,7 @@ class ValveEffect:
         return {}
 
 
-class _Hysteresis(ValveEffect):
+class Hysteresis(ValveEffect):
     """The spool keeps its place until the command has gone a little way: friction, and the solenoid's remanence."""
 
     id = "spool_hysteresis"
@@ -96,7 +96,7 @@ class _Hysteresis(ValveEffect):
         return np.array(out)
 
 
-class _DelayPerDirection(ValveEffect):
+class DelayPerDirection(ValveEffect):
     """One direction answers later: one solenoid of two, a longer hose, a load-holding valve that opens late."""
 
     id = "delay_per_direction"
@@ -118,7 +118,7 @@ class _DelayPerDirection(ValveEffect):
         return (half, lag) if way == 0 else (-half, -lag)
 
 
-class _WarmUp(ValveEffect):
+class WarmUp(ValveEffect):
     """Speeds grow as the oil gets warm (or fall, of a laminar metering edge)."""
 
     id = "warm_up"
@@ -145,7 +145,7 @@ class _WarmUp(ValveEffect):
         return own * (1.0 + shape["warm_up.share"] * np.exp(-signals.clock / shape["warm_up.tau"]))
 
 
-class _OverrunningLoad(ValveEffect):
+class OverrunningLoad(ValveEffect):
     """A load that pulls is held by the oil that leaves: there the outlet's edge decides, not the inlet's."""
 
     id = "overrunning_load"
@@ -179,7 +179,7 @@ def _pulls(axis: Axis, way: str) -> BoolArray:
     return np.asarray(_SIGNS[way] * force < 0.0)
 
 
-class _UndeclaredOrifice(ValveEffect):
+class UndeclaredOrifice(ValveEffect):
     """A valve that is declared compensated and is not, or whose compensator is stuck."""
 
     id = "undeclared_orifice"
@@ -197,7 +197,7 @@ class _UndeclaredOrifice(ValveEffect):
         return root(drops[0])
 
 
-class _PistonLeak(ValveEffect):
+class PistonLeak(ValveEffect):
     """Oil that passes the piston's seal, in proportion to the pressure across it."""
 
     id = "piston_leak"
@@ -216,7 +216,7 @@ class _PistonLeak(ValveEffect):
         return {"piston_leak": -across * (share / areas[0] + (1.0 - share) / areas[1])}
 
 
-class _PortLeak(ValveEffect):
+class PortLeak(ValveEffect):
     """Oil that leaves a port to the tank, of each its own: the spool's leak, a relief valve that does not close."""
 
     id = "port_leak"
@@ -238,12 +238,12 @@ class _PortLeak(ValveEffect):
 EFFECTS: dict[str, ValveEffect] = {
     effect.id: effect
     for effect in (
-        _Hysteresis(),
-        _DelayPerDirection(),
-        _WarmUp(),
-        _OverrunningLoad(),
-        _UndeclaredOrifice(),
-        _PistonLeak(),
-        _PortLeak(),
+        Hysteresis(),
+        DelayPerDirection(),
+        WarmUp(),
+        OverrunningLoad(),
+        UndeclaredOrifice(),
+        PistonLeak(),
+        PortLeak(),
     )
 }

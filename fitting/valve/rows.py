@@ -87,7 +87,7 @@ class Signals:
         return bool(np.isfinite(self.temperature).all())
 
 
-class _Counted(Protocol):
+class Counted(Protocol):
     """What says which drops gains are given at and to which commands curves are counted: an axis, as fitted."""
 
     @property
@@ -170,7 +170,7 @@ def axis_of(
     recordings: Sequence[Recording],
     *,
     bandwidth_hz: float | None = None,
-    like: _Counted | None = None,
+    like: Counted | None = None,
 ) -> Axis:
     """Build rows of one joint's valve.
 

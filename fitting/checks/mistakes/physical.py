@@ -53,7 +53,7 @@ LEAST_MISFIT = 0.015
 
 
 @dataclass(frozen=True)
-class _Side:
+class Side:
     """Columns of a joint's rows beside the links.
 
     Attributes
@@ -77,7 +77,7 @@ class _Side:
 
 
 @dataclass(frozen=True)
-class _Block:
+class Block:
     """One joint's rows, compressed: ``R`` of ``[body, drive, signals]`` with the free columns projected out.
 
     Attributes
@@ -89,7 +89,7 @@ class _Block:
     rivals : (k, 6) effects that resemble another area: four columns of valves, two of friction by pressure
     """
 
-    side: _Side
+    side: Side
     body: FloatArray
     drive: FloatArray
     signals: FloatArray
@@ -132,7 +132,7 @@ class _Shared:
     """Common parts of trials that differ in their links alone, once asked for; sides with exchange or not."""
 
     motion: Motion | None = None
-    sides: dict[bool, tuple[_Side | None, ...]] = field(default_factory=dict)
+    sides: dict[bool, tuple[Side | None, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ class Trial:
         return self.shared.motion
 
     @property
-    def sides(self) -> tuple[_Side | None, ...]:
+    def sides(self) -> tuple[Side | None, ...]:
         """Columns beside the links in every joint's rows; None for an uninformative one."""
         known = self.shared.sides
         if self.exchange not in known:
@@ -191,7 +191,7 @@ class Trial:
         return np.block([[clouds, np.zeros((len(clouds), last))], [np.zeros((10, clouds.shape[1])), more]])
 
     @cached_property
-    def blocks(self) -> tuple[_Block | None, ...]:
+    def blocks(self) -> tuple[Block | None, ...]:
         """Compressed rows of every joint; None for an uninformative one."""
         return _blocks(self)
 
@@ -251,7 +251,7 @@ def joint_columns(trial: Trial, number: int) -> FloatArray:
     return np.column_stack([body, a, friction(v, motion.speed_noise[number]), np.ones(len(v)), x])
 
 
-#: Columns of :attr:`_Block.rivals` of each effect.
+#: Columns of :attr:`Block.rivals` of each effect.
 RIVALS = (slice(0, 4), slice(4, 6))
 
 
@@ -269,7 +269,7 @@ def _rivals(trial: Trial, number: int, v: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
-def _side(trial: Trial, number: int) -> _Side | None:
+def _side(trial: Trial, number: int) -> Side | None:
     samples, motion = trial.samples, trial.motion
     named, rows = _signals(trial, number), trial.rows(number)
     if not named or np.count_nonzero(rows) < 60:
@@ -289,10 +289,10 @@ def _side(trial: Trial, number: int) -> _Side | None:
     centred = S - S.mean(axis=0)
     lever = np.where(samples.loaded, 1.0 / motion.r[:, number], 0.0)[rows]
     beside = np.column_stack([drive[rows], S, _rivals(trial, number, v)[rows]])
-    return _Side(rows, free, lever, beside, tuple(named), centred.T @ centred, usual)
+    return Side(rows, free, lever, beside, tuple(named), centred.T @ centred, usual)
 
 
-def _blocks(trial: Trial) -> tuple[_Block | None, ...]:
+def _blocks(trial: Trial) -> tuple[Block | None, ...]:
     """Build the rows of every joint in which it moves, compressed by QR."""
     machine, motion = trial.machine, trial.motion
     n = len(machine.joints)
@@ -302,7 +302,7 @@ def _blocks(trial: Trial) -> tuple[_Block | None, ...]:
         body = np.concatenate([body, more], axis=2)
     if trial.carried is not None:
         body = np.concatenate([body, body[:, :, 10 * n - 10 : 10 * n] * trial.carried[:, None, None]], axis=2)
-    blocks: list[_Block | None] = []
+    blocks: list[Block | None] = []
     for number, side in enumerate(trial.sides):
         if side is None:
             blocks.append(None)
@@ -311,7 +311,7 @@ def _blocks(trial: Trial) -> tuple[_Block | None, ...]:
         free = side.free.shape[1]
         R = _triangle(np.column_stack([side.free, own, side.beside]))[free:, free:]
         ends = np.cumsum([own.shape[1], len(side.usual), len(side.names)])
-        blocks.append(_Block(side, *np.split(R, ends, axis=1)))
+        blocks.append(Block(side, *np.split(R, ends, axis=1)))
     return tuple(blocks)
 
 

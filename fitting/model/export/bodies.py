@@ -39,7 +39,7 @@ _STATES = 400
 
 
 @dataclass(frozen=True)
-class _Body:
+class Body:
     """A link in the frame that its joint moves (axis: ``z``), and where that joint is.
 
     Attributes
@@ -86,7 +86,7 @@ class Bodies:
         the machine where no such motion is known); None where bodies have the model's own base parameters
     """
 
-    links: tuple[_Body, ...]
+    links: tuple[Body, ...]
     standard: FloatArray
     gravity: FloatArray
     apart: FloatArray | None
@@ -150,7 +150,7 @@ def _nearest(geometry: Geometry, base: BaseParameters, rows: FloatArray, theta: 
     return arm.optimum(rows, target, weight=ALONE).standard.copy()
 
 
-def _links(geometry: Geometry, standard: FloatArray) -> list[_Body]:
+def _links(geometry: Geometry, standard: FloatArray) -> list[Body]:
     links, before, frames = [], np.eye(4), link_frames(geometry, np.zeros(geometry.joints))
     for i, row in enumerate(standard):
         revolute, own, joint = bool(geometry.revolute[i]), frames[i + 1], frames[i + 1]
@@ -167,7 +167,7 @@ def _links(geometry: Geometry, standard: FloatArray) -> list[_Body]:
         central = about - mass * ((first @ first) * np.eye(3) - np.outer(first, first))
         rotation = frame[:3, :3]
         centre = rotation @ first + frame[:3, 3]
-        links.append(_Body(geometry.names[i], revolute, place, float(mass), centre, rotation @ central @ rotation.T))
+        links.append(Body(geometry.names[i], revolute, place, float(mass), centre, rotation @ central @ rotation.T))
     return links
 
 

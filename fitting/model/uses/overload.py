@@ -44,7 +44,7 @@ _FEWEST_SIDE = 2
 
 
 @dataclass(frozen=True)
-class _Scores:
+class Scores:
     """One gap-free stretch of a recording; ``n`` joints.
 
     Attributes
@@ -106,7 +106,7 @@ def delay_s(model: ArmModel) -> float:
     return model.bank.margin / model.bank.rate_hz
 
 
-def scores_of(model: ArmModel, recording: Recording) -> list[_Scores]:
+def scores_of(model: ArmModel, recording: Recording) -> list[Scores]:
     """Compute scores of a recording, one entry for each stretch between gaps.
 
     Parameters
@@ -122,7 +122,7 @@ def scores_of(model: ArmModel, recording: Recording) -> list[_Scores]:
     return [scores_in(found, index) for index in range(len(found.design.segments))]
 
 
-def scores_in(found: Evaluated, index: int) -> _Scores:
+def scores_in(found: Evaluated, index: int) -> Scores:
     """Compute scores of one stretch evaluated by a :func:`quick` model."""
     segment, model = found.design.segments[index], found.model
     error = segment.effort - found.drive_effort(index)
@@ -137,7 +137,7 @@ def scores_in(found: Evaluated, index: int) -> _Scores:
         band[:, joint] = np.where(rest, band[:, joint], np.hypot(band[:, joint], open_friction))
     scores, rate = error / band, model.bank.rate_hz
     lasting = _lasting(scores, round(LASTS_S * rate), round(QUIET_S * rate))
-    return _Scores(segment.t, scores, lasting, np.abs(segment.r) * band, segment.r * error)
+    return Scores(segment.t, scores, lasting, np.abs(segment.r) * band, segment.r * error)
 
 
 def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
@@ -148,9 +148,9 @@ def _lasting(scores: FloatArray, before: int, first: int) -> FloatArray:
     return sizes
 
 
-def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[_Scores]:
+def _scores_in_pieces(model: ArmModel, recording: Recording) -> list[Scores]:
     """Compute :func:`scores_of`, a minute at a time: else a long recording would not fit in memory."""
-    rows, start, found = round(PIECE_S * model.machine.rate_hz), None, list[_Scores]()
+    rows, start, found = round(PIECE_S * model.machine.rate_hz), None, list[Scores]()
     count = max(1, len(recording) // rows)
     for number in range(count):
         end = len(recording) if number == count - 1 else (number + 1) * rows
@@ -202,7 +202,7 @@ def overloads(model: ArmModel, recording: Recording, limits: FloatArray) -> list
     return alarms_in(model, scores_of(quick(model), recording), limits)
 
 
-def alarms_in(model: ArmModel, scores: Sequence[_Scores], limits: FloatArray) -> list[Overload]:
+def alarms_in(model: ArmModel, scores: Sequence[Scores], limits: FloatArray) -> list[Overload]:
     """Find alarms in a recording's stretches, by the :func:`quick` model's scores and thresholds (n,)."""
     late, quiet, found = delay_s(quick(model)), round(QUIET_S * model.machine.rate_hz), list[Overload]()
     for part in scores:

@@ -25,7 +25,7 @@ _ROUNDS, _FEWEST, _MOST_DEPENDENT = 3, 8, 0.95
 
 
 @dataclass(frozen=True)
-class _Weighed:
+class Weighed:
     """Mass at the tip beyond that of the fit's recordings, kg, and its standard deviation."""
 
     mass: float
@@ -55,7 +55,7 @@ def tip_columns(found: Evaluated, index: int) -> FloatArray:
     return design.bank.reduce(whole[:, :, 0])
 
 
-def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> _Weighed | None:
+def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> Weighed | None:
     """Estimate the mass that a residual shows.
 
     Parameters
@@ -80,7 +80,7 @@ def weighed(residual: FloatArray, tip: FloatArray, moving: BoolArray) -> _Weighe
         left = [e - mass * y for e, y in parts]
         spread = [float(np.sqrt(np.mean(own**2))) for own in left]
         dependent = sum(_dependence(own) for own in left) / len(left)
-    return _Weighed(mass, float(np.sqrt(dependent / information)))
+    return Weighed(mass, float(np.sqrt(dependent / information)))
 
 
 def _dependence(left: FloatArray) -> float:

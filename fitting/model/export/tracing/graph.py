@@ -271,7 +271,7 @@ _COMPARED: dict[Any, Callable[[Value, Value], Value]] = {
 }
 
 
-class _Traced(np.ndarray[Any, np.dtype[np.object_]]):
+class Traced(np.ndarray[Any, np.dtype[np.object_]]):
     """An array of nodes; functions that would ask for a truth become nodes as well."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **kwargs: Any) -> Any:
@@ -307,9 +307,9 @@ class _Traced(np.ndarray[Any, np.dtype[np.object_]]):
         return self
 
 
-def traced(values: Any) -> _Traced:
+def traced(values: Any) -> Traced:
     """Return nodes as an array that effects can calculate with."""
-    return np.asarray(values, dtype=object).view(_Traced)
+    return np.asarray(values, dtype=object).view(Traced)
 
 
 def sign(graph: Graph, speed: Value, noise: float) -> Node:
