@@ -1,5 +1,3 @@
-"""A pin that is not where the machine file has it: the lever arm is wrong."""
-
 from __future__ import annotations
 
 from collections.abc import Sequence
