@@ -86,9 +86,7 @@ def check_files(
     ----------
     files : (role, path)
     machine_file : where lines are looked up
-    columns : which column is which channel, where names are ambiguous
-    resample : whether recordings of other rates are brought to the machine's first
-    progress : called with the share that is done and what is being done
+    columns, resample : as in :func:`fitting.checks.reading.read_leniently`
 
     Raises
     ------
@@ -116,17 +114,12 @@ def check_recordings(
 ) -> tuple[Finding, ...]:
     """Check recordings and machine file for mistakes, the root of each first.
 
+    Mistakes are before notes; what is only a consequence of another one is left out.
+
     Parameters
     ----------
-    machine : of the machine file
     recordings : in SI, of any roles, with all channels or only some
-    places : lines of the machine file
     found : what is known already (of reading the files)
-
-    Returns
-    -------
-    tuple of Finding
-        Mistakes before notes; what is only a consequence of another one is left out.
     """
     places = places or Places()
     result = [*found, *machine_findings(machine, places)]

@@ -66,15 +66,7 @@ def forecast(
     effects: Sequence[Effect],
     recordings: Sequence[Recording] = (),
 ) -> Forecast:
-    """Forecast a set of planned motions, together with what is recorded already.
-
-    Parameters
-    ----------
-    machine, base : the machine and its base parameters
-    motions : the plan, pinned and unpinned
-    guess : parameters and noise to plan with
-    effects : the catalogue
-    recordings : of the same machine; their motion counts, their efforts are not looked at
+    """Forecast a set of planned motions, together with the motion that is recorded already; no efforts are looked at.
 
     Raises
     ------

@@ -203,13 +203,9 @@ def separation(
     rivals: Sequence[Rival],
     chances: Sequence[float] | None = None,
 ) -> Separation:
-    """Predict the rivals' odds.
+    """Predict the rivals' odds from leads by what is recorded, and with a motion more.
 
-    Parameters
-    ----------
-    now, then : leads by what is recorded, and with a motion more
-    rivals : the explanations in question
-    chances : that each is right, as the loop states them; without, the leads by what is recorded are the start
+    ``chances`` that each is right are as the loop states them; without, the leads by what is recorded are the start.
     """
     pairs = []
     for true in range(len(rivals)):

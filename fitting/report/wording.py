@@ -257,10 +257,7 @@ def _unlooked(loop: Mapping[str, Any]) -> str:
 def verdict_sentence(report: Mapping[str, Any], titles: Mapping[str, str], language: Language = ENGLISH) -> str:
     """Word the verdict in a few sentences; every effect and law that was found is in it.
 
-    Parameters
-    ----------
-    report : a checked report
-    titles : effect id to title in this language, for effects that are only named
+    ``titles`` by effect id are in this language, for effects that are only named.
     """
     loop = report["loop"]
     verdict = loop["verdict"] if looked(loop) else _unlooked(loop)

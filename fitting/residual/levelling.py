@@ -95,15 +95,7 @@ def residual_parts(
     pairs: Sequence[Pairing] = (),
     extra: Extra | None = None,
 ) -> tuple[Part, ...]:
-    """Return a joint's residual in the given segments with their motions.
-
-    Parameters
-    ----------
-    design, theta, extra : a fit: its design, its parameters (those of the extra columns at the end), its extra columns
-    joint : number of the joint
-    indices : segments of the design
-    pairs : which segments repeat which motion
-    """
+    """Return a joint's residual in the given segments with their motions, of which ``pairs`` are the same."""
     repeats, begins = {pair.repeat: pair for pair in pairs}, recording_starts(design)
     parts = []
     for index in indices:

@@ -110,14 +110,7 @@ def machine_lines(
     indices: Sequence[int],
     pairs: Sequence[Pairing] = (),
 ) -> tuple[Line, ...]:
-    """Find lines of all joints measured with a fit's residuals, most certain first.
-
-    Parameters
-    ----------
-    design, theta : the fit
-    indices : the fitted segments
-    pairs : which of them repeat which motion
-    """
+    """Find lines of all joints measured with a fit's residuals, most certain first; ``pairs`` repeat a motion."""
     joints, lines = len(design.machine.joints), list[Line]()
     for joint in range(joints):
         parts = residual_parts(design, theta, joint, indices, pairs)
@@ -134,16 +127,9 @@ def find_lines(
     alarm: float = ALARM,
     most: int = 4,
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Find lines in one joint's residual, strongest first, and the peaks that were refuted.
+    """Find lines in one joint's residual, strongest first and at most so many, and the peaks that were refuted.
 
-    Parameters
-    ----------
-    joint : its number, for the result
-    parts : stretches of its residual
-    rate_hz : sampling rate
-    joints : how many joints are looked at; the alarm rate is shared among them
-    alarm : chance that all joints of a machine without lines get one
-    most : at most so many lines
+    ``alarm`` is the chance that all joints of a machine without lines get one: the ``joints`` share it.
     """
     levels = [level for part in parts if (level := levelled(part, rate_hz)) is not None]
     if not levels:

@@ -106,11 +106,7 @@ def _from(
 ) -> Clock | None:
     """Find the clock from an initial offset, s; None if the joints do not share one.
 
-    Parameters
-    ----------
-    samples : as they are
-    estimates : gives what is left of the delay of moved samples (:func:`_late_by`)
-    first : that of ``samples``
+    ``estimates`` gives what is left of the delay of moved samples (:func:`_late_by`), ``first`` is that of ``samples``.
     """
     offset, rate, keys, since = start, 0.0, samples.efforts, samples.since
     moved = samples.moved(keys, offset) if start else samples
@@ -149,11 +145,7 @@ def _shared(values: FloatArray, stds: FloatArray) -> bool:
 def _late_by(trial: Trial, moving: Sequence[BoolArray], columns: Sequence[FloatArray]) -> FloatArray:
     """Estimate rows ``(d0, its error, d1, its error, misfit)`` of the joints that allow it; ``d0`` at mid-time.
 
-    Parameters
-    ----------
-    trial : with the efforts as they are, or moved
-    moving : by joint (T,) samples that its columns are of
-    columns : by joint (k, 10 n + 8) of what else its effort is made of
+    By joint: ``columns`` (k, 10 n + 8) of what else its effort is made of, and the samples (T,) that they are of.
     """
     result = []
     for number, (rows, there) in enumerate(zip(moving, columns, strict=True)):
