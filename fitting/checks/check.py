@@ -20,6 +20,7 @@ from daq.messages import Sentence
 from daq.recordings.column_map import ColumnMap
 from daq.recordings.recording import Recording
 from fitting.arm.joint_side import at_joints
+from fitting.arm.linkage import cylinder_of
 from fitting.checks.findings import Finding, Places, filled, finding_of
 from fitting.checks.magnitudes import machine_findings, magnitude_findings
 from fitting.checks.mistakes.channel_trials import late
@@ -266,8 +267,7 @@ def _of_clock(clock: Clock) -> Finding:
 
 def _of_areas(machine: Machine, own: AreaRatio, places: Places) -> Finding:
     joint = machine.joints[own.joint]
-    cylinder = joint.cylinder
-    assert cylinder is not None
+    cylinder = cylinder_of(joint)
     declared = cylinder.rod_area / cylinder.head_area
     ratio = own.rho * declared
     options = []

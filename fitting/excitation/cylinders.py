@@ -22,7 +22,7 @@ import numpy as np
 from daq.errors import InputError
 from daq.machine.machine_file import Joint, Machine
 from daq.motion_files import Motion
-from fitting.arm.linkage import lever_arm
+from fitting.arm.linkage import cylinder_of, lever_arm
 from fitting.arrays import FloatArray
 from fitting.excitation.fourier import fourier_basis
 from fitting.excitation.limits import LimitUse, interval_use, joint_numbers, size_use
@@ -105,10 +105,9 @@ def piston_limits(joint: Joint) -> tuple[tuple[float, float], float, float]:
 
     The interval is that which the joint's limits span, inside the stroke: the part that is used later on.
     """
-    assert joint.cylinder is not None
-    q = np.linspace(*joint.limits.position, 101)
-    r = float(np.abs(lever_arm(joint.cylinder.linkage, q)).max())
-    x = np.clip(joint.cylinder.linkage.piston_position(q), 0.0, joint.cylinder.stroke)
+    cylinder, q = cylinder_of(joint), np.linspace(*joint.limits.position, 101)
+    r = float(np.abs(lever_arm(cylinder.linkage, q)).max())
+    x = np.clip(cylinder.linkage.piston_position(q), 0.0, cylinder.stroke)
     return (float(x.min()), float(x.max())), r * joint.limits.velocity, r * joint.limits.acceleration
 
 
@@ -154,8 +153,8 @@ def design_cylinder_motion(
 
 def _flow(joint: Joint, speed: FloatArray) -> FloatArray:
     """Compute the flow (N,) into a free cylinder, m^3/s."""
-    assert joint.cylinder is not None
-    return np.where(speed > 0, joint.cylinder.head_area, -joint.cylinder.rod_area) * speed
+    cylinder = cylinder_of(joint)
+    return np.where(speed > 0, cylinder.head_area, -cylinder.rod_area) * speed
 
 
 def _all_cylinders(
