@@ -175,9 +175,9 @@ def _all_cylinders(
     conditions: dict[str, float] = {}
     limits: list[LimitUse] = []
     for done, joint in enumerate(chosen):
-        (low, high), top_speed, top_acceleration = piston_limits(joint)
+        (low, high), fastest, hardest = piston_limits(joint)
         middle, half = (low + high) / 2, options.use * (high - low) / 2
-        top_speed, top_acceleration = slower * options.use * top_speed, options.use * top_acceleration
+        top_speed, top_acceleration = slower * options.use * fastest, options.use * hardest
         x, xd, xdd = np.zeros((3, time.size))
         band = time <= options.band_seconds
         band_limits = (half, top_speed, top_acceleration)
@@ -191,7 +191,11 @@ def _all_cylinders(
         columns[joint.name], speed[joint.name], acceleration[joint.name] = x, xd, xdd
         W = stage_one_columns(x, xd, xdd)
         conditions[joint.name] = condition_of_information(W.T @ W)
-        limits += _used(joint, x, xd, xdd)
+        limits += [
+            interval_use(joint.name, "stroke", x, (low, high), "m"),
+            size_use(joint.name, "velocity", xd, fastest, "m/s"),
+            size_use(joint.name, "acceleration", xdd, hardest, "m/s^2"),
+        ]
         if progress is not None:
             progress((done + 1) / len(chosen), max(conditions.values()))
     motion = Motion(machine.name, "unpinned", time, columns)
@@ -264,12 +268,3 @@ def _band_value(
     by_v = weight[:, 2] * sign_slope + weight[:, 3] + weight[:, 4] * root_slope
     g = np.concatenate([weight[:, 1], by_v, weight[:, 0]]) / norm
     return value, g @ stack - float(g @ u) / norm * norm_slope
-
-
-def _used(joint: Joint, x: FloatArray, xd: FloatArray, xdd: FloatArray) -> list[LimitUse]:
-    interval, top_speed, top_acceleration = piston_limits(joint)
-    return [
-        interval_use(joint.name, "stroke", x, interval, "m"),
-        size_use(joint.name, "velocity", xd, top_speed, "m/s"),
-        size_use(joint.name, "acceleration", xdd, top_acceleration, "m/s^2"),
-    ]
