@@ -68,6 +68,8 @@ def forecast(
 ) -> Forecast:
     """Forecast a set of planned motions, together with the motion that is recorded already; no efforts are looked at.
 
+    The plan is pinned and unpinned motions, and ``guess`` has the parameters and the noise to plan with.
+
     Raises
     ------
     InputError

@@ -43,6 +43,7 @@ def planned_segment(
     """Return the segment that preparation would make of a recorded motion, without noise and efforts.
 
     Joints without a column are mid-range. Below some times the position's own noise a speed counts as rest.
+    ``recording`` is the number that the recording will have.
 
     Raises
     ------

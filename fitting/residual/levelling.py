@@ -95,7 +95,10 @@ def residual_parts(
     pairs: Sequence[Pairing] = (),
     extra: Extra | None = None,
 ) -> tuple[Part, ...]:
-    """Return a joint's residual in the given segments with their motions, of which ``pairs`` are the same."""
+    """Return a joint's residual in the given segments with their motions; ``pairs`` of them repeat a motion.
+
+    ``theta`` are the parameters of the fit, those of its ``extra`` columns at the end.
+    """
     repeats, begins = {pair.repeat: pair for pair in pairs}, recording_starts(design)
     parts = []
     for index in indices:

@@ -127,9 +127,16 @@ def find_lines(
     alarm: float = ALARM,
     most: int = 4,
 ) -> tuple[tuple[Line, ...], tuple[RefutedLine, ...]]:
-    """Find lines in one joint's residual, strongest first and at most so many, and the peaks that were refuted.
+    """Find lines in one joint's residual, strongest first, and the peaks that were refuted.
 
-    ``alarm`` is the chance that all joints of a machine without lines get one: the ``joints`` share it.
+    Parameters
+    ----------
+    joint : its number, for the result
+    parts : stretches of its residual
+    rate_hz : sampling rate
+    joints : how many joints are looked at; the alarm rate is shared among them
+    alarm : chance that all joints of a machine without lines get one
+    most : at most so many lines
     """
     levels = [level for part in parts if (level := levelled(part, rate_hz)) is not None]
     if not levels:

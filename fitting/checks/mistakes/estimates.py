@@ -145,7 +145,11 @@ def _shared(values: FloatArray, stds: FloatArray) -> bool:
 def _late_by(trial: Trial, moving: Sequence[BoolArray], columns: Sequence[FloatArray]) -> FloatArray:
     """Estimate rows ``(d0, its error, d1, its error, misfit)`` of the joints that allow it; ``d0`` at mid-time.
 
-    By joint: ``columns`` (k, 10 n + 8) of what else its effort is made of, and the samples (T,) that they are of.
+    Parameters
+    ----------
+    trial : with the efforts as they are, or moved
+    moving : by joint (T,) samples that its columns are of
+    columns : by joint (k, 10 n + 8) of what else its effort is made of
     """
     result = []
     for number, (rows, there) in enumerate(zip(moving, columns, strict=True)):
